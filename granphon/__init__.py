@@ -1,0 +1,63 @@
+"""granphon: the vibrations and sound velocities of granular crystals.
+
+Public names are imported when they are first used, so that ``import granphon`` stays light and a computation loads only
+what it needs.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "AveragedLattice": "medium",
+    "Bands": "phonons",
+    "ContactLattice": "lattice",
+    "ContactState": "medium",
+    "DensityOfStates": "phonons",
+    "GranphonError": "errors",
+    "HertzLaw": "contact",
+    "HertzMindlin": "calculator",
+    "Lattice": "geometry",
+    "Material": "contact",
+    "Medium": "medium",
+    "Packing": "packing",
+    "Phonons": "phonons",
+    "Scene": "scene",
+    "Units": "units",
+    "atoms": "calculator",
+    "mindlin_reduction": "contact",
+    "moduli": "observables",
+    "pulse_velocities": "observables",
+    "sound_velocities": "observables",
+    "validity": "observables",
+}
+
+__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+
+if TYPE_CHECKING:
+    from granphon.calculator import HertzMindlin, atoms
+    from granphon.contact import HertzLaw, Material, mindlin_reduction
+    from granphon.errors import GranphonError
+    from granphon.geometry import Lattice
+    from granphon.lattice import ContactLattice
+    from granphon.medium import AveragedLattice, ContactState, Medium
+    from granphon.observables import moduli, pulse_velocities, sound_velocities, validity
+    from granphon.packing import Packing
+    from granphon.phonons import Bands, DensityOfStates, Phonons
+    from granphon.scene import Scene
+    from granphon.units import Units
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'granphon' has no attribute {name!r}")
+    value = getattr(import_module(f"granphon.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

@@ -1,0 +1,225 @@
+"""The contact of two elastic balls: Hertz's normal force, Mindlin's shear stiffness, and where they hold.
+
+Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), which take E* = E / 2(1 - sigma^2) and
+the harmonic mean diameter d*.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.errors import InputError, message
+
+__all__ = ["HertzLaw", "Material", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction", "positive"]
+
+
+def positive(name: str, value: float, unit: str = "") -> float:
+    """``value`` as a float, or :class:`InputError` if it is not a finite number above zero."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        where = f" (in {unit})" if unit else ""
+        raise InputError(message(f"{name} is {value!r}", f"It must be a finite number above zero{where}"))
+    return number
+
+
+@dataclass(frozen=True)
+class Material:
+    """An elastic, isotropic material.
+
+    Parameters
+    ----------
+    young_modulus : E, Pa.
+    poisson_ratio : sigma, -1 < sigma <= 1/2.
+    density : rho, kg/m^3.
+    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would flow.
+
+    Raises
+    ------
+    InputError : a value that is not finite or out of range.
+    """
+
+    young_modulus: float
+    poisson_ratio: float
+    density: float
+    yield_strength: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
+        object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
+        try:
+            sigma = float(self.poisson_ratio)
+        except (TypeError, ValueError):
+            sigma = math.nan
+        if not -1.0 < sigma <= 0.5:
+            raise InputError(
+                message(
+                    f"poisson_ratio is {self.poisson_ratio!r}",
+                    "An isotropic elastic solid is stable only for -1 < poisson_ratio <= 1/2",
+                )
+            )
+        object.__setattr__(self, "poisson_ratio", sigma)
+        if self.yield_strength is not None:
+            object.__setattr__(self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa"))
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* = E / 2(1 - sigma^2), Pa (equation 3)."""
+        # (1 - sigma)(1 + sigma), not 1 - sigma^2: no digit is lost near sigma = -1
+        return self.young_modulus / (2.0 * (1.0 - self.poisson_ratio) * (1.0 + self.poisson_ratio))
+
+    @property
+    def mindlin_ratio(self) -> float:
+        """eta = 2(1 - sigma)/(2 - sigma), the shear over the normal stiffness of a contact (equation 4)."""
+        return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """E / 2(1 + sigma), Pa."""
+        return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
+
+    @property
+    def transverse_velocity(self) -> float:
+        """Bulk velocity of transverse waves in the material, m/s."""
+        return math.sqrt(self.shear_modulus / self.density)
+
+    @property
+    def longitudinal_velocity(self) -> float:
+        """Bulk velocity of longitudinal waves in the material, m/s; infinite at sigma = 1/2."""
+        sigma = self.poisson_ratio
+        if sigma == 0.5:
+            return math.inf
+        return self.transverse_velocity * math.sqrt(2.0 * (1.0 - sigma) / (1.0 - 2.0 * sigma))
+
+    @cached_property
+    def _resonance_number(self) -> float:
+        return _lowest_root(self.poisson_ratio)
+
+    def lowest_resonance(self, diameter: float) -> float:
+        """Frequency of the lowest free vibration of a ball of this material, Hz.
+
+        The least of the torsional mode of order two and the breathing mode of a free elastic sphere
+        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
+        """
+        radius = positive("diameter", diameter, "m") / 2.0
+        return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
+
+
+def _lowest_root(sigma: float) -> float:
+    """Least omega R / v_T over the free vibrations of a sphere of Poisson ratio ``sigma``.
+
+    It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
+    where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
+    """
+    from scipy.optimize import brentq
+    from scipy.special import spherical_jn
+
+    torsional = float(brentq(lambda x: x * spherical_jn(2, x, derivative=True) - spherical_jn(2, x), 2.0, 3.0))
+    if sigma >= 0.0:
+        return torsional
+    ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
+
+    def breathing(x: float) -> float:
+        # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out so that it has neither pole nor cancellation
+        y = math.sqrt(ratio_squared) * x
+        return float(ratio_squared * spherical_jn(1, y) / y - spherical_jn(0, y) / 4.0)
+
+    # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
+    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+    if breathing(0.5 * uniform) * breathing(min(uniform, torsional)) > 0.0:
+        return torsional
+    return float(brentq(breathing, 0.5 * uniform, min(uniform, torsional), xtol=1e-15))
+
+
+def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
+    """Factor by which a static tangential load T reduces the shear stiffness of a contact under normal load N.
+
+    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R. D. Mindlin,
+    J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu N)^(1/3) instead: see the errata.
+
+    ``tangential_load`` and ``normal_load`` in the same unit, any shapes that broadcast; the sign of T does not
+    matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
+    """
+    mu = positive("friction_coefficient", friction_coefficient)
+    tangential, normal = np.abs(np.asarray(tangential_load, float)), np.asarray(normal_load, float)
+    if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
+        raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
+    mobilised = tangential / (mu * normal)
+    if np.any(mobilised >= 1.0):
+        raise InputError(
+            message(
+                f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
+                "At one the contact slides, and has no shear stiffness",
+            )
+        )
+    return np.cbrt(1.0 - mobilised)[()]
+
+
+def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
+    """d* of two balls, 1/d* = (1/d_i + 1/d_j)/2, m (equation 3)."""
+    one, two = np.asarray(first, float), np.asarray(second, float)
+    return (2.0 * one / (one + two) * two)[()]
+
+
+def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
+    """Radius of the contact circle over the radius of equal balls, (delta/d)^(1/2)."""
+    return np.sqrt(np.asarray(overlap, float) / np.asarray(diameter, float))[()]
+
+
+@dataclass(frozen=True)
+class HertzLaw:
+    """f = c delta_+^(3/2): the force of two balls pressed together, zero when they are apart.
+
+    Parameters
+    ----------
+    coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
+
+    All methods take scalars or arrays: floats in, floats out.
+    """
+
+    coefficient: float
+
+    @classmethod
+    def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
+        """The law of two balls of the given diameters (m); of equal balls if only one is given."""
+        one = positive("diameter", first, "m")
+        two = one if second is None else positive("diameter", second, "m")
+        return cls(2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two))))
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """(2/5) c delta_+^(5/2), J."""
+        delta = np.maximum(np.asarray(overlap, float), 0.0)
+        return (0.4 * self.coefficient * delta**2 * np.sqrt(delta))[()]
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """c delta_+^(3/2), N (equation 22, the inverse of 1)."""
+        delta = np.maximum(np.asarray(overlap, float), 0.0)
+        return (self.coefficient * delta * np.sqrt(delta))[()]
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """(3/2) c delta_+^(1/2), N/m (equation 2)."""
+        return (1.5 * self.coefficient * np.sqrt(np.maximum(np.asarray(overlap, float), 0.0)))[()]
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta = (f/c)^(2/3), m, of a compressive force (equation 1); :class:`InputError` if one is negative."""
+        load = np.asarray(force, float)
+        if not np.all(load >= 0.0):
+            raise InputError(
+                message("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
+            )
+        return (np.cbrt(load / self.coefficient) ** 2)[()]
+
+    def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
+        """delta = (2 k / 3 c)^2, m, of a normal stiffness (the inverse of equation 2)."""
+        value = np.asarray(stiffness, float)
+        if not np.all(value >= 0.0):
+            raise InputError(message("the stiffness of a contact is negative"))
+        return ((value / (1.5 * self.coefficient)) ** 2)[()]

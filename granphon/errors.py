@@ -1,0 +1,72 @@
+"""The errors that granphon raises.
+
+Every one is a :class:`GranphonError` and also the built-in exception that a caller would expect,
+so that both ``except gp.GranphonError`` and ``except ValueError`` work. A message says what is wrong,
+why it matters, and how to mend it.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "FileExistsInRunError",
+    "GranphonError",
+    "InputError",
+    "InstabilityError",
+    "MechanismError",
+    "OutputError",
+    "PrecisionError",
+    "SceneError",
+    "UnreachableFrequencyError",
+    "UnsupportedError",
+    "message",
+]
+
+
+class GranphonError(Exception):
+    """Root of every error that granphon raises on purpose."""
+
+
+class InputError(GranphonError, ValueError):
+    """A value that cannot be: of the wrong kind, out of range, or inconsistent with another."""
+
+
+class SceneError(InputError):
+    """A scene file that cannot be carried out; names file, line and key."""
+
+
+class MechanismError(InputError):
+    """The lattice has a deformation that costs no energy: it is a mechanism, not a solid."""
+
+
+class UnreachableFrequencyError(InputError):
+    """A branch does not reach the frequency that was asked of it."""
+
+
+class PrecisionError(InputError):
+    """The result asked for has no correct digit in double precision."""
+
+
+class InstabilityError(GranphonError, RuntimeError):
+    """The state is not a minimum of the energy: a squared frequency is negative."""
+
+
+class UnsupportedError(GranphonError, RuntimeError):
+    """A method that exists, but would give a wrong answer for these objects."""
+
+
+class OutputError(GranphonError, OSError):
+    """A result that could not be written."""
+
+
+class FileExistsInRunError(OutputError):
+    """A result is already there, and overwriting was not asked for."""
+
+
+def message(what: str, why: str = "", mend: str = "") -> str:
+    """Join the three parts of an error message: what is wrong, why, and how to mend it."""
+    parts = [what.rstrip(". ") + "."]
+    if why:
+        parts.append(why.rstrip(". ") + ".")
+    if mend:
+        parts.append(mend.rstrip(". ") + ".")
+    return " ".join(parts)

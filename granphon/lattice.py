@@ -1,0 +1,598 @@
+"""The lattice of contacts and its vibrations.
+
+Every quantity here follows from the compatibility matrix C, which gives the deformations of the contacts from the
+displacements of the balls:
+
+    elongation  e = (u_j - u_i).n
+    slip        s = (u_j - u_i).t - (arm_i phi_i + arm_j phi_j)
+
+With K the stiffnesses and M the masses, D(q) = M^-1/2 C(q)^H K C(q) M^-1/2, and the frequencies are the singular
+values of K^1/2 C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried by
+w = R_g phi, R_g = (I/M)^1/2 = d_i/sqrt(10), so that its mass is the ball's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.errors import InputError, InstabilityError, MechanismError, message
+from granphon.geometry import ContactTable, Lattice, as_direction, lattice_named
+from granphon.jacobi import cholesky_factor, jacobi_svd
+from granphon.results import Result, read_only
+
+__all__ = ["ContactLattice", "Modes", "connect_branches"]
+
+Array = NDArray[np.float64]
+#: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
+GYRATION = float(1.0 / np.sqrt(10.0))
+#: branches nearer than this part of their frequency are treated as one degenerate set
+_DEGENERATE = 1e-9
+#: |q|d at which limits at Gamma are taken; its square is below rounding
+_NEAR_GAMMA = 1e-9
+#: softest over stiffest strain, below which a lattice is called a mechanism
+_SOFT = 1e-12
+
+
+@dataclass(frozen=True)
+class Modes(Result):
+    """Vibrations at a list of wave vectors, branches in ascending frequency; reduced units.
+
+    Attributes
+    ----------
+    wavevectors : (n_q, 2), 1/d.
+    frequencies : (n_q, n_branches), angular, (k/M)^1/2.
+    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Dofs run (x, y, w) over the balls, or
+        (x, y) without friction; displacements are the eigenvector times exp(i q.r) at the ball's own place r.
+    group_velocities : (n_q, n_branches, 2), d (k/M)^1/2.
+    rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
+    longitudinal_fraction : (n_q, n_branches), the part that moves along q (along the direction given, at Gamma); the
+        transverse part is the rest.
+    """
+
+    units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
+
+    wavevectors: Array
+    frequencies: Array
+    eigenvectors: NDArray[np.complex128]
+    group_velocities: Array
+    rotational_fraction: Array
+    longitudinal_fraction: Array
+
+    @property
+    def transverse_fraction(self) -> Array:
+        """(n_q, n_branches), the part of the kinetic energy that moves across q."""
+        return np.clip(1.0 - self.rotational_fraction - self.longitudinal_fraction, 0.0, 1.0)
+
+
+class ContactLattice:
+    """Balls in contact on a periodic lattice, in reduced units.
+
+    Most callers want :meth:`of`. The constructor takes any table of contacts.
+
+    Parameters
+    ----------
+    cell : (2, 2) lattice vectors as rows.
+    positions : (n, 2) centres.
+    contacts : the table of contacts, in the same unit of length.
+    mindlin_ratio : eta; at zero there is neither slip nor rotation.
+    stiffness : (n_c,) normal stiffness of each contact; 1 by default.
+    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
+    masses : (n,) masses; 1 by default.
+    gyration : (n,) radii of gyration; d/sqrt(10) by default.
+
+    Raises
+    ------
+    InputError : shapes or values that cannot be.
+    """
+
+    def __init__(
+        self,
+        cell: ArrayLike,
+        positions: ArrayLike,
+        contacts: ContactTable,
+        mindlin_ratio: float,
+        stiffness: ArrayLike = 1.0,
+        prestress: ArrayLike = 0.0,
+        masses: ArrayLike = 1.0,
+        gyration: ArrayLike = GYRATION,
+    ) -> None:
+        self.cell: Array = read_only(cell, float)
+        self.positions: Array = read_only(positions, float)
+        self.contacts = contacts
+        self.mindlin_ratio = float(mindlin_ratio)
+        self.stiffness: Array = read_only(np.broadcast_to(np.asarray(stiffness, float), len(contacts)))
+        self.prestress: Array = read_only(np.broadcast_to(np.asarray(prestress, float), len(contacts)))
+        self.masses: Array = read_only(np.broadcast_to(np.asarray(masses, float), self.n_balls))
+        self.gyration: Array = read_only(np.broadcast_to(np.asarray(gyration, float), self.n_balls))
+        if not self.mindlin_ratio >= 0.0:
+            raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a number, zero or above"))
+        if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
+            raise InputError(message("a mass or a contact stiffness is not above zero"))
+
+    @classmethod
+    def of(cls, lattice: str | Lattice, mindlin_ratio: float, relative_overlap: float | None = None) -> ContactLattice:
+        """Equal balls on ``lattice``.
+
+        ``relative_overlap`` = delta/d keeps the terms of that order which the paper drops: the spacing a = d - delta, the
+        lever arm a/2 and the prestress f/a (for the Hertz law, (2/3) k delta/a). Left out, they are dropped.
+
+        Raises :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
+        """
+        structure = lattice_named(lattice)
+        spacing, prestress = 1.0, 0.0
+        if relative_overlap is not None:
+            if not 0.0 <= relative_overlap < 1.0:
+                raise InputError(message(f"the relative overlap is {relative_overlap!r}", "It must lie between 0 and 1"))
+            spacing = 1.0 - relative_overlap
+            prestress = 2.0 / 3.0 * relative_overlap / spacing
+        built = cls(
+            structure.vectors * spacing, structure.positions * spacing, structure.contacts.scaled(spacing),
+            mindlin_ratio, prestress=prestress,
+        )  # fmt: skip
+        built.require_rigid(structure.name)
+        return built
+
+    # -- sizes ------------------------------------------------------------------------------------------------------
+
+    @property
+    def n_balls(self) -> int:
+        """Balls in the cell."""
+        return len(self.positions)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the balls have a rotational degree of freedom: only if a contact resists slip."""
+        return self.mindlin_ratio > 0.0
+
+    @property
+    def dofs_per_ball(self) -> int:
+        """3 with friction, 2 without."""
+        return 3 if self.rotates else 2
+
+    @property
+    def n_branches(self) -> int:
+        """Degrees of freedom in the cell."""
+        return self.dofs_per_ball * self.n_balls
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the cell."""
+        return float(abs(np.linalg.det(self.cell)))
+
+    @cached_property
+    def reciprocal(self) -> Array:
+        """(2, 2): reciprocal vectors as rows, 2 pi included."""
+        return read_only(2.0 * np.pi * np.linalg.inv(self.cell).T)
+
+    @property
+    def is_prestressed(self) -> bool:
+        """Whether the static force itself enters the stiffness; K is then indefinite."""
+        return bool(np.any(self.prestress != 0.0))
+
+    def wavevectors(self, fractions: ArrayLike) -> Array:
+        """Cartesian wave vectors (..., 2) of fractions (..., 2 or 3) of the reciprocal cell."""
+        return np.asarray(np.asarray(fractions, float)[..., :2] @ self.reciprocal)
+
+    # -- the compatibility matrix -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _frame(self) -> Array:
+        """(n, n) orthogonal: the first column is the motion of the centre of mass in mass-weighted coordinates.
+
+        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference of n.
+        """
+        weights = np.sqrt(self.masses / self.masses.sum())
+        basis = np.eye(self.n_balls)
+        basis[:, 0] = weights
+        frame, _ = np.linalg.qr(basis)
+        return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
+
+    def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
+        """K^1/2 C(q) M^-1/2 at each wave vector.
+
+        Rows are the elongations of all contacts, then their slips. Columns are the mass-weighted motions (x, y, w) in the
+        frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix is real.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, 2), 1/d.
+        derivative : the gradient with respect to q instead.
+
+        Returns
+        -------
+        (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
+        """
+        rows = self._rows(wavevectors, derivative)
+        if derivative:
+            return np.asarray(rows[:, None] * self._half_vectors(rows).T[None, :, :, None])
+        return rows
+
+    def _half_vectors(self, rows: NDArray[Any]) -> Array:
+        """(n_rows, 2): gradient of the half angle of each row's contact with respect to q."""
+        return 0.5 * np.tile(self.contacts.vector, (rows.shape[1] // len(self.contacts), 1))
+
+    def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """Rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
+
+        With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
+        """
+        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        table, n = self.contacts, self.n_balls
+        half = 0.5 * (q @ table.vector.T)  # (n_q, n_c)
+        sine, cosine = np.sin(half), np.cos(half)
+        if derivative:
+            sine, cosine = cosine, -sine
+        dtype = np.float64 if n == 1 else np.complex128
+        # A motion of the frame enters a contact as its difference (translations) and mean (rotations) over the two ends,
+        # each divided by i. The difference of the centre of mass is 2 sin, and nothing is subtracted in it.
+        motion = self._frame / np.sqrt(self.masses)[:, None]
+        end_i, end_j = motion[table.i], motion[table.j]  # (n_c, n)
+        gap = end_j - end_i
+        gap[:, 0] = 0.0
+        difference = (sine[..., None] * (end_j + end_i)).astype(dtype)  # (n_q, n_c, n)
+        if n > 1:
+            difference -= 1j * cosine[..., None] * gap
+        blocks = []
+        if prestress:
+            blocks.append((np.sqrt(np.abs(self.prestress)), table.tangent, None))
+        else:
+            blocks.append((np.sqrt(self.stiffness), table.normal, None))
+            if self.rotates:
+                lever_i = (table.arm_i / self.gyration[table.i])[:, None] * end_i
+                lever_j = (table.arm_j / self.gyration[table.j])[:, None] * end_j
+                mean = (cosine[..., None] * (lever_j + lever_i)).astype(dtype)
+                if n > 1:
+                    mean += 1j * sine[..., None] * (lever_j - lever_i)
+                blocks.append((np.sqrt(self.mindlin_ratio * self.stiffness), table.tangent, mean))
+        rows = np.zeros((len(q), len(blocks), len(table), n, self.dofs_per_ball), dtype)
+        for b, (root, axis, mean) in enumerate(blocks):
+            rows[:, b, ..., :2] = root[:, None, None] * difference[..., None] * axis[:, None, :]
+            if mean is not None:
+                rows[:, b, ..., 2] = -root[:, None] * mean
+        return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
+
+    def _frame_matrices(self, wavevectors: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+        """D(q) and its gradient (n_q, 2, ...) in the frame, prestress included."""
+        rows, slope = self._rows(wavevectors), self._rows(wavevectors, derivative=True)
+        parts = [(1.0, rows, slope)]
+        if self.is_prestressed:
+            signs = -np.sign(self.prestress)[:, None]
+            parts.append(
+                (signs, self._rows(wavevectors, prestress=True), self._rows(wavevectors, derivative=True, prestress=True))
+            )
+        matrix: Any = 0.0
+        gradient: Any = 0.0
+        for sign, value, change in parts:
+            matrix = matrix + np.einsum("qrm,qrn->qmn", value.conj(), sign * value)
+            half = np.einsum("qrm,ra,qrn->qamn", value.conj(), self._half_vectors(value), sign * change)
+            gradient = gradient + half + half.swapaxes(-1, -2).conj()
+        return matrix, gradient
+
+    @cached_property
+    def _to_balls(self) -> NDArray[np.complex128]:
+        """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
+        return np.kron(self._frame, np.diag([1.0, 1.0, 1.0j][: self.dofs_per_ball]))
+
+    def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
+        """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.
+
+        Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
+        (n_q, 2) in 1/d.
+        """
+        matrix, _ = self._frame_matrices(wavevectors)
+        return np.asarray(self._to_balls @ matrix @ self._to_balls.conj().T)
+
+    # -- vibrations -------------------------------------------------------------------------------------------------
+
+    def frequencies(self, wavevectors: ArrayLike) -> Array:
+        """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near Gamma.
+
+        Raises :class:`~granphon.errors.InstabilityError` if prestress makes a squared frequency negative.
+        """
+        return self._solve(wavevectors)[0]
+
+    def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
+        """Frequencies, eigenvectors and group velocities at each wave vector.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, 2), 1/d.
+        direction : (2,) or (n_q, 2). Where branches touch, they are the ones that a path in this direction follows, and at
+            Gamma velocities are the limit along it. By default, the direction of q.
+
+        Raises
+        ------
+        InputError : q is Gamma and no direction is given: sound has no velocity without one.
+        InstabilityError : prestress makes a squared frequency negative.
+        """
+        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        length = np.max(np.abs(q), axis=1)
+        if direction is None:
+            if np.any(length == 0.0):
+                raise InputError(
+                    message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
+                )
+            along = as_direction(q)
+        else:
+            along = np.broadcast_to(as_direction(direction), q.shape)
+        # at Gamma itself everything is its limit along the direction
+        near = np.where((length == 0.0)[:, None], _NEAR_GAMMA * along, q)
+        values, vectors, velocities = self._solve_with_velocities(near, along)
+        at_gamma = length == 0.0
+        if np.any(at_gamma):
+            exact = self.frequencies(np.zeros((1, 2)))[0]
+            values[at_gamma] = exact
+        physical = np.einsum("mn,qnb->qmb", self._to_balls, vectors)
+        motion = physical.reshape(len(q), self.n_balls, self.dofs_per_ball, -1)
+        kinetic = np.abs(motion) ** 2
+        rotation = kinetic[:, :, 2].sum(axis=1) if self.rotates else np.zeros_like(values)
+        ahead = np.where(at_gamma[:, None], along, as_direction(near))
+        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, :2], ahead)) ** 2
+        return Modes(q, values, physical, velocities, rotation, parallel.sum(axis=1))
+
+    def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
+        """Frequencies and eigenvectors in the frame."""
+        if not self.is_prestressed:
+            values, right, _ = jacobi_svd(self._rows(wavevectors))
+            return values, right
+        matrix, _ = self._frame_matrices(wavevectors)
+        try:
+            factor = cholesky_factor(matrix)
+        except np.linalg.LinAlgError:
+            lowest = float(np.linalg.eigvalsh(matrix).min())
+            raise InstabilityError(
+                message(
+                    f"a squared frequency is negative ({lowest:.3g} k/M)",
+                    "The contact forces push the balls sideways more than the contacts hold them",
+                    "Lower the load, or leave finite_overlap off",
+                )
+            ) from None
+        values, right, _ = jacobi_svd(factor)
+        return values, right
+
+    def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
+        """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
+        values, vectors = self._solve(q)
+        if self.is_prestressed:
+            _, gradient = self._frame_matrices(q)
+
+            def slopes(row: Any, v: NDArray[Any]) -> NDArray[Any]:
+                # <v|dD/dq|v> / 2 omega
+                return np.asarray(np.einsum("...mb,...amn,...nc->...abc", v.conj(), gradient[row], v))
+
+            scale = 2.0 * values
+        else:
+            rows, slope = self._rows(q), self._rows(q, derivative=True)
+            vector = self._half_vectors(rows)
+
+            def slopes(row: Any, v: NDArray[Any]) -> NDArray[Any]:
+                # Hermitian part of <C v|dC/dq v> / omega
+                left, right = rows[row] @ v, slope[row] @ v
+                half = np.einsum("...rb,ra,...rc->...abc", left.conj(), vector, right)
+                return np.asarray(0.5 * (half + half.swapaxes(-1, -2).conj()))
+
+            scale = values
+        close = np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]
+        for row in np.flatnonzero(close.any(axis=1)):
+            edges = np.flatnonzero(~np.concatenate([[False], close[row], [False]]))
+            for start, stop in zip(edges[:-1], edges[1:], strict=True):
+                if stop - start > 1:
+                    block = vectors[row][:, start:stop]
+                    turn = np.einsum("abc,a->bc", slopes(row, block), along[row])
+                    vectors[row][:, start:stop] = block @ np.linalg.eigh(turn)[1]
+        diagonal = np.einsum("qabb->qba", slopes(slice(None), vectors)).real
+        positive = np.where(values > 0.0, scale, 1.0)[..., None]
+        return values, vectors, np.where(values[..., None] > 0.0, diagonal / positive, 0.0)
+
+    # -- long waves -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _strain_rows(self) -> tuple[Array, Array, Array, Array]:
+        """Deformations at q = 0 in terms of the displacement gradient (u_x,x u_x,y u_y,x u_y,y) and the inner motions.
+
+        Returns K^1/2 C for the gradient (n_rows, 4) and the inner motions (n_rows, n_inner), and the transverse
+        displacements (n_c, 4), (n_c, n_inner) on which a prestress of one acts.
+        """
+        table, count = self.contacts, len(self.contacts)
+
+        def affine(axis: Array) -> Array:
+            return np.asarray((axis[:, :, None] * table.vector[:, None, :]).reshape(count, 4))
+
+        blocks = [np.sqrt(self.stiffness)[:, None] * affine(table.normal)]
+        if self.rotates:
+            blocks.append(np.sqrt(self.mindlin_ratio * self.stiffness)[:, None] * affine(table.tangent))
+        gamma = np.zeros((1, 2))
+        # at q = 0 translations enter as -i times a real gap, and w is divided by i
+        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
+        inner = (self._rows(gamma)[0] * to_real).real[:, 2:]
+        motion = self._frame / np.sqrt(self.masses)[:, None]
+        gap = motion[table.j] - motion[table.i]
+        across = np.zeros((count, self.n_balls, self.dofs_per_ball))
+        across[..., :2] = gap[..., None] * table.tangent[:, None, :]
+        return np.concatenate(blocks), inner, affine(table.tangent), across.reshape(count, -1)[:, 2:]
+
+    @cached_property
+    def _relaxed_rows(self) -> Array:
+        """(n_rows, 4): deformations under a displacement gradient once the inner motions (rotations, and the shifts of
+        several balls in the cell) have relaxed: the part of each row orthogonal to what they can do."""
+        affine, inner, _, _ = self._strain_rows
+        size = np.linalg.norm(inner, axis=0)
+        inner = inner[:, size > 0.0] / size[size > 0.0]
+        if not inner.shape[1]:
+            return affine
+        left, values, _ = np.linalg.svd(inner, full_matrices=False)
+        left = left[:, values > 1e-10 * values[0]]
+        return np.asarray(affine - left @ (left.T @ affine))
+
+    def require_rigid(self, name: str = "of these contacts") -> None:
+        """Raise :class:`~granphon.errors.MechanismError` if a uniform motion, of strain or inside the cell, costs no energy."""
+        mend = "Use a lattice with more contacts" if self.rotates else "Use friction, or a lattice with more contacts"
+        _, inner, _, _ = self._strain_rows
+        if inner.shape[1]:
+            size = np.linalg.norm(inner, axis=0)
+            values, _, _ = jacobi_svd(inner / np.where(size > 0.0, size, 1.0))
+            if values[0] <= _SOFT * values[-1]:
+                raise MechanismError(
+                    message(
+                        f"the lattice {name} is a mechanism",
+                        "The balls of a cell can shift or turn against each other at no cost"
+                        + (" (as gears do, on a lattice without odd rings)" if self.rotates else ""),
+                        mend,
+                    )
+                )
+        values, right, _ = jacobi_svd(self._relaxed_rows @ _STRAINS)
+        if values[0] <= _SOFT * values[-1]:
+            strain = right[:, 0] * [1.0, 1.0, np.sqrt(2.0)]
+            xx, yy, xy = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
+            raise MechanismError(
+                message(
+                    f"the lattice {name} is a mechanism",
+                    f"The strain (xx, yy, 2xy) = ({xx:g}, {yy:g}, {xy:g}) costs no energy"
+                    + ("" if self.rotates else "; without friction contacts resist compression only"),
+                    mend,
+                )
+            )
+
+    def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
+        """Second derivative of the energy of a cell with respect to the displacement gradient, inner motions relaxed.
+
+        Parameters
+        ----------
+        prestress : (...) compressive force over spacing, the same in every contact; by default the lattice's own.
+
+        Returns
+        -------
+        (..., 2, 2, 2, 2), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+        """
+        if prestress is None and not self.is_prestressed:
+            relaxed = self._relaxed_rows
+            return (relaxed.T @ relaxed).reshape(2, 2, 2, 2)
+        load = self.prestress if prestress is None else np.asarray(prestress, float)[..., None]
+        affine, inner, across, inner_across = self._strain_rows
+        own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load * np.ones(len(self.contacts)), across, across)
+        if not inner.shape[1]:
+            return np.asarray(own.reshape(*own.shape[:-2], 2, 2, 2, 2))
+        load = load * np.ones(len(self.contacts))
+        mixed = inner.T @ affine - np.einsum("...c,cm,cn->...mn", load, inner_across, across)
+        block = inner.T @ inner - np.einsum("...c,cm,cn->...mn", load, inner_across, inner_across)
+        relaxed = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
+        return np.asarray(relaxed.reshape(*relaxed.shape[:-2], 2, 2, 2, 2))
+
+    def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
+        """A(q^), the small-q limit of D/q^2 with rotations eliminated, (..., 2, 2), in units of k d^2/M.
+
+        Its eigenvalues are the squared sound velocities. ``direction`` (2,); ``prestress`` as in
+        :meth:`gradient_stiffness`.
+        """
+        along = as_direction(direction)
+        tensor = np.einsum("...ijkl,j,l->...ik", self.gradient_stiffness(prestress), along, along)
+        return np.asarray(tensor / self.masses.sum())
+
+    def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Velocities of long waves along ``direction``: (quasi-)longitudinal first, then transverse.
+
+        Returns
+        -------
+        velocities : (..., 2), d (k/M)^1/2.
+        polarisations : (..., 2, 2), unit vectors as columns.
+
+        Raises
+        ------
+        InstabilityError : the prestress makes a squared velocity negative.
+        """
+        along = as_direction(direction)
+        if prestress is None and not self.is_prestressed:
+            factor = self._relaxed_rows.reshape(-1, 2, 2) @ along / np.sqrt(self.masses.sum())
+        else:
+            try:
+                factor = cholesky_factor(self.acoustic_tensor(along, prestress))
+            except np.linalg.LinAlgError:
+                raise InstabilityError(
+                    message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
+                ) from None
+        values, right, _ = jacobi_svd(factor)
+        ahead = np.abs(np.einsum("i,...ib->...b", along, right))
+        first = np.where(ahead[..., 0] > ahead[..., 1], 0, 1)[..., None]
+        order = np.concatenate([first, 1 - first], axis=-1)
+        return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
+
+    def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
+        """Stiffness of the layer, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
+
+        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947; D. C.
+        Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
+        """
+        h = self.gradient_stiffness(prestress) / self.area
+        load: Any = self.prestress if prestress is None else np.asarray(prestress, float)[..., None]
+        table = self.contacts
+        stress = -np.einsum(
+            "...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector
+        ) / self.area
+        one = np.eye(2)
+        c = (
+            h
+            - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
+            + 0.5
+            * (
+                np.einsum("...ik,jl->...ijkl", stress, one)
+                + np.einsum("...il,jk->...ijkl", stress, one)
+                + np.einsum("...jk,il->...ijkl", stress, one)
+            )
+            - np.einsum("...ij,kl->...ijkl", stress, one)
+        )
+        c = 0.5 * (c + c.swapaxes(-4, -3))
+        c = 0.5 * (c + c.swapaxes(-2, -1))
+        i, j = np.array([0, 1, 0]), np.array([0, 1, 1])
+        return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+
+    def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
+        """(omega_0^2, c) of the long-wave rotational branch, omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
+
+        On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
+        """
+        if self.n_balls != 1 or not self.rotates:
+            raise InputError(
+                message("there is no single rotational branch", "It takes friction and one ball in the cell")
+            )
+        along, table = as_direction(direction), self.contacts
+        ahead = table.vector @ along
+        weight = self.mindlin_ratio * self.stiffness / self.masses[0]
+        lever = (table.arm_i + table.arm_j) / self.gyration[0]
+        squared = float(np.sum(weight * lever**2))
+        # cos^2 of the half angle, and the second-order push from the translations
+        narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
+        coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
+        return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+
+
+#: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
+_STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
+
+
+def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
+    """Follow branches along a path by the overlap of their eigenvectors, through crossings.
+
+    Parameters
+    ----------
+    eigenvectors : (n_q, n_dof, n_branches), columns in any order at each point. Points where branches touch must carry the
+        eigenvectors of the limit along the path, as :meth:`ContactLattice.modes` gives them.
+
+    Returns
+    -------
+    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    vectors = np.asarray(eigenvectors)
+    overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
+    order = np.empty(vectors.shape[::2], np.intp)
+    order[0] = np.arange(vectors.shape[2])
+    for point, matrix in enumerate(overlap):
+        rows, columns = linear_sum_assignment(matrix, maximize=True)
+        order[point + 1] = columns[np.argsort(rows)][order[point]]
+    return order

@@ -1,0 +1,73 @@
+"""The packing: which balls, of what material, on which lattice, with or without friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from granphon.contact import HertzLaw, Material, positive
+from granphon.errors import InputError, message
+from granphon.geometry import Lattice, lattice_named
+
+__all__ = ["Packing"]
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Balls of one material on the sites of a lattice.
+
+    Parameters
+    ----------
+    material : what the balls are made of.
+    diameter : d, m.
+    spread : None, equal balls. (No distribution of diameters is known to this version.)
+    lattice : "triangular", "square", "kagome", or a :class:`~granphon.geometry.Lattice`.
+    friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
+
+    Raises
+    ------
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread.
+    """
+
+    material: Material
+    diameter: float
+    spread: None = None
+    lattice: str | Lattice = "triangular"
+    friction: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.material, Material):
+            raise InputError(message(f"material is {self.material!r}", mend="Give a granphon.Material"))
+        object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
+        lattice_named(self.lattice)
+        if self.spread is not None:
+            raise InputError(
+                message("spread is given", "This version knows equal balls only", "Leave spread out")
+            )
+        if not isinstance(self.friction, bool):
+            raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
+
+    @property
+    def structure(self) -> Lattice:
+        """The lattice itself, whether it was given by name or not."""
+        return lattice_named(self.lattice)
+
+    @property
+    def mindlin_ratio(self) -> float:
+        """eta = kappa / k (equation 4); 0 without friction."""
+        return self.material.mindlin_ratio if self.friction else 0.0
+
+    @property
+    def mass(self) -> float:
+        """M = pi rho d^3 / 6, kg (equation 7)."""
+        return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
+
+    @property
+    def law(self) -> HertzLaw:
+        """The contact law of two balls of the mean diameter."""
+        return HertzLaw.between(self.material, self.diameter)
+
+    @property
+    def effective_density(self) -> float:
+        """rho~, mass over the volume of a layer one diameter thick, kg/m^3 (equation 17: pi rho / 3 sqrt(3))."""
+        return math.pi / 6.0 * self.material.density / self.structure.area_per_ball

@@ -1,0 +1,93 @@
+"""What every result has in common: frozen, its arrays read-only, and convertible to plain data and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from granphon.errors import InputError, message
+
+__all__ = ["Result", "read_only"]
+
+
+def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
+    """A copy of ``values`` as an array that refuses to be written to."""
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Result:
+    """Base of the frozen result classes.
+
+    A subclass declares its fields, ``units`` (the SI unit of each field that has one) and, when the meaning
+    of a field changes, a higher ``schema``. Arrays are made read-only; scalars stay floats.
+    """
+
+    schema: ClassVar[int] = 1
+    units: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                if value.ndim == 0:
+                    object.__setattr__(self, field.name, value.item())
+                elif value.flags.writeable:
+                    object.__setattr__(self, field.name, read_only(value))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: the class's name, its schema, the unit of each field, and the fields.
+
+        Complex arrays become a mapping of ``real`` and ``imag`` lists.
+        """
+        out: dict[str, Any] = {"class": type(self).__name__, "schema": self.schema, "units": dict(self.units)}
+        for field in fields(self):
+            out[field.name] = _plain(getattr(self, field.name))
+        return out
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """The inverse of :meth:`to_dict`.
+
+        Raises :class:`~granphon.errors.InputError` if the data are of another class, of a newer schema, or incomplete.
+        """
+        if data.get("class") != cls.__name__:
+            raise InputError(message(f"these data describe a {data.get('class')!r}, not a {cls.__name__!r}"))
+        if data.get("schema", 0) > cls.schema:
+            raise InputError(
+                message(
+                    f"{cls.__name__} data of schema {data['schema']} are newer than this granphon knows ({cls.schema})",
+                    mend="Update granphon",
+                )
+            )
+        missing = [field.name for field in fields(cls) if field.name not in data]
+        if missing:
+            raise InputError(message(f"the {cls.__name__} data lack {', '.join(missing)}"))
+        return cls(**{field.name: _restore(data[field.name]) for field in fields(cls)})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return {"real": value.real.tolist(), "imag": value.imag.tolist()}
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, tuple):
+        return [_plain(v) for v in value]
+    return value
+
+
+def _restore(value: Any) -> Any:
+    if isinstance(value, Mapping) and set(value) == {"real", "imag"}:
+        return np.asarray(value["real"]) + 1j * np.asarray(value["imag"])
+    if isinstance(value, list):
+        if all(isinstance(v, str) for v in value):
+            return tuple(value)
+        return np.asarray(value)
+    return value
