@@ -1,14 +1,7 @@
-"""The lattice of contacts and its vibrations.
+"""The lattice of contacts: its vibrations and its long waves.
 
-Every quantity here follows from the compatibility matrix C, which gives the deformations of the contacts from the
-displacements of the balls:
-
-    elongation  e = (u_j - u_i).n
-    slip        s = (u_j - u_i).t - (arm_i phi_i + arm_j phi_j)
-
-With K the stiffnesses and M the masses, D(q) = M^-1/2 C(q)^H K C(q) M^-1/2, and the frequencies are the singular
-values of K^1/2 C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried by
-w = R_g phi, R_g = (I/M)^1/2 = d_i/sqrt(10), so that its mass is the ball's own.
+The frequencies are the singular values of K^1/2 C(q) M^-1/2, the elastic moduli and sound velocities come from the same rows
+at q -> 0. Everything is in reduced units: length d, stiffness k, mass M.
 """
 
 from __future__ import annotations
@@ -20,16 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.compatibility import Compatibility
 from granphon.errors import InputError, InstabilityError, MechanismError, message
-from granphon.geometry import ContactTable, Lattice, as_direction, lattice_named
+from granphon.geometry import Lattice, as_direction, lattice_named
 from granphon.jacobi import cholesky_factor, jacobi_svd
-from granphon.results import Result, read_only
+from granphon.results import Result
 
-__all__ = ["ContactLattice", "Modes", "connect_branches"]
+__all__ = ["ContactLattice", "Modes"]
 
 Array = NDArray[np.float64]
-#: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
-GYRATION = float(1.0 / np.sqrt(10.0))
 #: branches nearer than this part of their frequency are treated as one degenerate set
 _DEGENERATE = 1e-9
 #: |q|d at which limits at Gamma are taken; its square is below rounding
@@ -69,223 +61,32 @@ class Modes(Result):
         return np.clip(1.0 - self.rotational_fraction - self.longitudinal_fraction, 0.0, 1.0)
 
 
-class ContactLattice:
-    """Balls in contact on a periodic lattice, in reduced units.
+class ContactLattice(Compatibility):
+    """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
 
-    Most callers want :meth:`of`. The constructor takes any table of contacts.
-
-    Parameters
-    ----------
-    cell : (2, 2) lattice vectors as rows.
-    positions : (n, 2) centres.
-    contacts : the table of contacts, in the same unit of length.
-    mindlin_ratio : eta; at zero there is neither slip nor rotation.
-    stiffness : (n_c,) normal stiffness of each contact; 1 by default.
-    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
-    masses : (n,) masses; 1 by default.
-    gyration : (n,) radii of gyration; d/sqrt(10) by default.
-
-    Raises
-    ------
-    InputError : shapes or values that cannot be.
+    :meth:`of` makes the lattice of equal balls; the constructor takes any table of contacts.
     """
 
-    def __init__(
-        self,
-        cell: ArrayLike,
-        positions: ArrayLike,
-        contacts: ContactTable,
-        mindlin_ratio: float,
-        stiffness: ArrayLike = 1.0,
-        prestress: ArrayLike = 0.0,
-        masses: ArrayLike = 1.0,
-        gyration: ArrayLike = GYRATION,
-    ) -> None:
-        self.cell: Array = read_only(cell, float)
-        self.positions: Array = read_only(positions, float)
-        self.contacts = contacts
-        self.mindlin_ratio = float(mindlin_ratio)
-        self.stiffness: Array = read_only(np.broadcast_to(np.asarray(stiffness, float), len(contacts)))
-        self.prestress: Array = read_only(np.broadcast_to(np.asarray(prestress, float), len(contacts)))
-        self.masses: Array = read_only(np.broadcast_to(np.asarray(masses, float), self.n_balls))
-        self.gyration: Array = read_only(np.broadcast_to(np.asarray(gyration, float), self.n_balls))
-        if not self.mindlin_ratio >= 0.0:
-            raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a number, zero or above"))
-        if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError(message("a mass or a contact stiffness is not above zero"))
-
     @classmethod
-    def of(cls, lattice: str | Lattice, mindlin_ratio: float, relative_overlap: float | None = None) -> ContactLattice:
+    def of(
+        cls, lattice: str | Lattice, mindlin_ratio: float, spacing: float = 1.0, prestress: float = 0.0
+    ) -> ContactLattice:
         """Equal balls on ``lattice``.
 
-        ``relative_overlap`` = delta/d keeps the terms of that order which the paper drops: the spacing a = d - delta, the
-        lever arm a/2 and the prestress f/a (for the Hertz law, (2/3) k delta/a). Left out, they are dropped.
+        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
+        itself, the lever arm a/2 and the sideways push of the static force. Left out, they are dropped.
 
         Raises :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
         """
         structure = lattice_named(lattice)
-        spacing, prestress = 1.0, 0.0
-        if relative_overlap is not None:
-            if not 0.0 <= relative_overlap < 1.0:
-                raise InputError(message(f"the relative overlap is {relative_overlap!r}", "It must lie between 0 and 1"))
-            spacing = 1.0 - relative_overlap
-            prestress = 2.0 / 3.0 * relative_overlap / spacing
+        if not (0.0 < spacing <= 1.0 and 0.0 <= prestress < np.inf):
+            raise InputError(message(f"spacing {spacing!r} or prestress {prestress!r} cannot be"))
         built = cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scaled(spacing),
             mindlin_ratio, prestress=prestress,
         )  # fmt: skip
         built.require_rigid(structure.name)
         return built
-
-    # -- sizes ------------------------------------------------------------------------------------------------------
-
-    @property
-    def n_balls(self) -> int:
-        """Balls in the cell."""
-        return len(self.positions)
-
-    @property
-    def rotates(self) -> bool:
-        """Whether the balls have a rotational degree of freedom: only if a contact resists slip."""
-        return self.mindlin_ratio > 0.0
-
-    @property
-    def dofs_per_ball(self) -> int:
-        """3 with friction, 2 without."""
-        return 3 if self.rotates else 2
-
-    @property
-    def n_branches(self) -> int:
-        """Degrees of freedom in the cell."""
-        return self.dofs_per_ball * self.n_balls
-
-    @cached_property
-    def area(self) -> float:
-        """Area of the cell."""
-        return float(abs(np.linalg.det(self.cell)))
-
-    @cached_property
-    def reciprocal(self) -> Array:
-        """(2, 2): reciprocal vectors as rows, 2 pi included."""
-        return read_only(2.0 * np.pi * np.linalg.inv(self.cell).T)
-
-    @property
-    def is_prestressed(self) -> bool:
-        """Whether the static force itself enters the stiffness; K is then indefinite."""
-        return bool(np.any(self.prestress != 0.0))
-
-    def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Cartesian wave vectors (..., 2) of fractions (..., 2 or 3) of the reciprocal cell."""
-        return np.asarray(np.asarray(fractions, float)[..., :2] @ self.reciprocal)
-
-    # -- the compatibility matrix -----------------------------------------------------------------------------------
-
-    @cached_property
-    def _frame(self) -> Array:
-        """(n, n) orthogonal: the first column is the motion of the centre of mass in mass-weighted coordinates.
-
-        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference of n.
-        """
-        weights = np.sqrt(self.masses / self.masses.sum())
-        basis = np.eye(self.n_balls)
-        basis[:, 0] = weights
-        frame, _ = np.linalg.qr(basis)
-        return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
-
-    def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
-        """K^1/2 C(q) M^-1/2 at each wave vector.
-
-        Rows are the elongations of all contacts, then their slips. Columns are the mass-weighted motions (x, y, w) in the
-        frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix is real.
-
-        Parameters
-        ----------
-        wavevectors : (n_q, 2), 1/d.
-        derivative : the gradient with respect to q instead.
-
-        Returns
-        -------
-        (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
-        """
-        rows = self._rows(wavevectors, derivative)
-        if derivative:
-            return np.asarray(rows[:, None] * self._half_vectors(rows).T[None, :, :, None])
-        return rows
-
-    def _half_vectors(self, rows: NDArray[Any]) -> Array:
-        """(n_rows, 2): gradient of the half angle of each row's contact with respect to q."""
-        return 0.5 * np.tile(self.contacts.vector, (rows.shape[1] // len(self.contacts), 1))
-
-    def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """Rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
-
-        With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
-        """
-        q = np.asarray(wavevectors, float).reshape(-1, 2)
-        table, n = self.contacts, self.n_balls
-        half = 0.5 * (q @ table.vector.T)  # (n_q, n_c)
-        sine, cosine = np.sin(half), np.cos(half)
-        if derivative:
-            sine, cosine = cosine, -sine
-        dtype = np.float64 if n == 1 else np.complex128
-        # A motion of the frame enters a contact as its difference (translations) and mean (rotations) over the two ends,
-        # each divided by i. The difference of the centre of mass is 2 sin, and nothing is subtracted in it.
-        motion = self._frame / np.sqrt(self.masses)[:, None]
-        end_i, end_j = motion[table.i], motion[table.j]  # (n_c, n)
-        gap = end_j - end_i
-        gap[:, 0] = 0.0
-        difference = (sine[..., None] * (end_j + end_i)).astype(dtype)  # (n_q, n_c, n)
-        if n > 1:
-            difference -= 1j * cosine[..., None] * gap
-        blocks = []
-        if prestress:
-            blocks.append((np.sqrt(np.abs(self.prestress)), table.tangent, None))
-        else:
-            blocks.append((np.sqrt(self.stiffness), table.normal, None))
-            if self.rotates:
-                lever_i = (table.arm_i / self.gyration[table.i])[:, None] * end_i
-                lever_j = (table.arm_j / self.gyration[table.j])[:, None] * end_j
-                mean = (cosine[..., None] * (lever_j + lever_i)).astype(dtype)
-                if n > 1:
-                    mean += 1j * sine[..., None] * (lever_j - lever_i)
-                blocks.append((np.sqrt(self.mindlin_ratio * self.stiffness), table.tangent, mean))
-        rows = np.zeros((len(q), len(blocks), len(table), n, self.dofs_per_ball), dtype)
-        for b, (root, axis, mean) in enumerate(blocks):
-            rows[:, b, ..., :2] = root[:, None, None] * difference[..., None] * axis[:, None, :]
-            if mean is not None:
-                rows[:, b, ..., 2] = -root[:, None] * mean
-        return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
-
-    def _frame_matrices(self, wavevectors: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-        """D(q) and its gradient (n_q, 2, ...) in the frame, prestress included."""
-        rows, slope = self._rows(wavevectors), self._rows(wavevectors, derivative=True)
-        parts = [(1.0, rows, slope)]
-        if self.is_prestressed:
-            signs = -np.sign(self.prestress)[:, None]
-            parts.append(
-                (signs, self._rows(wavevectors, prestress=True), self._rows(wavevectors, derivative=True, prestress=True))
-            )
-        matrix: Any = 0.0
-        gradient: Any = 0.0
-        for sign, value, change in parts:
-            matrix = matrix + np.einsum("qrm,qrn->qmn", value.conj(), sign * value)
-            half = np.einsum("qrm,ra,qrn->qamn", value.conj(), self._half_vectors(value), sign * change)
-            gradient = gradient + half + half.swapaxes(-1, -2).conj()
-        return matrix, gradient
-
-    @cached_property
-    def _to_balls(self) -> NDArray[np.complex128]:
-        """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
-        return np.kron(self._frame, np.diag([1.0, 1.0, 1.0j][: self.dofs_per_ball]))
-
-    def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
-        """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.
-
-        Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
-        (n_q, 2) in 1/d.
-        """
-        matrix, _ = self._frame_matrices(wavevectors)
-        return np.asarray(self._to_balls @ matrix @ self._to_balls.conj().T)
 
     # -- vibrations -------------------------------------------------------------------------------------------------
 
@@ -572,27 +373,3 @@ class ContactLattice:
 
 #: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
 _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
-
-
-def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
-    """Follow branches along a path by the overlap of their eigenvectors, through crossings.
-
-    Parameters
-    ----------
-    eigenvectors : (n_q, n_dof, n_branches), columns in any order at each point. Points where branches touch must carry the
-        eigenvectors of the limit along the path, as :meth:`ContactLattice.modes` gives them.
-
-    Returns
-    -------
-    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    vectors = np.asarray(eigenvectors)
-    overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
-    order = np.empty(vectors.shape[::2], np.intp)
-    order[0] = np.arange(vectors.shape[2])
-    for point, matrix in enumerate(overlap):
-        rows, columns = linear_sum_assignment(matrix, maximize=True)
-        order[point + 1] = columns[np.argsort(rows)][order[point]]
-    return order

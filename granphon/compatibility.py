@@ -1,0 +1,223 @@
+"""The compatibility matrix: the deformations of all contacts from the motions of all balls.
+
+Every quantity of the lattice follows from it. A contact of normal n and tangent t = z x n deforms by
+
+    elongation  e = (u_j - u_i).n
+    slip        s = (u_j - u_i).t - (arm_i phi_i + arm_j phi_j)
+
+These rows are C. With K the stiffnesses and M the masses, D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced
+units: length d, stiffness k, mass M. A ball's rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the
+ball's own.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.errors import InputError, message
+from granphon.geometry import ContactTable
+from granphon.results import read_only
+
+__all__ = ["GYRATION", "Compatibility"]
+
+Array = NDArray[np.float64]
+#: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
+GYRATION = float(1.0 / np.sqrt(10.0))
+
+
+class Compatibility:
+    """Balls in contact on a periodic lattice, in reduced units: C(q) and D(q).
+
+    Parameters
+    ----------
+    cell : (2, 2) lattice vectors as rows.
+    positions : (n, 2) centres.
+    contacts : the table of contacts, in the same unit of length.
+    mindlin_ratio : eta; at zero there is neither slip nor rotation.
+    stiffness : (n_c,) normal stiffness of each contact; 1 by default.
+    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
+    masses : (n,) masses; 1 by default.
+    gyration : (n,) radii of gyration; d/sqrt(10) by default.
+
+    Raises
+    ------
+    InputError : shapes or values that cannot be.
+    """
+
+    def __init__(
+        self,
+        cell: ArrayLike,
+        positions: ArrayLike,
+        contacts: ContactTable,
+        mindlin_ratio: float,
+        stiffness: ArrayLike = 1.0,
+        prestress: ArrayLike = 0.0,
+        masses: ArrayLike = 1.0,
+        gyration: ArrayLike = GYRATION,
+    ) -> None:
+        self.cell: Array = read_only(cell, float)
+        self.positions: Array = read_only(positions, float)
+        self.contacts = contacts
+        self.mindlin_ratio = float(mindlin_ratio)
+        self.stiffness: Array = read_only(np.broadcast_to(np.asarray(stiffness, float), len(contacts)))
+        self.prestress: Array = read_only(np.broadcast_to(np.asarray(prestress, float), len(contacts)))
+        self.masses: Array = read_only(np.broadcast_to(np.asarray(masses, float), self.n_balls))
+        self.gyration: Array = read_only(np.broadcast_to(np.asarray(gyration, float), self.n_balls))
+        if not self.mindlin_ratio >= 0.0:
+            raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a number, zero or above"))
+        if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
+            raise InputError(message("a mass or a contact stiffness is not above zero"))
+
+    # -- sizes ------------------------------------------------------------------------------------------------------
+
+    @property
+    def n_balls(self) -> int:
+        """Balls in the cell."""
+        return len(self.positions)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the balls have a rotational degree of freedom: only if a contact resists slip."""
+        return self.mindlin_ratio > 0.0
+
+    @property
+    def dofs_per_ball(self) -> int:
+        """3 with friction, 2 without."""
+        return 3 if self.rotates else 2
+
+    @property
+    def n_branches(self) -> int:
+        """Degrees of freedom in the cell."""
+        return self.dofs_per_ball * self.n_balls
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the cell."""
+        return float(abs(np.linalg.det(self.cell)))
+
+    @cached_property
+    def reciprocal(self) -> Array:
+        """(2, 2): reciprocal vectors as rows, 2 pi included."""
+        return read_only(2.0 * np.pi * np.linalg.inv(self.cell).T)
+
+    @property
+    def is_prestressed(self) -> bool:
+        """Whether the static force itself enters the stiffness; K is then indefinite."""
+        return bool(np.any(self.prestress != 0.0))
+
+    def wavevectors(self, fractions: ArrayLike) -> Array:
+        """Cartesian wave vectors (..., 2) of fractions (..., 2 or 3) of the reciprocal cell."""
+        return np.asarray(np.asarray(fractions, float)[..., :2] @ self.reciprocal)
+
+    # -- the compatibility matrix -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _frame(self) -> Array:
+        """(n, n) orthogonal: the first column is the motion of the centre of mass in mass-weighted coordinates.
+
+        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference of n.
+        """
+        weights = np.sqrt(self.masses / self.masses.sum())
+        basis = np.eye(self.n_balls)
+        basis[:, 0] = weights
+        frame, _ = np.linalg.qr(basis)
+        return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
+
+    def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
+        """K^1/2 C(q) M^-1/2 at each wave vector.
+
+        Rows are the elongations of all contacts, then their slips. Columns are the mass-weighted motions (x, y, w) in the
+        frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix is real.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, 2), 1/d.
+        derivative : the gradient with respect to q instead.
+
+        Returns
+        -------
+        (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
+        """
+        rows = self._rows(wavevectors, derivative)
+        if derivative:
+            return np.asarray(rows[:, None] * self._half_vectors(rows).T[None, :, :, None])
+        return rows
+
+    def _half_vectors(self, rows: NDArray[Any]) -> Array:
+        """(n_rows, 2): gradient of the half angle of each row's contact with respect to q."""
+        return 0.5 * np.tile(self.contacts.vector, (rows.shape[1] // len(self.contacts), 1))
+
+    def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """Rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
+
+        With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
+        """
+        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        table, n = self.contacts, self.n_balls
+        half = 0.5 * (q @ table.vector.T)  # (n_q, n_c)
+        sine, cosine = np.sin(half), np.cos(half)
+        if derivative:
+            sine, cosine = cosine, -sine
+        dtype = np.float64 if n == 1 else np.complex128
+        # A motion of the frame enters a contact as its difference (translations) and mean (rotations) over the two ends,
+        # each divided by i. The difference of the centre of mass is 2 sin, and nothing is subtracted in it.
+        motion = self._frame / np.sqrt(self.masses)[:, None]
+        end_i, end_j = motion[table.i], motion[table.j]  # (n_c, n)
+        gap = end_j - end_i
+        gap[:, 0] = 0.0
+        difference = (sine[..., None] * (end_j + end_i)).astype(dtype)  # (n_q, n_c, n)
+        if n > 1:
+            difference -= 1j * cosine[..., None] * gap
+        blocks = []
+        if prestress:
+            blocks.append((np.sqrt(np.abs(self.prestress)), table.tangent, None))
+        else:
+            blocks.append((np.sqrt(self.stiffness), table.normal, None))
+            if self.rotates:
+                lever_i = (table.arm_i / self.gyration[table.i])[:, None] * end_i
+                lever_j = (table.arm_j / self.gyration[table.j])[:, None] * end_j
+                mean = (cosine[..., None] * (lever_j + lever_i)).astype(dtype)
+                if n > 1:
+                    mean += 1j * sine[..., None] * (lever_j - lever_i)
+                blocks.append((np.sqrt(self.mindlin_ratio * self.stiffness), table.tangent, mean))
+        rows = np.zeros((len(q), len(blocks), len(table), n, self.dofs_per_ball), dtype)
+        for b, (root, axis, mean) in enumerate(blocks):
+            rows[:, b, ..., :2] = root[:, None, None] * difference[..., None] * axis[:, None, :]
+            if mean is not None:
+                rows[:, b, ..., 2] = -root[:, None] * mean
+        return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
+
+    def _frame_matrices(self, wavevectors: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+        """D(q) and its gradient (n_q, 2, ...) in the frame, prestress included."""
+        rows, slope = self._rows(wavevectors), self._rows(wavevectors, derivative=True)
+        parts = [(1.0, rows, slope)]
+        if self.is_prestressed:
+            signs = -np.sign(self.prestress)[:, None]
+            parts.append(
+                (signs, self._rows(wavevectors, prestress=True), self._rows(wavevectors, derivative=True, prestress=True))
+            )
+        matrix: Any = 0.0
+        gradient: Any = 0.0
+        for sign, value, change in parts:
+            matrix = matrix + np.einsum("qrm,qrn->qmn", value.conj(), sign * value)
+            half = np.einsum("qrm,ra,qrn->qamn", value.conj(), self._half_vectors(value), sign * change)
+            gradient = gradient + half + half.swapaxes(-1, -2).conj()
+        return matrix, gradient
+
+    @cached_property
+    def _to_balls(self) -> NDArray[np.complex128]:
+        """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
+        return np.kron(self._frame, np.diag([1.0, 1.0, 1.0j][: self.dofs_per_ball]))
+
+    def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
+        """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.
+
+        Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
+        (n_q, 2) in 1/d.
+        """
+        matrix, _ = self._frame_matrices(wavevectors)
+        return np.asarray(self._to_balls @ matrix @ self._to_balls.conj().T)

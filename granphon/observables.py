@@ -1,0 +1,351 @@
+"""What an experiment measures: sound velocities, pulses of finite frequency, moduli; and where the model holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.branches import acoustic_branches
+from granphon.contact import contact_radius_ratio
+from granphon.errors import InputError, UnreachableFrequencyError, message
+from granphon.geometry import as_direction
+from granphon.lattice import ContactLattice
+from granphon.medium import ContactState
+from granphon.results import Result
+
+__all__ = [
+    "Check",
+    "Moduli",
+    "PulseVelocities",
+    "SoundVelocities",
+    "Validity",
+    "contact_lattice",
+    "moduli",
+    "pulse_velocities",
+    "sound_velocities",
+    "validity",
+]
+
+Array = NDArray[np.float64]
+#: two elastic constants that should be equal differ by no more than this part
+_ISOTROPIC = 1e-10
+
+#: what is checked, the limit, and what fails beyond it. The first four are reached together, near delta/d = 1 %, which is
+#: also the size of the terms that the contact law leaves out there.
+_LIMITS = {
+    "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
+    "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
+    "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
+    "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
+    "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
+}
+
+
+def contact_lattice(state: ContactState, finite_overlap: bool = False) -> ContactLattice:
+    """The lattice of contacts in a state at one load, in reduced units.
+
+    ``finite_overlap`` keeps the terms of relative order delta/d: spacing a, lever arm a/2, prestress f/a.
+    """
+    packing = state.packing
+    if not finite_overlap:
+        return ContactLattice.of(packing.structure, packing.mindlin_ratio)
+    _ = state.scales  # one load only
+    return ContactLattice.of(
+        packing.structure, packing.mindlin_ratio, 1.0 - state.relative_overlap, float(_prestress(state))
+    )
+
+
+def _prestress(state: ContactState) -> Array:
+    """f/(k a) of each load."""
+    spacing = state.packing.diameter * (1.0 - state.relative_overlap)
+    return np.asarray(state.force / state.normal_stiffness / spacing)
+
+
+def _velocity_scale(state: ContactState) -> Array:
+    """d (k/M)^1/2 of each load, m/s."""
+    return np.asarray(state.packing.diameter * (np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)))
+
+
+def _is_isotropic(lattice: ContactLattice) -> bool:
+    c = lattice.elastic_tensor()
+    off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
+    return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
+
+
+def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: bool) -> Array:
+    """(..., 2) longitudinal and transverse, m/s."""
+    lattice = contact_lattice(state)
+    scale = _velocity_scale(state)
+    if not finite_overlap:
+        velocities, _ = lattice.sound_velocities(direction)
+        return scale[..., None] * velocities
+    # every length scales with the spacing; the prestress alone enters the shape of the tensor
+    velocities, _ = lattice.sound_velocities(direction, _prestress(state))
+    return (scale * (1.0 - state.relative_overlap))[..., None] * velocities
+
+
+# -- validity -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Check(Result):
+    """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``.
+
+    ``meaning`` says what the value is, ``reason`` why it is limited.
+    """
+
+    name: str
+    meaning: str
+    value: Any
+    limit: float
+    reason: str
+
+    @property
+    def ok(self) -> Any:
+        """Whether the condition holds, at each load."""
+        return np.asarray(self.value <= self.limit)[()]
+
+    @property
+    def warning(self) -> str | None:
+        """What to tell the user, or None if the condition holds at every load."""
+        if np.all(self.ok):
+            return None
+        worst = float(np.max(self.value))
+        count = int(np.size(self.ok))
+        where = "" if np.ndim(self.value) == 0 else f" (worst of {int(count - np.sum(self.ok))} loads out of {count})"
+        return (
+            f"{self.meaning} is {worst:.4g}{where}, {worst / self.limit:.4g} times the limit of {self.limit:g}: {self.reason}"
+        )
+
+
+@dataclass(frozen=True)
+class Validity:
+    """The conditions under which the model holds, and how far each is fulfilled."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def ok(self) -> Any:
+        """Whether every condition holds, at each load."""
+        return np.logical_and.reduce([check.ok for check in self.checks])[()]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each condition that fails; empty if all hold."""
+        return tuple(check.warning for check in self.checks if check.warning is not None)
+
+    def __getitem__(self, name: str) -> Check:
+        for check in self.checks:
+            if check.name == name:
+                return check
+        raise KeyError(name)
+
+
+def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
+    """Where the state stands against the limits of the contact model (end of Section II).
+
+    Computed: contact radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the longitudinal and
+    transverse ratios); the top of the branches over the lowest resonance of a free ball; and, if the material has a
+    ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at 1.07).
+    """
+    material, d = state.packing.material, state.packing.diameter
+    lattice = contact_lattice(state)
+    direction = (1.0, 0.0)
+    v = _raw_velocities(state, direction, finite_overlap)
+    grid = np.stack(np.meshgrid(*[np.arange(12) / 12.0] * 2), axis=-1).reshape(-1, 2)
+    top = float(lattice.frequencies(lattice.wavevectors(grid)).max())
+    radius = np.asarray(contact_radius_ratio(state.overlap, d))
+    values = {
+        "contact_radius": radius,
+        # roots before products: f and E d^2 may each be near the ends of the floating range
+        "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
+        "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
+        "resonance": top * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
+    }
+    if material.yield_strength is not None:
+        values["yield"] = state.force / (np.pi * (radius * d / 2.0) ** 2) / material.yield_strength
+    return Validity(
+        tuple(
+            Check(name, _LIMITS[name][1], np.asarray(value), _LIMITS[name][0], _LIMITS[name][2])
+            for name, value in values.items()
+        )
+    )
+
+
+# -- velocities and moduli ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SoundVelocities(Result):
+    """Velocities of long waves, m/s, with the shape of the load, and the warnings that go with them."""
+
+    units = {"longitudinal": "m/s", "transverse": "m/s"}
+
+    longitudinal: Any
+    transverse: Any
+    direction: Array
+    warnings: tuple[str, ...]
+
+
+def sound_velocities(
+    state: ContactState, direction: ArrayLike | None = None, finite_overlap: bool = False
+) -> SoundVelocities:
+    """Longitudinal and transverse sound velocity (equations 13, 14, 16).
+
+    Parameters
+    ----------
+    state : at one load or many.
+    direction : of propagation, Cartesian; may be left out where sound is isotropic, as on the triangular lattice.
+        Elsewhere the two are the quasi-longitudinal and quasi-transverse waves.
+    finite_overlap : keep the terms of relative order delta/d.
+
+    Raises
+    ------
+    InputError : no direction is given and velocities depend on it.
+    InstabilityError : with finite overlap, the lattice buckles.
+    """
+    if direction is None:
+        if not _is_isotropic(contact_lattice(state)):
+            raise InputError(
+                message(
+                    f"the sound velocities of the {state.packing.structure.name} lattice depend on the direction",
+                    mend="Give direction=(x, y)",
+                )
+            )
+        direction = (1.0, 0.0)
+    v = _raw_velocities(state, direction, finite_overlap)
+    return SoundVelocities(v[..., 0], v[..., 1], as_direction(direction), validity(state, finite_overlap).warnings)
+
+
+@dataclass(frozen=True)
+class Moduli(Result):
+    """Elastic constants of the layer taken one diameter thick, Pa.
+
+    ``tensor`` (..., 3, 3) is in Voigt order xx, yy, xy, after the shape of the load.
+    """
+
+    units = {"tensor": "Pa", "bulk": "Pa", "shear": "Pa"}
+
+    tensor: Array
+    isotropic: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def bulk(self) -> Any:
+        """K, Pa (equation 17); :class:`~granphon.errors.InputError` if the lattice is not isotropic."""
+        self._require_isotropic()
+        return (0.5 * (self.tensor[..., 0, 0] + self.tensor[..., 0, 1]))[()]
+
+    @property
+    def shear(self) -> Any:
+        """G, Pa (equation 17); :class:`~granphon.errors.InputError` if the lattice is not isotropic."""
+        self._require_isotropic()
+        return self.tensor[..., 2, 2][()]
+
+    def _require_isotropic(self) -> None:
+        if not self.isotropic:
+            raise InputError(message("this lattice has no single bulk and shear modulus", mend="Use .tensor"))
+
+
+def moduli(state: ContactState, finite_overlap: bool = False) -> Moduli:
+    """Bulk and shear modulus (equation 17), or the elastic tensor of a lattice that is not isotropic.
+
+    With ``finite_overlap`` these are the coefficients between Cauchy stress and strain under the static pressure, for which
+    equation (16) still holds.
+    """
+    lattice = contact_lattice(state)
+    tensor = lattice.elastic_tensor(_prestress(state) if finite_overlap else np.zeros(state.shape))
+    scale = np.asarray(state.normal_stiffness / state.packing.diameter)
+    return Moduli(scale[..., None, None] * tensor, _is_isotropic(lattice), validity(state, finite_overlap).warnings)
+
+
+@dataclass(frozen=True)
+class PulseVelocities(Result):
+    """Phase and group velocity of a pulse of given frequency.
+
+    Attributes
+    ----------
+    branches : names of the branches, along the first axis of the arrays.
+    phase, group : (n_branches, ...) m/s; the group velocity is the derivative of the frequency along the direction.
+    wavenumber : (n_branches, ...) rad/m.
+    frequency : Hz.
+    direction : unit vector.
+    """
+
+    units = {"phase": "m/s", "group": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
+
+    branches: tuple[str, ...]
+    phase: Array
+    group: Array
+    wavenumber: Array
+    frequency: Any
+    direction: Array
+    warnings: tuple[str, ...]
+
+
+def pulse_velocities(
+    state: ContactState,
+    frequency: ArrayLike,
+    direction: ArrayLike = (1.0, 0.0),
+    finite_overlap: bool = False,
+    branches: Sequence[str] = ("longitudinal", "transverse"),
+) -> PulseVelocities:
+    """Phase and group velocity of the acoustic branches at a given frequency, which lie below the long-wave velocity.
+
+    Parameters
+    ----------
+    state : at one load or many.
+    frequency : Hz; a scalar or an array that broadcasts against the load.
+    direction : of propagation, Cartesian; (1, 0) is Gamma-K, (0, 1) Gamma-M.
+    finite_overlap : keep the terms of relative order delta/d.
+    branches : those wanted, in the order wanted.
+
+    Returns
+    -------
+    :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding.
+
+    Raises
+    ------
+    UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
+    InputError : a frequency that is not finite and above zero, an unknown branch.
+    """
+    hertz = np.asarray(frequency, float)
+    if not (np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
+        raise InputError(message(f"frequency is {frequency!r}", "It must be finite and above zero (Hz)"))
+    names = tuple(branches)
+    unknown = [name for name in names if name not in ("longitudinal", "transverse")]
+    if unknown or not names:
+        raise InputError(message(f"unknown branch {unknown}", mend="Use longitudinal, transverse or both"))
+    scale, d = _velocity_scale(state), state.packing.diameter
+    target, scale = np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale)
+    wavenumber, group = np.empty((2, len(names), *target.shape))
+    if finite_overlap and state.shape:
+        raise InputError(
+            message(
+                "pulse velocities with finite overlap take one load",
+                "The dispersion relation itself changes with the load",
+                "Loop over the loads",
+            )
+        )
+    found = acoustic_branches(contact_lattice(state, finite_overlap), direction)
+    for row, name in enumerate(names):
+        branch = found[name]
+        if np.any(target > branch.top):
+            limit = branch.top * scale / d / (2.0 * np.pi)
+            raise UnreachableFrequencyError(
+                message(
+                    f"the {name} branch does not reach {float(np.max(hertz)):.6g} Hz in direction {tuple(branch.direction)}",
+                    f"It ends at {float(np.min(limit)):.6g} Hz" + (", at the least load" if state.shape else ""),
+                    "Lower the frequency, or name the branches that reach it",
+                )
+            )
+        q, slope = branch.wavenumber(target.ravel())
+        wavenumber[row], group[row] = q.reshape(target.shape), slope.reshape(target.shape)
+    return PulseVelocities(
+        names, target / wavenumber * scale, group * scale, wavenumber / d, hertz, as_direction(direction),
+        validity(state, finite_overlap).warnings,
+    )  # fmt: skip
