@@ -13,10 +13,10 @@ __version__ = "0.1.0"
 
 _HOME = {
     "AveragedLattice": "medium",
-    "Bands": "phonons",
+    "Bands": "spectra",
     "ContactLattice": "lattice",
     "ContactState": "medium",
-    "DensityOfStates": "phonons",
+    "DensityOfStates": "spectra",
     "GranphonError": "errors",
     "HertzLaw": "contact",
     "HertzMindlin": "calculator",
@@ -35,7 +35,30 @@ _HOME = {
     "validity": "observables",
 }
 
-__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+__all__ = [
+    "__version__",
+    "AveragedLattice",
+    "Bands",
+    "ContactLattice",
+    "ContactState",
+    "DensityOfStates",
+    "GranphonError",
+    "HertzLaw",
+    "HertzMindlin",
+    "Lattice",
+    "Material",
+    "Medium",
+    "Packing",
+    "Phonons",
+    "Scene",
+    "Units",
+    "atoms",
+    "mindlin_reduction",
+    "moduli",
+    "pulse_velocities",
+    "sound_velocities",
+    "validity",
+]
 
 if TYPE_CHECKING:
     from granphon.calculator import HertzMindlin, atoms
@@ -46,8 +69,9 @@ if TYPE_CHECKING:
     from granphon.medium import AveragedLattice, ContactState, Medium
     from granphon.observables import moduli, pulse_velocities, sound_velocities, validity
     from granphon.packing import Packing
-    from granphon.phonons import Bands, DensityOfStates, Phonons
+    from granphon.phonons import Phonons
     from granphon.scene import Scene
+    from granphon.spectra import Bands, DensityOfStates
     from granphon.units import Units
 
 

@@ -169,10 +169,10 @@ class Compatibility:
         end_i, end_j = motion[table.i], motion[table.j]  # (n_c, n)
         gap = end_j - end_i
         gap[:, 0] = 0.0
-        difference = (sine[..., None] * (end_j + end_i)).astype(dtype)  # (n_q, n_c, n)
+        difference: NDArray[Any] = (sine[..., None] * (end_j + end_i)).astype(dtype)  # (n_q, n_c, n)
         if n > 1:
-            difference -= 1j * cosine[..., None] * gap
-        blocks = []
+            difference = difference - 1j * cosine[..., None] * gap
+        blocks: list[tuple[Array, Array, NDArray[Any] | None]] = []
         if prestress:
             blocks.append((np.sqrt(np.abs(self.prestress)), table.tangent, None))
         else:
@@ -180,25 +180,29 @@ class Compatibility:
             if self.rotates:
                 lever_i = (table.arm_i / self.gyration[table.i])[:, None] * end_i
                 lever_j = (table.arm_j / self.gyration[table.j])[:, None] * end_j
-                mean = (cosine[..., None] * (lever_j + lever_i)).astype(dtype)
+                mean: NDArray[Any] = (cosine[..., None] * (lever_j + lever_i)).astype(dtype)
                 if n > 1:
-                    mean += 1j * sine[..., None] * (lever_j - lever_i)
+                    mean = mean + 1j * sine[..., None] * (lever_j - lever_i)
                 blocks.append((np.sqrt(self.mindlin_ratio * self.stiffness), table.tangent, mean))
         rows = np.zeros((len(q), len(blocks), len(table), n, self.dofs_per_ball), dtype)
-        for b, (root, axis, mean) in enumerate(blocks):
+        for b, (root, axis, turning) in enumerate(blocks):
             rows[:, b, ..., :2] = root[:, None, None] * difference[..., None] * axis[:, None, :]
-            if mean is not None:
-                rows[:, b, ..., 2] = -root[:, None] * mean
+            if turning is not None:
+                rows[:, b, ..., 2] = -root[:, None] * turning
         return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
 
     def _frame_matrices(self, wavevectors: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
         """D(q) and its gradient (n_q, 2, ...) in the frame, prestress included."""
         rows, slope = self._rows(wavevectors), self._rows(wavevectors, derivative=True)
-        parts = [(1.0, rows, slope)]
+        parts: list[tuple[Any, NDArray[Any], NDArray[Any]]] = [(1.0, rows, slope)]
         if self.is_prestressed:
             signs = -np.sign(self.prestress)[:, None]
             parts.append(
-                (signs, self._rows(wavevectors, prestress=True), self._rows(wavevectors, derivative=True, prestress=True))
+                (
+                    signs,
+                    self._rows(wavevectors, prestress=True),
+                    self._rows(wavevectors, derivative=True, prestress=True),
+                )
             )
         matrix: Any = 0.0
         gradient: Any = 0.0
@@ -211,7 +215,7 @@ class Compatibility:
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
         """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
-        return np.kron(self._frame, np.diag([1.0, 1.0, 1.0j][: self.dofs_per_ball]))
+        return np.asarray(np.kron(self._frame, np.diag([1.0, 1.0, 1.0j][: self.dofs_per_ball])), complex)
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
         """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.

@@ -50,7 +50,7 @@ class InstabilityError(GranphonError, RuntimeError):
     """The state is not a minimum of the energy: a squared frequency is negative."""
 
 
-class UnsupportedError(GranphonError, RuntimeError):
+class UnsupportedError(GranphonError, NotImplementedError):
     """A method that exists, but would give a wrong answer for these objects."""
 
 

@@ -131,9 +131,7 @@ class Lattice:
         heights = self.area / np.linalg.norm(cell[::-1], axis=1)
         extent = np.max(np.ptp(np.asarray(self.sites), axis=0))
         reach = np.ceil(2.0 / heights + extent).astype(int)
-        shifts = np.stack(
-            np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1
-        ).reshape(-1, 2)
+        shifts = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, 2)
         delta = positions[None, :, None] - positions[:, None, None] + (shifts @ cell)[None, None]
         distance = np.linalg.norm(delta, axis=-1)
         same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
@@ -172,10 +170,6 @@ class Lattice:
     def area_per_ball(self) -> float:
         """Area that one ball takes, in units of the spacing squared."""
         return self.area / self.n_balls
-
-    def reciprocal(self, spacing: float = 1.0) -> Array:
-        """(2, 2): the reciprocal vectors as rows, 2 pi included, for the given spacing."""
-        return 2.0 * np.pi * np.linalg.inv(self.vectors).T / spacing
 
 
 _HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)

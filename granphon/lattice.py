@@ -6,6 +6,7 @@ at q -> 0. Everything is in reduced units: length d, stiffness k, mass M.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -181,7 +182,7 @@ class ContactLattice(Compatibility):
         close = np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]
         for row in np.flatnonzero(close.any(axis=1)):
             edges = np.flatnonzero(~np.concatenate([[False], close[row], [False]]))
-            for start, stop in zip(edges[:-1], edges[1:], strict=True):
+            for start, stop in itertools.pairwise(edges):
                 if stop - start > 1:
                     block = vectors[row][:, start:stop]
                     turn = np.einsum("abc,a->bc", slopes(row, block), along[row])
@@ -231,7 +232,7 @@ class ContactLattice(Compatibility):
         return np.asarray(affine - left @ (left.T @ affine))
 
     def require_rigid(self, name: str = "of these contacts") -> None:
-        """Raise :class:`~granphon.errors.MechanismError` if a uniform motion, of strain or inside the cell, costs no energy."""
+        """Raise :class:`~granphon.errors.MechanismError` if a strain, or a motion inside the cell, costs no energy."""
         mend = "Use a lattice with more contacts" if self.rotates else "Use friction, or a lattice with more contacts"
         _, inner, _, _ = self._strain_rows
         if inner.shape[1]:
@@ -325,15 +326,13 @@ class ContactLattice(Compatibility):
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Stiffness of the layer, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
 
-        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947; D. C.
-        Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
+        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
+        D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
         """
         h = self.gradient_stiffness(prestress) / self.area
         load: Any = self.prestress if prestress is None else np.asarray(prestress, float)[..., None]
         table = self.contacts
-        stress = -np.einsum(
-            "...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector
-        ) / self.area
+        stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector) / self.area
         one = np.eye(2)
         c = (
             h
@@ -357,9 +356,7 @@ class ContactLattice(Compatibility):
         On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
         if self.n_balls != 1 or not self.rotates:
-            raise InputError(
-                message("there is no single rotational branch", "It takes friction and one ball in the cell")
-            )
+            raise InputError(message("there is no single rotational branch", "It takes friction and one ball in the cell"))
         along, table = as_direction(direction), self.contacts
         ahead = table.vector @ along
         weight = self.mindlin_ratio * self.stiffness / self.masses[0]

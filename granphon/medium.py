@@ -126,7 +126,10 @@ class ContactState(Result):
 class Medium(Protocol):
     """What every rung of the accuracy ladder offers: the state of a packing at a given load."""
 
-    packing: Packing
+    @property
+    def packing(self) -> Packing:
+        """The balls under load."""
+        ...
 
     def at_force(self, force: ArrayLike) -> ContactState:
         """State at the mean contact force f, N."""
@@ -187,11 +190,11 @@ class AveragedLattice:
         law, diameter = self.packing.law, self.packing.diameter
         stiffness = law.stiffness(overlap)
         if not (np.all(force > 0.0) and np.all(stiffness > 0.0) and np.all(np.isfinite(force))):
-            raise InputError(message(f"{name} = {given} is too small or too large for double precision"))
+            raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
             raise InputError(
                 message(
-                    f"{name} = {given} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters",
+                    f"{name} = {given!r} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters",
                     "Balls cannot overlap by their diameter or more, and the contact law fails long before",
                     "Lower the load",
                 )

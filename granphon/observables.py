@@ -85,7 +85,7 @@ def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: b
         return scale[..., None] * velocities
     # every length scales with the spacing; the prestress alone enters the shape of the tensor
     velocities, _ = lattice.sound_velocities(direction, _prestress(state))
-    return (scale * (1.0 - state.relative_overlap))[..., None] * velocities
+    return np.asarray((scale * (1.0 - state.relative_overlap))[..., None] * velocities)
 
 
 # -- validity -------------------------------------------------------------------------------------------------------
@@ -117,9 +117,8 @@ class Check(Result):
         worst = float(np.max(self.value))
         count = int(np.size(self.ok))
         where = "" if np.ndim(self.value) == 0 else f" (worst of {int(count - np.sum(self.ok))} loads out of {count})"
-        return (
-            f"{self.meaning} is {worst:.4g}{where}, {worst / self.limit:.4g} times the limit of {self.limit:g}: {self.reason}"
-        )
+        excess = f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
+        return f"{self.meaning} is {worst:.4g}{where}, {excess}: {self.reason}"
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,7 @@ class Packing:
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
         lattice_named(self.lattice)
         if self.spread is not None:
-            raise InputError(
-                message("spread is given", "This version knows equal balls only", "Leave spread out")
-            )
+            raise InputError(message("spread is given", "This version knows equal balls only", "Leave spread out"))
         if not isinstance(self.friction, bool):
             raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
 

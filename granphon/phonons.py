@@ -1,1 +1,490 @@
-"""placeholder while being written"""
+"""The bridge to phonopy: force constants in, spectra and files out.
+
+The ball's three degrees of freedom sit in phonopy's x, y, z as (u_x, u_y, w), w = R_g phi. w is axial and not changed by a
+translation of the lattice, so whatever symmetrises force constants, or enforces their sum rule, is wrong here:
+:class:`ContactPhonopy` refuses it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal, NoReturn
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+from phonopy import Phonopy
+from phonopy.phonon.mesh import Mesh
+from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
+from phonopy.physical_units import get_physical_units
+from phonopy.structure.atoms import PhonopyAtoms
+
+from granphon.calculator import BALL, HertzMindlin
+from granphon.calculator import atoms as lattice_atoms
+from granphon.errors import InputError, InstabilityError, UnsupportedError, message
+from granphon.lattice import ContactLattice
+from granphon.medium import ContactState
+from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path
+from granphon.units import HertzPrefix, Units
+
+__all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
+
+Array = NDArray[np.float64]
+
+_SYMMETRY = "it imposes the sum rule or the space group of three translations, and the third coordinate is a rotation"
+_DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
+_QUANTA = "it takes frequencies for THz and the third coordinate for a displacement"
+_VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
+_FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
+_CHARGE = "balls carry no charge"
+_UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
+
+#: methods of phonopy.Phonopy that would give a wrong answer, and why
+REFUSED: dict[str, str] = {
+    **dict.fromkeys(("symmetrize_force_constants", "symmetrize_force_constants_by_space_group"), _SYMMETRY),
+    **dict.fromkeys(("set_irreps", "run_irreps"), _SYMMETRY),
+    **dict.fromkeys(
+        ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
+        _DATASET,
+    ),
+    **dict.fromkeys(
+        (
+            "run_thermal_properties", "run_thermal_displacements", "run_thermal_displacement_matrices",
+            "init_random_displacements", "get_random_displacements_at_temperature", "init_dynamic_structure_factor",
+            "run_dynamic_structure_factor", "run_modulations", "write_animation", "set_Debye_frequency",
+        ),
+        _QUANTA,
+    ),
+    **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
+    "set_force_constants_zero_with_radius": _FIXED,
+    **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
+}  # fmt: skip
+#: attributes that may be read, and not set
+READ_ONLY: dict[str, str] = {
+    **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
+    **dict.fromkeys(("force_constants", "masses"), _FIXED),
+    "nac_params": _CHARGE,
+}
+
+#: exported force constants are multiplied by this, so that phonopy's fixed decimals keep every digit
+_EXPORT_SCALE = 2.0**30
+#: symbol, place and mass (in balls) of the auxiliary atom of an export, see Phonons.save
+_AUXILIARY = "He"
+_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
+_AUXILIARY_MASS = 1e16
+#: part of the top frequency below which phonopy's eigenvalues have lost digits that C(q) still has
+_RESOLVED = 1e-3
+
+
+def _refuse(name: str, reason: str) -> Any:
+    def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
+        raise UnsupportedError(message(f"Phonopy.{name} is not available for contacts with rotations", reason))
+
+    method.__name__ = name
+    method.__doc__ = f"Raises UnsupportedError: {reason}."
+    return method
+
+
+class ContactPhonopy(Phonopy):  # type: ignore[misc]
+    """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
+
+    def give_force_constants(self, force_constants: Array) -> None:
+        """Set the force constants, once, by the calculator that knows them."""
+        Phonopy.force_constants.fset(self, force_constants)
+
+
+for _name, _reason in REFUSED.items():
+    setattr(ContactPhonopy, _name, _refuse(_name, _reason))
+for _name, _reason in READ_ONLY.items():
+    _base = getattr(Phonopy, _name)
+    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} cannot be set: it", _reason), doc=_base.__doc__))
+
+
+class Phonons:
+    """Phonons of balls in a given state of contact.
+
+    Parameters
+    ----------
+    state : at one load.
+    atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
+        default one cell of the lattice.
+    finite_overlap : keep the terms of relative order delta/d.
+    dim : (n1, n2), or (n1, n2, 1), cells of the supercell for force constants; by default as few as keep contacts apart.
+
+    Attributes
+    ----------
+    state, atoms, scales : as given; the scales of reduced units.
+    lattice : the :class:`~granphon.lattice.ContactLattice` of the cell, whose C(q) gives velocities and limits.
+    phonopy : the :class:`ContactPhonopy` object.
+
+    Raises
+    ------
+    InputError : several loads; atoms of other scales; a ``dim`` so small that contacts would be confused.
+    """
+
+    def __init__(
+        self,
+        state: ContactState,
+        atoms: Atoms | None = None,
+        finite_overlap: bool = False,
+        dim: Sequence[int] | None = None,
+    ) -> None:
+        self.state = state
+        self.scales: Units = state.scales
+        self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
+        self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
+        self._check_scales()
+        self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
+        self.dim = self._dim(dim)
+        self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
+
+    def _check_scales(self) -> None:
+        for key, value in self.scales.to_info().items():
+            given = self.atoms.info.get(key, value)
+            if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
+                raise InputError(
+                    message(
+                        f"the Atoms have {key} = {given}, the state {value}",
+                        "They are in the reduced units of another state",
+                        "Use the state they were made from, or gp.atoms of this one",
+                    )
+                )
+
+    def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
+        cell, contact = self.lattice.cell, float(self.lattice.contacts.spacing.max())
+        if given is None:
+            n1 = n2 = 1
+            while not _contacts_apart(cell, (n1, n2), contact):
+                # lengthen the shorter side, so that the supercell stays as round as the cell allows
+                if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
+                    n1 += 1
+                else:
+                    n2 += 1
+            return (max(n1, n2),) * 2 if len(self.atoms) == 1 else (n1, n2)
+        dim = [int(n) for n in given]
+        if len(dim) not in (2, 3) or any(n < 1 for n in dim) or any(n != 1 for n in dim[2:]) or list(given) != dim:
+            raise InputError(message(f"dim is {given!r}", mend="Give two whole numbers above zero, and 1 as the third"))
+        if not _contacts_apart(cell, (dim[0], dim[1]), contact):
+            raise InputError(
+                message(
+                    f"a supercell of {dim[0]} x {dim[1]} cells is too small",
+                    "Two balls would touch through more than one image, and their contacts be confused",
+                    "Use at least {} x {}".format(*self._dim(None)),
+                )
+            )
+        return dim[0], dim[1]
+
+    # -- phonopy ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def phonopy(self) -> ContactPhonopy:
+        """The Phonopy object, in reduced units (frequencies in (k/M)^1/2), symmetry off.
+
+        Its force constants are those of the calculator. What may be done with it is listed in the documentation; methods
+        that would give a wrong answer raise :class:`~granphon.errors.UnsupportedError`.
+        """
+        bridge = ContactPhonopy(
+            self._phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
+        )
+        bridge.unit_conversion_factor = 1.0
+        bridge.give_force_constants(self._force_constants(bridge))
+        return bridge
+
+    def _phonopy_cell(self) -> PhonopyAtoms:
+        return PhonopyAtoms(
+            symbols=[BALL] * len(self.atoms), cell=np.asarray(self.atoms.cell), masses=self.atoms.get_masses(),
+            scaled_positions=self.atoms.get_scaled_positions(wrap=False),
+        )  # fmt: skip
+
+    def _force_constants(self, bridge: Phonopy) -> Array:
+        """(n, n_supercell, 3, 3): the calculator's, of phonopy's supercell."""
+        cells = bridge.supercell
+        of_cell = np.array([cells.u2u_map[s] for s in cells.s2u_map])
+        balls = self.atoms[of_cell]
+        balls.set_cell(cells.cell)
+        # phonopy may have wrapped a ball: keep its place, and its neighbours find it
+        balls.set_scaled_positions(cells.scaled_positions)
+        n, first = len(balls), bridge.primitive.p2s_map
+        matrix: Any = self.calculator.get_force_constants(balls, format="csr")
+        rows = (3 * np.asarray(first)[:, None] + np.arange(3)).ravel()
+        compact = matrix[rows].toarray().reshape(len(first), 3, n, 3).transpose(0, 2, 1, 3)
+        return np.ascontiguousarray(compact)
+
+    def _eigen(self, qpoints: Array, vectors: bool = False) -> tuple[Array, NDArray[Any] | None]:
+        """Reduced frequencies, and eigenvectors if wanted, of phonopy's dynamical matrices."""
+        run = self.phonopy.run_qpoints(qpoints, with_dynamical_matrices=True)
+        matrices = np.asarray(run.dynamical_matrices)[:, self._xyw[:, None], self._xyw[None, :]]
+        if vectors:
+            squared, modes = np.linalg.eigh(matrices)
+        else:
+            squared, modes = np.linalg.eigvalsh(matrices), None
+        top = squared.max()
+        if squared.min() < -1e-12 * max(top, 1e-300):
+            raise InstabilityError(
+                message(
+                    f"a squared frequency is negative ({squared.min():.3g} k/M)",
+                    "The state is no minimum of the energy",
+                    "Lower the load, or leave finite_overlap off",
+                )
+            )
+        values = np.sqrt(np.maximum(squared, 0.0))
+        # an eigenvalue is exact to rounding of the largest; C(q) keeps the digits that phonopy's D(q) has lost
+        faint = values < _RESOLVED * np.sqrt(top)
+        rows = np.flatnonzero(faint.any(axis=1))
+        if rows.size:
+            exact = self.lattice.frequencies(self.lattice.wavevectors(qpoints[rows]))
+            values[rows] = np.where(faint[rows], exact, values[rows])
+        return values, modes
+
+    # -- spectra ----------------------------------------------------------------------------------------------------
+
+    def frequencies(self, qpoints: ArrayLike) -> Array:
+        """Frequencies (n_q, n_branches) in Hz, ascending, at ``qpoints`` (n_q, 2 or 3) in fractions of the reciprocal cell.
+
+        Raises :class:`~granphon.errors.InstabilityError` if a squared frequency is negative.
+        """
+        return self._eigen(_qpoints(qpoints))[0] * self.scales.frequency
+
+    def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
+        """Frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
+
+        ``direction`` (Cartesian) resolves branches that touch and the limit at Gamma, where it is required.
+        """
+        q = self.lattice.wavevectors(_qpoints(qpoints))
+        return PhononModes.of(self.lattice.modes(q, direction), self.scales)
+
+    @property
+    def special_points(self) -> dict[str, Array]:
+        """The special points of the cell's Brillouin zone, by ASE's letters, in fractions of the reciprocal cell."""
+        points = self.atoms.cell.bandpath(npoints=0, pbc=self.atoms.pbc).special_points
+        return {name: np.asarray(point) for name, point in points.items()}
+
+    def bands(
+        self,
+        path: str | ArrayLike | Sequence[ArrayLike] = "GKMG",
+        npoints: int = 101,
+        labels: Sequence[str] | None = None,
+    ) -> Bands:
+        """Band structure along a path.
+
+        Parameters
+        ----------
+        path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
+            reciprocal cell.
+        npoints : points in each segment, both ends counted.
+        labels : of the corners, when they are given in numbers.
+        """
+        letters = self.special_points if isinstance(path, str) else {}
+        segments, ticks = band_path(path, npoints, letters, labels)
+        s, p, _ = segments.shape
+        q = self.lattice.wavevectors(segments)  # (s, p, 2)
+        steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
+        distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
+        distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
+        values, _ = self._eigen(segments.reshape(-1, 3))
+        along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
+        modes = self.lattice.modes(q.reshape(-1, 2), along)
+        b = self.lattice.n_branches
+        return Bands(
+            segments, distances, values.reshape(s, p, b) * self.scales.frequency,
+            modes.group_velocities.reshape(s, p, b, 2) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
+            ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
+            self.scales,
+        )  # fmt: skip
+
+    def dos(
+        self,
+        mesh: Sequence[int] = (64, 64),
+        method: Literal["tetrahedron", "smearing"] = "tetrahedron",
+        sigma: float | None = None,
+        points: int = 501,
+    ) -> DensityOfStates:
+        """Density of states, split into translation and rotation.
+
+        Parameters
+        ----------
+        mesh : (n1, n2), or (n1, n2, 1), Gamma-centred; reduced by the symmetry of the layer.
+        method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
+        sigma : width of the Gaussian, Hz; by default a hundredth of the top frequency.
+        points : frequencies, from zero to just above the top.
+        """
+        numbers = [int(n) for n in mesh]
+        if len(numbers) not in (2, 3) or any(n < 1 for n in numbers) or any(n != 1 for n in numbers[2:]):
+            raise InputError(message(f"mesh is {mesh!r}", mend="Give two whole numbers above zero, and 1 as the third"))
+        if method not in ("tetrahedron", "smearing"):
+            raise InputError(message(f"method is {method!r}", mend="Use tetrahedron or smearing"))
+        if points < 2:
+            raise InputError(message(f"points is {points!r}", mend="Give 2 or more"))
+        grid = self._mesh((numbers[0], numbers[1]))
+        values, vectors = self._eigen(grid.qpoints, vectors=True)
+        motion = np.abs(np.asarray(vectors)) ** 2
+        per_ball = motion.reshape(len(values), len(self.atoms), self.lattice.dofs_per_ball, -1)
+        rotation = per_ball[:, :, 2].sum(axis=1) if self.lattice.rotates else np.zeros_like(values)
+        parts = np.stack([per_ball[:, :, :2].sum(axis=(1, 2)), rotation])  # (2, n_q, n_branches)
+        top = float(values.max())
+        at = np.linspace(0.0, 1.02 * top, points)
+        if method == "tetrahedron":
+            if sigma is not None:
+                raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
+            density = TetrahedronDOSAccumulator(
+                values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
+                ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=at,
+            ).result.density[0].T  # fmt: skip
+        else:
+            width = 0.01 * top if sigma is None else float(sigma) / self.scales.frequency
+            if not (np.isfinite(width) and width > 0.0):
+                raise InputError(message(f"sigma is {sigma!r}", mend="Give a width above zero (Hz)"))
+            at = np.linspace(0.0, top + 5.0 * width, points)
+            density = SmearingDOSAccumulator(
+                values, grid.weights, mode_property=parts, sigma=width, sampling_points=at
+            ).result.density
+        density = density / (len(self.atoms) * self.scales.frequency)
+        return DensityOfStates(at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]))
+
+    def _mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
+        """A Gamma-centred mesh, reduced by the layer group as far as the frequencies have its symmetry."""
+        dataset = self._layer_dataset() if reduce else None
+        if dataset is not None and numbers[0] != numbers[1] and np.any(dataset.rotations[:, [0, 1], [1, 0]] != 0):
+            dataset = None  # a rotation that mixes the axes does not map this mesh on itself
+        symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
+        return Mesh(
+            self.phonopy.dynamical_matrix, [*numbers, 1], is_gamma_center=True,
+            is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
+        )  # fmt: skip
+
+    def _layer_dataset(self) -> Any:
+        """spglib's dataset of the layer group, or None where the frequencies do not have that symmetry."""
+        import spglib
+
+        scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
+        _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
+        cell = (np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
+        try:
+            dataset = spglib.get_symmetry_layerdataset(cell, aperiodic_dir=2, symprec=1e-5)
+        except spglib.SpglibError:
+            return None
+        if dataset is None:
+            return None
+        # spglib sees where the balls are, not how stiff the contacts are: ask the frequencies themselves
+        generic = np.array([0.1234, 0.2871, 0.0])
+        images = np.einsum("rji,j->ri", dataset.rotations, generic)
+        values = self.lattice.frequencies(self.lattice.wavevectors(images))
+        return dataset if np.ptp(values, axis=0).max() <= 1e-10 * values.max() else None
+
+    # -- files ------------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str] = "phonopy_params.yaml") -> None:
+        """Write the force constants for phonopy, readable by its command with no option, and by Euphonic.
+
+        On loading, phonopy symmetrises force constants and takes frequencies for THz. The file is made so that both do no
+        harm: one very heavy auxiliary atom at a general position carries what the sum rule lacks and lowers the symmetry to
+        P1, at the price of three flat bands at zero; the masses are such that phonopy's "THz" are the decimal unit of hertz
+        in which the top frequency lies between 1 and 1000. The file names that unit under ``granphon``, with the scales.
+
+        :func:`load_phonopy` reads it back without the auxiliary atom.
+        """
+        unit = HertzPrefix.for_top(self._top * self.scales.frequency)
+        per_frequency = self.scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
+        mass = _EXPORT_SCALE / per_frequency**2
+        n = len(self.atoms)
+        masses = self.atoms.get_masses()
+        cell = PhonopyAtoms(
+            symbols=[BALL] * n + [_AUXILIARY], cell=np.asarray(self.atoms.cell),
+            scaled_positions=np.vstack([self.atoms.get_scaled_positions(wrap=False), _AUXILIARY_PLACE]),
+            masses=np.append(masses * mass, _AUXILIARY_MASS * mass),
+        )  # fmt: skip
+        export = Phonopy(cell, np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0)
+        export.force_constants = self._with_auxiliary(export) * _EXPORT_SCALE
+        # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
+        export.unit_conversion_factor = export.unit_conversion_factor
+        head = [
+            "granphon:", "  schema: 1", f"  version: {version('granphon')}", f"  frequency_unit: {unit.name}",
+            f"  hertz: {unit.hertz!r}", "  coordinates: [x, y, w = R_g phi]",
+            *(f"  {key}: {value!r}" for key, value in self.scales.to_info().items()),
+            f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}",
+            "  zero_bands: " + ("3" if self.lattice.rotates else str(3 + n)), "  masses:",
+            *(f"  - {float(m)!r}" for m in masses), "",
+        ]  # fmt: skip
+        text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
+        Path(path).write_text(text, encoding="utf-8")
+
+    def _with_auxiliary(self, export: Phonopy) -> Array:
+        """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
+        own = self.phonopy.force_constants
+        n, cells = own.shape[0], own.shape[1] // own.shape[0]
+        total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
+        out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
+        # phonopy orders a supercell by atom, then by cell
+        out[:n, : n * cells] = own
+        first = [int(s) for s in export.primitive.p2s_map]
+        auxiliary = first[n]
+        out[:n, auxiliary] = -total
+        for ball in range(n):
+            out[n, first[ball]] = -total[ball].T
+        back = total.sum(axis=0).T
+        out[n, auxiliary] = 0.5 * (back + back.T)
+        return out
+
+    @cached_property
+    def _top(self) -> float:
+        """Highest reduced frequency on a coarse mesh that holds Gamma, K and M."""
+        grid = np.stack(np.meshgrid(*[np.arange(12) / 12.0] * 2), axis=-1).reshape(-1, 2)
+        if len(self.atoms) > 8:
+            grid = grid[:1]  # the top of a large cell is folded back to Gamma
+        return float(self.lattice.frequencies(self.lattice.wavevectors(grid)).max())
+
+
+def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
+    """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
+
+    Raises :class:`~granphon.errors.InputError` if the file is not granphon's.
+    """
+    import phonopy
+    from ruamel.yaml import YAML
+
+    text = Path(path).read_text(encoding="utf-8")
+    head = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0]) if text.startswith("granphon:") else None
+    if not isinstance(head, dict):
+        raise InputError(message(f"{path} is not a phonopy_params.yaml written by granphon"))
+    own = head["granphon"]
+    loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
+    n = len(loaded.primitive) - 1
+    matrix = np.asarray(loaded.supercell_matrix)
+    cells = len(loaded.supercell) // len(loaded.unitcell)
+    cell = PhonopyAtoms(
+        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=[float(m) for m in own["masses"]],
+        scaled_positions=loaded.unitcell.scaled_positions[:n],
+    )  # fmt: skip
+    bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+    bridge.unit_conversion_factor = 1.0
+    constants = loaded.force_constants
+    if constants.shape[0] != n + 1:
+        constants = constants[loaded.primitive.p2s_map]
+    bridge.give_force_constants(constants[:n, : n * cells] / float(own["force_constants_scale"]))
+    return bridge, Units.from_info(own)
+
+
+def _contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
+    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
+
+    A period longer than twice the contact makes its other images longer ways round.
+    """
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    periods = steps[np.any(steps != 0, axis=1)] @ (cell * np.array(dim)[:, None])
+    return bool(np.linalg.norm(periods, axis=1).min() > 2.0 * (1.0 + 1e-6) * contact)
+
+
+def _qpoints(qpoints: ArrayLike) -> Array:
+    """(n, 3) points in the plane; InputError if they are not."""
+    q = np.asarray(qpoints, float)
+    if q.ndim != 2 or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
+        raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
+    q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
+    if np.any(q[:, 2] != 0.0):
+        raise InputError(message("a q point lies out of the plane", "The array is one layer", "Set the third number to 0"))
+    return q

@@ -1,0 +1,337 @@
+"""Balls as an ``ase.Atoms``, and the calculator of their contacts.
+
+Atoms are in reduced units (d = k = M = 1); the scales are in ``atoms.info`` (see :class:`granphon.units.Units`). Arrays on
+the Atoms, all optional and zero (radius: 1/2) when absent:
+
+``diameter_deviations``  (N,) d_i - <d>.
+``displacements``        (N, 3) from the reference site; the part of the state that force constants use.
+``rotations``            (N,) angle phi about z, rad.
+``radius``               (N,) d_i/2, for programs that draw balls.
+
+A contact's reference direction is the nearest contact vector of the lattice, so nothing else needs to be stored: slip,
+which is measured from the reference sites, does not depend on where the lattice as a whole is.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from ase import Atoms
+from ase.calculators.calculator import Calculator, all_changes
+from ase.neighborlist import neighbor_list
+from numpy.typing import NDArray
+
+from granphon.compatibility import GYRATION
+from granphon.errors import InputError, PrecisionError, message
+from granphon.geometry import ContactTable
+from granphon.lattice import ContactLattice
+from granphon.medium import ContactState
+from granphon.results import read_only
+from granphon.units import Units
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+__all__ = ["BALL", "HertzMindlin", "atoms"]
+
+Array = NDArray[np.float64]
+#: chemical symbol that stands for a ball; its mass is always given
+BALL = "Fe"
+#: least delta/d at which positions still hold six digits of the overlap
+_LEAST_OVERLAP = 1e-10
+#: how far, in spacings, a pair may be from the lattice's contact vector
+_CATCH = 0.25
+_SCALARS = ("diameter_deviations", "rotations")
+
+
+def atoms(state: ContactState, finite_overlap: bool = False) -> Atoms:
+    """One cell of the lattice in ``state``, as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
+
+    In reduced units, in ASE's HEX2D cell (120 degrees) for the triangular lattice, one diameter thick, periodic in the
+    plane. ``finite_overlap`` shrinks the cell to the spacing a = d - delta. The state must be at one load
+    (:class:`~granphon.errors.InputError`).
+    """
+    scales = state.scales
+    lattice = state.packing.structure
+    spacing = 1.0 - state.relative_overlap if finite_overlap else 1.0
+    cell = np.eye(3)
+    cell[:2, :2] = lattice.vectors * spacing
+    positions = np.zeros((lattice.n_balls, 3))
+    positions[:, :2] = lattice.positions * spacing
+    balls = Atoms(
+        [BALL] * lattice.n_balls,
+        positions=positions,
+        cell=cell,
+        pbc=(True, True, False),
+        masses=np.ones(lattice.n_balls),
+    )
+    balls.info.update(scales.to_info())
+    balls.set_array("diameter_deviations", np.zeros(lattice.n_balls))
+    balls.set_array("displacements", np.zeros((lattice.n_balls, 3)))
+    balls.set_array("rotations", np.zeros(lattice.n_balls))
+    balls.set_array("radius", np.full(lattice.n_balls, 0.5))
+    balls.calc = HertzMindlin(state, finite_overlap=finite_overlap)
+    return balls
+
+
+class HertzMindlin(Calculator):  # type: ignore[misc]
+    """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
+
+    Energy, forces and stress follow from positions and rotations: each contact has the energy of the state's own law at its
+    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the state's kappa. Balls that are apart
+    exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
+
+    By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed; with ``finite_overlap`` it is d - |r|.
+
+    Force constants come from the state (and the arrays ``displacements`` and ``diameter_deviations``), never from positions:
+    these only tell which balls touch.
+
+    Parameters
+    ----------
+    state : at one load.
+    finite_overlap : keep the terms of relative order delta/d.
+
+    Raises
+    ------
+    InputError : unknown keywords, several loads; on use, balls that are periodic across the plane or not on a lattice.
+    PrecisionError : on use, delta/d < 1e-10: positions hold too few digits of the overlap.
+    """
+
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]
+    discard_results_on_any_change = True
+
+    def __init__(self, state: ContactState, finite_overlap: bool = False, **unknown: Any) -> None:
+        if unknown:
+            raise InputError(message(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}"))
+        super().__init__()
+        self.state = state
+        self.finite_overlap = bool(finite_overlap)
+        self.scales: Units = state.scales
+        self._overlap = float(state.relative_overlap)
+        self._eta = float(state.packing.mindlin_ratio)
+        self._spacing = 1.0 - self._overlap if finite_overlap else 1.0
+        table = state.packing.structure.contacts
+        self._directions = np.concatenate([table.normal, -table.normal])
+
+    # -- ASE's protocol ---------------------------------------------------------------------------------------------
+
+    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
+        """What has changed since the last calculation: ASE's six, and the diameters and rotations."""
+        changes: list[str] = super().check_state(atoms, tol=tol)
+        if self.atoms is not None:
+            old = self.atoms
+            changes += [
+                name
+                for name in _SCALARS
+                if len(old) != len(atoms) or not np.array_equal(_scalar(old, name), _scalar(atoms, name))
+            ]
+        return changes
+
+    def calculate(
+        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+    ) -> None:
+        """Energy (k d^2), forces (k d) and stress (k/d) of the atoms."""
+        super().calculate(atoms, properties, system_changes)
+        balls: Atoms = self.atoms
+        if self._overlap < _LEAST_OVERLAP:
+            raise PrecisionError(
+                message(
+                    f"energy, forces and stress need positions, and delta/d is {self._overlap:.3g}",
+                    f"Below {_LEAST_OVERLAP:g} positions hold too few digits of the overlap",
+                    "Use force constants, bands and velocities, which come from the state and stay exact",
+                )
+            )
+        contacts = self._deformations(balls)
+        i, j, pull, arm_i, arm_j = contacts.i, contacts.j, contacts.force_on_j, contacts.arm_i, contacts.arm_j
+        forces = np.zeros((len(balls), 3))
+        np.add.at(forces[:, :2], j, pull)
+        np.add.at(forces[:, :2], i, -pull)
+        torques = np.zeros(len(balls))
+        np.add.at(torques, i, arm_i * contacts.shear)
+        np.add.at(torques, j, arm_j * contacts.shear)
+        # the energy's derivative with respect to a strain of positions and cell, over area times one diameter
+        virial = -np.einsum("ca,cb->ab", pull, contacts.vector) / _area(balls)
+        virial = 0.5 * (virial + virial.T)
+        self._torques = torques
+        energy = float(contacts.energy.sum())
+        self.results = {
+            "energy": energy,
+            "free_energy": energy,
+            "forces": forces,
+            "stress": np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]]),
+        }
+
+    def get_torques(self, atoms: Atoms) -> Array:
+        """Torque about z on each ball, -dE/dphi, (N,), in units of k d^2."""
+        self.get_property("energy", atoms)
+        return self._torques.copy()
+
+    # -- contacts ---------------------------------------------------------------------------------------------------
+
+    def _pairs(self, balls: Atoms) -> tuple[Any, Any, Any, Array]:
+        """Each neighbouring pair once: i, j, shift (n, 2), vector (n, 2)."""
+        if balls.pbc[2]:
+            raise InputError(
+                message("the balls are periodic across the plane", "The array is one layer", "Set pbc = (True, True, False)")
+            )
+        deviations = _scalar(balls, "diameter_deviations")
+        largest = 1.0 + float(np.max(deviations, initial=0.0)) + _CATCH
+        flat = balls.copy()
+        flat.positions[:, 2] = 0.0
+        i, j, vector, shift = neighbor_list("ijDS", flat, largest)
+        once = (i < j) | ((i == j) & ((shift[:, 0] > 0) | ((shift[:, 0] == 0) & (shift[:, 1] > 0))))
+        return i[once], j[once], shift[once][:, :2], vector[once][:, :2]
+
+    def _reference(self, vector: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Normal of the lattice nearest to each pair's vector, and whether it is near enough to be that contact."""
+        nearest = np.argmax(vector @ self._directions.T, axis=1)
+        normal = self._directions[nearest]
+        return normal, np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
+
+    def _deformations(self, balls: Atoms) -> _Deformations:
+        """The contacts that are closed at the balls' positions."""
+        i, j, _, vector = self._pairs(balls)
+        deviations, angles = _scalar(balls, "diameter_deviations"), _scalar(balls, "rotations")
+        extra = 0.5 * (deviations[i] + deviations[j])
+        if self.finite_overlap and not self._eta:
+            near = np.ones(len(i), bool)
+            normal = vector / np.linalg.norm(vector, axis=1)[:, None]
+        else:
+            normal, near = self._reference(vector)
+        if self.finite_overlap:
+            distance = np.linalg.norm(vector, axis=1)
+            axis = vector / distance[:, None]
+            overlap = 1.0 + extra - distance
+        else:
+            axis = normal
+            overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
+        closed = near & (overlap > 0.0)
+        i, j, vector, normal, axis = i[closed], j[closed], vector[closed], normal[closed], axis[closed]
+        # the law is that of the medium; reduced energy, force and stiffness are in units of k d^2, k d and k
+        d, k, law = self.scales.length, self.scales.stiffness, self.state.law
+        depth = overlap[closed] * d
+        compression = law.force(depth) / (k * d)
+        energy = law.energy(depth) / (k * d * d)
+        arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
+        pull = compression[:, None] * axis
+        shear = np.zeros(len(i))
+        if self._eta:
+            tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+            slip = np.einsum("ca,ca->c", vector, tangent) - arm_i * angles[i] - arm_j * angles[j]
+            shear = self._eta * slip
+            energy = energy + 0.5 * shear * slip
+            pull = pull - shear[:, None] * tangent
+        return _Deformations(i, j, vector, energy, pull, shear, arm_i, arm_j)
+
+    def contact_lattice(self, atoms: Atoms) -> ContactLattice:
+        """The :class:`~granphon.lattice.ContactLattice` of any cell of these balls: harmonic about the state.
+
+        Contacts are those of the lattice between balls that are there; their overlap is the state's, plus the deviations of
+        the diameters, less the ``displacements``. Masses are those of the Atoms.
+
+        Raises :class:`~granphon.errors.InputError` if no contact is left.
+        """
+        displacements = atoms.arrays.get("displacements", np.zeros((len(atoms), 3)))[:, :2]
+        sites = atoms.copy()
+        sites.positions[:, :2] -= displacements
+        i, j, shift, vector = self._pairs(sites)
+        normal, near = self._reference(vector)
+        deviations = _scalar(atoms, "diameter_deviations")
+        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
+        overlap = overlap - np.einsum("ca,ca->c", normal, displacements[j] - displacements[i])
+        closed = near & (overlap > 0.0)
+        if not np.any(closed):
+            raise InputError(message("no two of these balls touch", "Their vibrations are free flights"))
+        i, j, shift, normal, overlap = i[closed], j[closed], shift[closed], normal[closed], overlap[closed]
+        d, k, law = self.scales.length, self.scales.stiffness, self.state.law
+        # at the state's own overlap these are exactly one and the state's prestress
+        same = overlap == self._overlap
+        stiffness = np.where(same, 1.0, law.stiffness(overlap * d) / k)
+        prestress = np.zeros(len(i))
+        if self.finite_overlap:
+            pressed = np.where(same, self.state.force, law.force(overlap * d)) / (k * d)
+            prestress = pressed / self._spacing
+        diameters = 1.0 + deviations
+        table = ContactTable(
+            read_only(i), read_only(j), read_only(shift), read_only(normal),
+            read_only(np.full(len(i), self._spacing)),
+            read_only(0.5 * self._spacing * diameters[i]), read_only(0.5 * self._spacing * diameters[j]),
+        )  # fmt: skip
+        return ContactLattice(
+            np.asarray(atoms.cell)[:2, :2], sites.positions[:, :2], table, self._eta,
+            stiffness=stiffness, prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
+        )  # fmt: skip
+
+    def get_force_constants(
+        self, atoms: Atoms, format: Literal["dense", "csr"] = "dense"
+    ) -> NDArray[np.float64] | csr_array[Any]:
+        """Analytic force constants of the cell, summed over its images, in (x, y, w) of each ball; units of k.
+
+        Parameters
+        ----------
+        atoms : any cell of these balls.
+        format : "dense", (N, N, 3, 3); "csr", a (3N, 3N) ``scipy.sparse.csr_array``.
+
+        Notes
+        -----
+        w = R_g phi, so that the ball's mass serves all three. Without friction the rows and columns of w are zero. In a
+        cell so small that two balls touch more than once (2 x 2 and less), contacts add up.
+        """
+        if format not in ("dense", "csr"):
+            raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
+        lattice = self.contact_lattice(atoms)
+        table, n = lattice.contacts, len(atoms)
+        rows, weights = [table.normal], [lattice.stiffness]
+        turn_i, turn_j = [np.zeros(len(table))], [np.zeros(len(table))]
+        if lattice.rotates:
+            rows, weights = [*rows, table.tangent], [*weights, lattice.mindlin_ratio * lattice.stiffness]
+            turn_i.append(-table.arm_i / lattice.gyration[table.i])
+            turn_j.append(-table.arm_j / lattice.gyration[table.j])
+        if lattice.is_prestressed:
+            rows, weights = [*rows, table.tangent], [*weights, -lattice.prestress]
+            turn_i.append(np.zeros(len(table)))
+            turn_j.append(np.zeros(len(table)))
+        # each row of C has six entries: (x, y, w) of i and of j
+        entries = np.stack(
+            [np.column_stack([-axis, left, axis, right]) for axis, left, right in zip(rows, turn_i, turn_j, strict=True)]
+        )
+        blocks = np.einsum("rc,rca,rcb->cab", np.stack(weights), entries, entries)
+        ends = np.stack([table.i, table.j], axis=1)
+        index = (3 * ends[:, :, None] + np.arange(3)).reshape(len(table), 6)
+        first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
+        second = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
+        if format == "csr":
+            from scipy.sparse import coo_array
+
+            matrix = coo_array((blocks.ravel(), (first, second)), shape=(3 * n, 3 * n)).tocsr()
+            matrix.sum_duplicates()
+            return matrix
+        dense = np.zeros((3 * n, 3 * n))
+        np.add.at(dense, (first, second), blocks.ravel())
+        return dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
+
+
+class _Deformations:
+    """Closed contacts at given positions: energies, forces on ball j, slip forces, lever arms."""
+
+    def __init__(
+        self, i: Any, j: Any, vector: Array, energy: Array, force_on_j: Array, shear: Array, arm_i: Array, arm_j: Array
+    ) -> None:
+        self.i, self.j, self.vector, self.energy = i, j, vector, energy
+        self.force_on_j, self.shear, self.arm_i, self.arm_j = force_on_j, shear, arm_i, arm_j
+
+
+def _scalar(balls: Atoms, name: str) -> Array:
+    """An array of one number per ball; zero where the Atoms have none."""
+    return np.asarray(balls.arrays.get(name, np.zeros(len(balls))), float)
+
+
+def _area(balls: Atoms) -> float:
+    """Area of the cell in the plane."""
+    area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
+    if not area > 0.0:
+        raise InputError(
+            message("the cell has no area in the plane", "Stress is force over area", "Give the cell two vectors")
+        )
+    return area

@@ -1,0 +1,342 @@
+"""Band structures and densities of states: the results, their files, and the paths through the Brillouin zone."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.branches import connect_branches
+from granphon.errors import InputError, message
+from granphon.lattice import Modes
+from granphon.results import Result
+from granphon.units import HertzPrefix, Units
+
+__all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PhononModes(Modes):
+    """:class:`~granphon.lattice.Modes` in SI units, eigenvectors as they are."""
+
+    units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
+
+    @classmethod
+    def of(cls, modes: Modes, scales: Units) -> PhononModes:
+        """The modes in the units of ``scales``."""
+        return cls(
+            modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
+            modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
+        )  # fmt: skip
+
+
+def band_path(
+    path: str | ArrayLike | Sequence[ArrayLike],
+    npoints: int,
+    special_points: Mapping[str, ArrayLike],
+    labels: Sequence[str] | None = None,
+) -> tuple[Array, tuple[str, ...]]:
+    """Points along a path through the Brillouin zone, and the labels of its corners.
+
+    Parameters
+    ----------
+    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, 2 or 3) in fractions of the
+        reciprocal cell, or a list of such arrays.
+    npoints : points in each segment, both ends counted; at least 2.
+    special_points : what the letters mean.
+    labels : one for each corner, when the path is given in numbers; by default their coordinates.
+
+    Returns
+    -------
+    qpoints : (n_segments, npoints, 3).
+    labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
+    """
+    if isinstance(npoints, bool) or int(npoints) != npoints or npoints < 2:
+        raise InputError(message(f"a segment of {npoints!r} points", mend="Give a whole number, 2 or more"))
+    pieces: list[Array] = []
+    names: list[list[str]] = []
+    if isinstance(path, str):
+        from ase.dft.kpoints import parse_path_string
+
+        for letters in parse_path_string(path):
+            unknown = [letter for letter in letters if letter not in special_points]
+            if unknown:
+                raise InputError(
+                    message(
+                        f"there is no special point {', '.join(unknown)} in this Brillouin zone",
+                        mend="Use " + ", ".join(special_points) + ", or give the path in numbers",
+                    )
+                )
+            pieces.append(np.array([special_points[letter] for letter in letters], float))
+            names.append(list(letters))
+    else:
+        given: Any = path
+        try:
+            corners = [np.asarray(given, float)]
+        except ValueError:
+            corners = [np.asarray(piece, float) for piece in given]
+        if corners[0].ndim == 3:
+            corners = list(corners[0])
+        for piece in corners:
+            if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
+                raise InputError(message("a path is a list of corners of two or three finite numbers"))
+            pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
+        flat = list(labels) if labels is not None else [_name(q) for piece in pieces for q in piece]
+        if len(flat) != sum(map(len, pieces)):
+            raise InputError(message(f"{len(flat)} labels for {sum(map(len, pieces))} corners of the path"))
+        for piece in pieces:
+            names.append(flat[: len(piece)])
+            flat = flat[len(piece) :]
+    segments: list[Array] = []
+    ticks: list[str] = []
+    for piece, name in zip(pieces, names, strict=True):
+        if len(piece) < 2:
+            raise InputError(message("a path needs at least two corners"))
+        if np.any(piece[:, 2] != 0.0):
+            raise InputError(message("the path leaves the plane", "The array is one layer", "Set the third number to 0"))
+        if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
+            raise InputError(message("two corners that follow each other on the path are the same point"))
+        for start, stop in itertools.pairwise(piece):
+            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, int(npoints))[:, None])
+            segments[-1][-1] = stop
+        if ticks:
+            ticks[-1] = ticks[-1] if ticks[-1] == name[0] else f"{ticks[-1]}|{name[0]}"
+            ticks += name[1:]
+        else:
+            ticks = list(name)
+    return np.array(segments), tuple(ticks)
+
+
+def _name(q: Array) -> str:
+    return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
+
+
+@dataclass(frozen=True)
+class Bands(Result):
+    """A band structure. Arrays run over segments, points in a segment (ends repeated, as in phonopy) and branches.
+
+    Attributes
+    ----------
+    qpoints : (s, p, 3), fractions of the reciprocal cell.
+    distances : (s, p), along the path, in 1/d without 2 pi (the paper's units, as in phonopy).
+    frequencies : (s, p, b), Hz, ascending.
+    group_velocities : (s, p, b, 2), m/s; at Gamma, and where branches touch, the limit along the path.
+    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; dofs (x, y, w) or (x, y) of each ball.
+    labels : (s + 1), of the corners.
+    cell, positions, masses : (3, 3), (n, 3) fractions, (n,), reduced: the cell the q points belong to.
+    scales : the scales of reduced units.
+    """
+
+    units = {"distances": "1/d", "frequencies": "Hz", "group_velocities": "m/s"}
+
+    qpoints: Array
+    distances: Array
+    frequencies: Array
+    group_velocities: Array
+    eigenvectors: NDArray[np.complex128]
+    labels: tuple[str, ...]
+    cell: Array
+    positions: Array
+    masses: Array
+    scales: Units
+
+    @property
+    def n_branches(self) -> int:
+        """3 for each ball with friction, 2 without."""
+        return int(self.frequencies.shape[2])
+
+    @cached_property
+    def _motion(self) -> NDArray[Any]:
+        """(s, p, n_balls, dofs of a ball, b)."""
+        s, p, dofs, b = self.eigenvectors.shape
+        return self.eigenvectors.reshape(s, p, len(self.masses), dofs // len(self.masses), b)
+
+    @property
+    def rotational_fraction(self) -> Array:
+        """(s, p, b): the part of the kinetic energy that is rotation, 0 to 1."""
+        if self._motion.shape[3] == 2:
+            return np.zeros_like(self.frequencies)
+        return np.asarray(np.sum(np.abs(self._motion[:, :, :, 2]) ** 2, axis=2))
+
+    @property
+    def longitudinal_fraction(self) -> Array:
+        """(s, p, b): the part of the kinetic energy that moves along q (along the path, at Gamma)."""
+        q = self.qpoints[..., :2] @ np.linalg.inv(self.cell[:2, :2]).T
+        ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
+        ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
+        ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+        along = np.einsum("spiab,spa->spib", self._motion[:, :, :, :2], ahead)
+        return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
+
+    @cached_property
+    def connection(self) -> NDArray[np.intp]:
+        """(s, p, b): ``np.take_along_axis(frequencies, connection, 2)`` follows branches through their crossings.
+
+        Connected by the overlap of eigenvectors inside each segment; numbered by their order at its start.
+        """
+        return np.array([connect_branches(segment) for segment in self.eigenvectors])
+
+    @property
+    def connected_frequencies(self) -> Array:
+        """(s, p, b): frequencies with each branch followed through its crossings, Hz."""
+        return np.take_along_axis(self.frequencies, self.connection, 2)
+
+    # -- phonopy's band.yaml ----------------------------------------------------------------------------------------
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write phonopy's band.yaml, with eigenvectors and group velocities, for phonopy-bandplot and Euphonic.
+
+        Frequencies are in the decimal unit of hertz in which the top one lies between 1 and 1000; the file names it. Without
+        friction there are two branches for each ball, and w is zero.
+        """
+        top = float(self.frequencies.max())
+        unit = HertzPrefix.for_top(top)
+        s, p, b = self.frequencies.shape
+        n = len(self.masses)
+        lines = [
+            "granphon:", "  schema: 1", f"  frequency_unit: {unit.name}", f"  hertz: {unit.hertz!r}",
+            "  coordinates: [x, y, w = R_g phi]",
+            *(f"  {key}: {value!r}" for key, value in self.scales.to_info().items()),
+            f"frequency_unit: {unit.name}", "calculator: granphon",
+            f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
+        ]  # fmt: skip
+        ticks = [tick.split("|") for tick in self.labels]
+        lines += ["labels:", *(f"- [ '{a[-1]}', '{z[0]}' ]" for a, z in itertools.pairwise(ticks))]
+        reciprocal = np.linalg.inv(self.cell).T
+        lines += [
+            "reciprocal_lattice:",
+            *map(_row, reciprocal),
+            f"natom: {n}",
+            "lattice:",
+            *map(_row, self.cell),
+            "points:",
+        ]
+        for place, mass in zip(self.positions, self.masses, strict=True):
+            lines += ["- symbol: Fe", f"  coordinates: [ {_numbers(place)} ]", f"  mass: {float(mass)!r}"]
+        lines.append("phonon:")
+        velocity = self.scales.length * unit.hertz
+        motion = np.zeros((s, p, n, 3, b), complex)
+        motion[:, :, :, : self._motion.shape[3]] = self._motion
+        for i in range(s):
+            for j in range(p):
+                lines += [
+                    f"- q-position: [ {_numbers(self.qpoints[i, j])} ]",
+                    f"  distance: {float(self.distances[i, j])!r}",
+                ]
+                if j in (0, p - 1):
+                    lines.append(f"  label: '{(ticks[i][-1] if j == 0 else ticks[i + 1][0])}'")
+                lines.append("  band:")
+                for k in range(b):
+                    lines += [f"  - # {k + 1}", f"    frequency: {float(self.frequencies[i, j, k] / unit.hertz)!r}"]
+                    g = np.append(self.group_velocities[i, j, k] / velocity, 0.0)
+                    lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
+                    for ball in motion[i, j, :, :, k]:
+                        lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Bands:
+        """Read a band.yaml that granphon wrote; :class:`~granphon.errors.InputError` if it is another's or damaged."""
+        from ruamel.yaml import YAML
+        from ruamel.yaml.error import YAMLError
+
+        try:
+            data = YAML(typ="safe").load(Path(path).read_text(encoding="utf-8"))
+            own = data["granphon"]
+            hertz = float(own["hertz"])
+            phonon = data["phonon"]
+            s = int(data["npath"])
+            p = len(phonon) // s
+            scales = Units.from_info(own)
+            masses = np.array([point["mass"] for point in data["points"]], float)
+            n = len(masses)
+            bands = [q["band"] for q in phonon]
+            b = len(bands[0])
+            vectors = np.array([[mode["eigenvector"] for mode in q] for q in bands], float)
+            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., : 2 if b == 2 * n else 3]
+            pairs = [[str(x) for x in pair] for pair in data["labels"]]
+            labels = [pairs[0][0]]
+            for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
+                jump = following is not None and following[0] != pair[1]
+                labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
+            velocities = np.array([[mode["group_velocity"][:2] for mode in q] for q in bands], float)
+            return cls(
+                np.array([q["q-position"] for q in phonon], float).reshape(s, p, 3),
+                np.array([q["distance"] for q in phonon], float).reshape(s, p),
+                np.array([[mode["frequency"] for mode in q] for q in bands], float).reshape(s, p, b) * hertz,
+                velocities.reshape(s, p, b, 2) * scales.length * hertz,
+                np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3),
+                tuple(labels), np.array(data["lattice"], float),
+                np.array([point["coordinates"] for point in data["points"]], float), masses, scales,
+            )  # fmt: skip
+        except (OSError, YAMLError, KeyError, IndexError, TypeError, ValueError, UnicodeDecodeError) as error:
+            if isinstance(error, OSError):
+                raise
+            raise InputError(
+                message(f"{path} is not a band.yaml written by granphon", f"{type(error).__name__}: {error}")
+            ) from None
+
+
+def _numbers(values: Any) -> str:
+    return ", ".join(repr(float(x)) for x in values)
+
+
+def _row(values: Any) -> str:
+    return f"- [ {_numbers(values)} ]"
+
+
+@dataclass(frozen=True)
+class DensityOfStates(Result):
+    """Density of states per ball and hertz; its integral is the number of branches of a ball.
+
+    Attributes
+    ----------
+    frequencies : (n,), Hz.
+    translational, rotational : (n,), 1/Hz, the parts of the density weighted with the modes' kinetic energy.
+    method : "tetrahedron" or "smearing".
+    mesh : (n1, n2).
+    """
+
+    units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
+
+    frequencies: Array
+    translational: Array
+    rotational: Array
+    method: str
+    mesh: tuple[int, int]
+
+    @property
+    def total(self) -> Array:
+        """(n,), 1/Hz."""
+        return self.translational + self.rotational
+
+    def write_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns frequency, total, translational, rotational with all digits, and their units in the head."""
+        with open(path, "w", encoding="utf-8", newline="") as stream:
+            stream.write(f"# granphon density of states, schema {self.schema}, per ball\n")
+            stream.write(f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}\n")
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(["frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz"])
+            columns = (self.frequencies, self.total, self.translational, self.rotational)
+            writer.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
+
+    @classmethod
+    def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
+        """Read what :meth:`write_csv` wrote; :class:`~granphon.errors.InputError` if it is another's or damaged."""
+        try:
+            lines = Path(path).read_text(encoding="utf-8").splitlines()
+            words = lines[1].replace(",", "").split()
+            table = np.array([[float(x) for x in line.split(",")] for line in lines[3:]])
+            return cls(table[:, 0], table[:, 2], table[:, 3], words[2], (int(words[4]), int(words[5])))
+        except (IndexError, ValueError, UnicodeDecodeError) as error:
+            raise InputError(message(f"{path} is not a density of states written by granphon", str(error))) from None
