@@ -122,7 +122,7 @@ class Check(Result):
 
 
 @dataclass(frozen=True)
-class Validity:
+class Validity(Result):
     """The conditions under which the model holds, and how far each is fulfilled."""
 
     checks: tuple[Check, ...]

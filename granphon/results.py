@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, ClassVar, Self, get_args, get_type_hints
 
 import numpy as np
 
@@ -34,7 +34,9 @@ class Result:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
+            if isinstance(value, np.generic):
+                object.__setattr__(self, field.name, value.item())
+            elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
                     object.__setattr__(self, field.name, value.item())
                 elif value.flags.writeable:
@@ -43,12 +45,10 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Plain data: the class's name, its schema, the unit of each field, and the fields.
 
-        Complex arrays become a mapping of ``real`` and ``imag`` lists.
+        Complex arrays become a mapping of ``real`` and ``imag`` lists; what a result holds (a packing, its scales) becomes a
+        mapping of its own.
         """
-        out: dict[str, Any] = {"class": type(self).__name__, "schema": self.schema, "units": dict(self.units)}
-        for field in fields(self):
-            out[field.name] = _plain(getattr(self, field.name))
-        return out
+        return {**_plain(self), "schema": self.schema, "units": dict(self.units)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -65,13 +65,13 @@ class Result:
                     mend="Update granphon",
                 )
             )
-        missing = [field.name for field in fields(cls) if field.name not in data]
-        if missing:
-            raise InputError(message(f"the {cls.__name__} data lack {', '.join(missing)}"))
-        return cls(**{field.name: _restore(data[field.name]) for field in fields(cls)})
+        restored: Self = _restore(data, cls)
+        return restored
 
 
 def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return {"class": type(value).__name__, **{f.name: _plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -83,11 +83,23 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _restore(value: Any) -> Any:
-    if isinstance(value, Mapping) and set(value) == {"real", "imag"}:
-        return np.asarray(value["real"]) + 1j * np.asarray(value["imag"])
+def _restore(value: Any, hint: Any) -> Any:
+    """Build what ``hint`` says (a dataclass, perhaps in a union or a tuple; else arrays and scalars) from plain data."""
+    if isinstance(value, Mapping):
+        if set(value) == {"real", "imag"}:
+            return np.asarray(value["real"]) + 1j * np.asarray(value["imag"])
+        candidate: Any
+        for candidate in (hint, *get_args(hint)):
+            if is_dataclass(candidate) and getattr(candidate, "__name__", "") == value.get("class"):
+                hints = get_type_hints(candidate)
+                missing = [f.name for f in fields(candidate) if f.name not in value]
+                if missing:
+                    raise InputError(message(f"the {value['class']} data lack {', '.join(missing)}"))
+                return candidate(**{f.name: _restore(value[f.name], hints[f.name]) for f in fields(candidate)})
+        raise InputError(message(f"data of a {value.get('class')!r} stand where {hint} belongs"))
     if isinstance(value, list):
-        if all(isinstance(v, str) for v in value):
-            return tuple(value)
+        inner = get_args(hint)
+        if inner and getattr(hint, "__origin__", None) is tuple:
+            return tuple(_restore(v, inner[0]) for v in value)
         return np.asarray(value)
     return value

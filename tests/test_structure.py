@@ -49,7 +49,10 @@ def test_imports_point_one_way(module):
     # Scene.run is a name of the contract, and hands over to the module that carries scenes out
     allowed = {*before, "run"} if module == "scene" else set(before)
     assert own <= allowed, f"{module} imports {own - allowed}"
-    assert not {name for name in imports(module, top_level_only=True) if name == "granphon.run"} or module in ("cli", "__main__")
+    assert not {name for name in imports(module, top_level_only=True) if name == "granphon.run"} or module in (
+        "cli",
+        "__main__",
+    )
 
 
 @pytest.mark.parametrize(("package", "homes"), BORDERS.items())
