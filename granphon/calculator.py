@@ -169,8 +169,21 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     # -- contacts ---------------------------------------------------------------------------------------------------
 
+    def _check_scales(self, balls: Atoms) -> None:
+        for key, value in self.scales.to_info().items():
+            given = balls.info.get(key, value)
+            if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
+                raise InputError(
+                    message(
+                        f"the Atoms have {key} = {given}, the state {value}",
+                        "They are in the reduced units of another state",
+                        "Use the state they were made from, or gp.atoms of this one",
+                    )
+                )
+
     def _pairs(self, balls: Atoms) -> tuple[Any, Any, Any, Array]:
         """Each neighbouring pair once: i, j, shift (n, 2), vector (n, 2)."""
+        self._check_scales(balls)
         if balls.pbc[2]:
             raise InputError(
                 message("the balls are periodic across the plane", "The array is one layer", "Set pbc = (True, True, False)")

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _DEGENERATE = 1e-9
 #: |q|d at which limits at Gamma are taken; its square is below rounding
 _NEAR_GAMMA = 1e-9
+#: columns beyond which the Jacobi iteration, whose cost grows with their square, gives way to LAPACK
+_MANY = 36
 #: softest over stiffest strain, below which a lattice is called a mechanism
 _SOFT = 1e-12
 
@@ -140,7 +142,11 @@ class ContactLattice(Compatibility):
     def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
         """Frequencies and eigenvectors in the frame."""
         if not self.is_prestressed:
-            values, right, _ = jacobi_svd(self._rows(wavevectors))
+            rows = self._rows(wavevectors)
+            if self.n_branches > _MANY:
+                _, values, adjoint = np.linalg.svd(rows, full_matrices=False)
+                return values[:, ::-1], adjoint[:, ::-1].swapaxes(1, 2).conj()
+            values, right, _ = jacobi_svd(rows)
             return values, right
         matrix, _ = self._frame_matrices(wavevectors)
         try:

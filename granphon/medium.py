@@ -50,6 +50,11 @@ class ContactState(Result):
     overlap: Values
     normal_stiffness: Values
 
+    def __getitem__(self, index: Any) -> ContactState:
+        """The state at some of the loads, as arrays are indexed."""
+        parts = [np.asarray(values)[index] for values in (self.force, self.overlap, self.normal_stiffness)]
+        return ContactState(self.packing, self.medium, self.law, *parts)
+
     @property
     def shear_stiffness(self) -> Values:
         """kappa = eta k, N/m (equation 4); zero without friction."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.branches import acoustic_branches
+from granphon.branches import AcousticBranch, acoustic_branches
 from granphon.contact import contact_radius_ratio
 from granphon.errors import InputError, UnreachableFrequencyError, message
 from granphon.geometry import as_direction
@@ -262,6 +262,22 @@ def moduli(state: ContactState, finite_overlap: bool = False) -> Moduli:
     return Moduli(scale[..., None, None] * tensor, _is_isotropic(lattice), validity(state, finite_overlap).warnings)
 
 
+def _on_branch(branch: AcousticBranch, target: Array, scale: Array) -> tuple[Array, Array]:
+    """Wavenumber and group velocity (reduced) at angular frequencies in units of ``scale``, rad/s."""
+    if np.any(target > branch.top):
+        wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
+        raise UnreachableFrequencyError(
+            message(
+                f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz in direction"
+                f" ({branch.direction[0]:.6g}, {branch.direction[1]:.6g})",
+                f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else ""),
+                "Lower the frequency, or name the branches that reach it",
+            )
+        )
+    q, slope = branch.wavenumber(target.ravel())
+    return q.reshape(target.shape), slope.reshape(target.shape)
+
+
 @dataclass(frozen=True)
 class PulseVelocities(Result):
     """Phase and group velocity of a pulse of given frequency.
@@ -322,28 +338,17 @@ def pulse_velocities(
     scale, d = _velocity_scale(state), state.packing.diameter
     target, scale = np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale)
     wavenumber, group = np.empty((2, len(names), *target.shape))
+    # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
+    parts: list[tuple[ContactState, tuple[Any, ...]]] = [(state, (...,))]
     if finite_overlap and state.shape:
-        raise InputError(
-            message(
-                "pulse velocities with finite overlap take one load",
-                "The dispersion relation itself changes with the load",
-                "Loop over the loads",
-            )
-        )
-    found = acoustic_branches(contact_lattice(state, finite_overlap), direction)
-    for row, name in enumerate(names):
-        branch = found[name]
-        if np.any(target > branch.top):
-            limit = branch.top * scale / d / (2.0 * np.pi)
-            raise UnreachableFrequencyError(
-                message(
-                    f"the {name} branch does not reach {float(np.max(hertz)):.6g} Hz in direction {tuple(branch.direction)}",
-                    f"It ends at {float(np.min(limit)):.6g} Hz" + (", at the least load" if state.shape else ""),
-                    "Lower the frequency, or name the branches that reach it",
-                )
-            )
-        q, slope = branch.wavenumber(target.ravel())
-        wavenumber[row], group[row] = q.reshape(target.shape), slope.reshape(target.shape)
+        ones, loads = np.ones(target.shape), (state.force, state.overlap, state.normal_stiffness)
+        every = ContactState(state.packing, state.medium, state.law, *(ones * x for x in loads))
+        parts = [(every[index], index) for index in np.ndindex(target.shape)]
+    for part, index in parts:
+        found = acoustic_branches(contact_lattice(part, finite_overlap), direction)
+        for row, name in enumerate(names):
+            q, slope = _on_branch(found[name], np.asarray(target[index]), np.asarray(scale[index] / d))
+            wavenumber[(row, *index)], group[(row, *index)] = q, slope
     return PulseVelocities(
         names, target / wavenumber * scale, group * scale, wavenumber / d, hertz, as_direction(direction),
         validity(state, finite_overlap).warnings,

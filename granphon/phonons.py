@@ -138,22 +138,9 @@ class Phonons:
         self.scales: Units = state.scales
         self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
         self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
-        self._check_scales()
         self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
         self.dim = self._dim(dim)
         self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
-
-    def _check_scales(self) -> None:
-        for key, value in self.scales.to_info().items():
-            given = self.atoms.info.get(key, value)
-            if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
-                raise InputError(
-                    message(
-                        f"the Atoms have {key} = {given}, the state {value}",
-                        "They are in the reduced units of another state",
-                        "Use the state they were made from, or gp.atoms of this one",
-                    )
-                )
 
     def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
         cell, contact = self.lattice.cell, float(self.lattice.contacts.spacing.max())

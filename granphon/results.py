@@ -88,14 +88,14 @@ def _restore(value: Any, hint: Any) -> Any:
     if isinstance(value, Mapping):
         if set(value) == {"real", "imag"}:
             return np.asarray(value["real"]) + 1j * np.asarray(value["imag"])
-        candidate: Any
         for candidate in (hint, *get_args(hint)):
             if is_dataclass(candidate) and getattr(candidate, "__name__", "") == value.get("class"):
-                hints = get_type_hints(candidate)
-                missing = [f.name for f in fields(candidate) if f.name not in value]
+                build: Any = candidate
+                hints = get_type_hints(build)
+                missing = [f.name for f in fields(build) if f.name not in value]
                 if missing:
                     raise InputError(message(f"the {value['class']} data lack {', '.join(missing)}"))
-                return candidate(**{f.name: _restore(value[f.name], hints[f.name]) for f in fields(candidate)})
+                return build(**{f.name: _restore(value[f.name], hints[f.name]) for f in fields(build)})
         raise InputError(message(f"data of a {value.get('class')!r} stand where {hint} belongs"))
     if isinstance(value, list):
         inner = get_args(hint)

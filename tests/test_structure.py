@@ -15,8 +15,8 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "units", "results", "progress", "files", "contact", "geometry", "packing", "jacobi", "compatibility", "lattice",
-    "branches", "medium", "observables", "calculator", "spectra", "phonons", "quantities", "scene", "plot", "run", "cli",
+    "errors", "units", "results", "progress", "files", "contact", "geometry", "packing", "jacobi", "compatibility",
+    "lattice", "branches", "medium", "observables", "calculator", "spectra", "phonons", "quantities", "scene", "plot", "run", "cli",
     "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
