@@ -7,6 +7,7 @@ at q -> 0. Everything is in reduced units: length d, stiffness k, mass M.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -98,7 +99,8 @@ class ContactLattice(Compatibility):
 
         Raises :class:`~granphon.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
-        return self._solve(wavevectors)[0]
+        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        return np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
         """Frequencies, eigenvectors and group velocities at each wave vector.
@@ -126,7 +128,8 @@ class ContactLattice(Compatibility):
             along = np.broadcast_to(as_direction(direction), q.shape)
         # at Gamma itself everything is its limit along the direction
         near = np.where((length == 0.0)[:, None], _NEAR_GAMMA * along, q)
-        values, vectors, velocities = self._solve_with_velocities(near, along)
+        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
+        values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         at_gamma = length == 0.0
         if np.any(at_gamma):
             exact = self.frequencies(np.zeros((1, 2)))[0]
@@ -166,36 +169,50 @@ class ContactLattice(Compatibility):
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
         values, vectors = self._solve(q)
-        if self.is_prestressed:
-            _, gradient = self._frame_matrices(q)
-
-            def slopes(row: Any, v: NDArray[Any]) -> NDArray[Any]:
-                # <v|dD/dq|v> / 2 omega
-                return np.asarray(np.einsum("...mb,...amn,...nc->...abc", v.conj(), gradient[row], v))
-
-            scale = 2.0 * values
-        else:
-            rows, slope = self._rows(q), self._rows(q, derivative=True)
-            vector = self._half_vectors(rows)
-
-            def slopes(row: Any, v: NDArray[Any]) -> NDArray[Any]:
-                # Hermitian part of <C v|dC/dq v> / omega
-                left, right = rows[row] @ v, slope[row] @ v
-                half = np.einsum("...rb,ra,...rc->...abc", left.conj(), vector, right)
-                return np.asarray(0.5 * (half + half.swapaxes(-1, -2).conj()))
-
-            scale = values
+        slopes = self._slopes_of_dynamical_matrix(q) if self.is_prestressed else self._slopes_of_compatibility(q)
         close = np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]
-        for row in np.flatnonzero(close.any(axis=1)):
-            edges = np.flatnonzero(~np.concatenate([[False], close[row], [False]]))
+        for point in np.flatnonzero(close.any(axis=1)):
+            edges = np.flatnonzero(~np.concatenate([[False], close[point], [False]]))
             for start, stop in itertools.pairwise(edges):
                 if stop - start > 1:
-                    block = vectors[row][:, start:stop]
-                    turn = np.einsum("abc,a->bc", slopes(row, block), along[row])
-                    vectors[row][:, start:stop] = block @ np.linalg.eigh(turn)[1]
-        diagonal = np.einsum("qabb->qba", slopes(slice(None), vectors)).real
-        positive = np.where(values > 0.0, scale, 1.0)[..., None]
-        return values, vectors, np.where(values[..., None] > 0.0, diagonal / positive, 0.0)
+                    block = vectors[point][:, start:stop]
+                    turn = np.einsum("abc,a->bc", slopes(point, block), along[point])
+                    vectors[point][:, start:stop] = block @ np.linalg.eigh(turn)[1]
+        # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
+        twice = np.where(values > 0.0, 2.0 * values, np.inf)
+        diagonal = slopes(slice(None), vectors, diagonal=True)
+        return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
+
+    def _slopes_of_compatibility(self, q: Array) -> Callable[..., NDArray[Any]]:
+        """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too."""
+        rows, slope = self._rows(q), self._rows(q, derivative=True)
+        half = self._half_vectors(rows)
+
+        def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
+            left, right = (rows[point] @ v).conj(), slope[point] @ v
+            if diagonal:
+                return np.asarray(2.0 * np.einsum("ra,qrb->qab", half, (left * right).real))
+            one = np.einsum("rb,ra,rc->abc", left, half, right)
+            return np.asarray(one + one.swapaxes(-1, -2).conj())
+
+        return slopes
+
+    def _slopes_of_dynamical_matrix(self, q: Array) -> Callable[..., NDArray[Any]]:
+        """<v_b| dD/dq_a |v_c>, prestress included."""
+        _, gradient = self._frame_matrices(q)
+
+        def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
+            turned = gradient[point] @ v[..., None, :, :]
+            if diagonal:
+                return np.asarray(np.einsum("qmb,qamb->qab", v.conj(), turned).real)
+            return np.asarray(np.einsum("mb,amc->abc", v.conj(), turned))
+
+        return slopes
+
+    def _blocks(self, count: int) -> list[slice]:
+        """Parts of ``count`` wave vectors small enough for the memory (about 64 MB an array)."""
+        size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
+        return [slice(start, start + size) for start in range(0, max(count, 1), size)]
 
     # -- long waves -------------------------------------------------------------------------------------------------
 
