@@ -42,6 +42,8 @@ class Packing:
         lattice_named(self.lattice)
         if self.spread is not None:
             raise InputError(message("spread is given", "This version knows equal balls only", "Leave spread out"))
+        if not (0.0 < self.mass < math.inf and 0.0 < self.law.coefficient < math.inf):
+            raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision"))
         if not isinstance(self.friction, bool):
             raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
 

@@ -29,6 +29,7 @@ from granphon.calculator import atoms as lattice_atoms
 from granphon.errors import InputError, InstabilityError, UnsupportedError, message
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
+from granphon.observables import validity
 from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path
 from granphon.units import HertzPrefix, Units
 
@@ -83,7 +84,7 @@ _RESOLVED = 1e-3
 
 def _refuse(name: str, reason: str) -> Any:
     def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
-        raise UnsupportedError(message(f"Phonopy.{name} is not available for contacts with rotations", reason))
+        raise UnsupportedError(message(f"Phonopy.{name} is refused for balls in contact: {reason}"))
 
     method.__name__ = name
     method.__doc__ = f"Raises UnsupportedError: {reason}."
@@ -102,7 +103,7 @@ for _name, _reason in REFUSED.items():
     setattr(ContactPhonopy, _name, _refuse(_name, _reason))
 for _name, _reason in READ_ONLY.items():
     _base = getattr(Phonopy, _name)
-    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} cannot be set: it", _reason), doc=_base.__doc__))
+    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
 
 
 class Phonons:
@@ -125,6 +126,7 @@ class Phonons:
     Raises
     ------
     InputError : several loads; atoms of other scales; a ``dim`` so small that contacts would be confused.
+    MechanismError : the state's own lattice is a mechanism (atoms that are given may be one).
     """
 
     def __init__(
@@ -139,6 +141,8 @@ class Phonons:
         self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
         self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
         self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
+        if atoms is None:
+            self.lattice.require_rigid(state.packing.structure.name)
         self.dim = self._dim(dim)
         self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
 
@@ -228,6 +232,10 @@ class Phonons:
             values[rows] = np.where(faint[rows], exact, values[rows])
         return values, modes
 
+    @cached_property
+    def _warnings(self) -> tuple[str, ...]:
+        return validity(self.state).warnings
+
     # -- spectra ----------------------------------------------------------------------------------------------------
 
     def frequencies(self, qpoints: ArrayLike) -> Array:
@@ -281,7 +289,7 @@ class Phonons:
             segments, distances, values.reshape(s, p, b) * self.scales.frequency,
             modes.group_velocities.reshape(s, p, b, 2) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales,
+            self.scales, self._warnings,
         )  # fmt: skip
 
     def dos(
@@ -331,7 +339,9 @@ class Phonons:
                 values, grid.weights, mode_property=parts, sigma=width, sampling_points=at
             ).result.density
         density = density / (len(self.atoms) * self.scales.frequency)
-        return DensityOfStates(at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]))
+        return DensityOfStates(
+            at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]), self._warnings
+        )
 
     def _mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
         """A Gamma-centred mesh, reduced by the layer group as far as the frequencies have its symmetry."""

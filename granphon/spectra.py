@@ -135,6 +135,7 @@ class Bands(Result):
     labels : (s + 1), of the corners.
     cell, positions, masses : (3, 3), (n, 3) fractions, (n,), reduced: the cell the q points belong to.
     scales : the scales of reduced units.
+    warnings : limits of the model that the state exceeds.
     """
 
     units = {"distances": "1/d", "frequencies": "Hz", "group_velocities": "m/s"}
@@ -149,6 +150,7 @@ class Bands(Result):
     positions: Array
     masses: Array
     scales: Units
+    warnings: tuple[str, ...] = ()
 
     @property
     def n_branches(self) -> int:
@@ -207,6 +209,7 @@ class Bands(Result):
             "granphon:", "  schema: 1", f"  frequency_unit: {unit.name}", f"  hertz: {unit.hertz!r}",
             "  coordinates: [x, y, w = R_g phi]",
             *(f"  {key}: {value!r}" for key, value in self.scales.to_info().items()),
+            f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
         ]  # fmt: skip
@@ -277,7 +280,7 @@ class Bands(Result):
                 velocities.reshape(s, p, b, 2) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3),
                 tuple(labels), np.array(data["lattice"], float),
-                np.array([point["coordinates"] for point in data["points"]], float), masses, scales,
+                np.array([point["coordinates"] for point in data["points"]], float), masses, scales, tuple(own["warnings"]),
             )  # fmt: skip
         except (OSError, YAMLError, KeyError, IndexError, TypeError, ValueError, UnicodeDecodeError) as error:
             if isinstance(error, OSError):
@@ -305,6 +308,7 @@ class DensityOfStates(Result):
     translational, rotational : (n,), 1/Hz, the parts of the density weighted with the modes' kinetic energy.
     method : "tetrahedron" or "smearing".
     mesh : (n1, n2).
+    warnings : limits of the model that the state exceeds.
     """
 
     units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
@@ -314,6 +318,7 @@ class DensityOfStates(Result):
     rotational: Array
     method: str
     mesh: tuple[int, int]
+    warnings: tuple[str, ...] = ()
 
     @property
     def total(self) -> Array:
@@ -325,6 +330,7 @@ class DensityOfStates(Result):
         with open(path, "w", encoding="utf-8", newline="") as stream:
             stream.write(f"# granphon density of states, schema {self.schema}, per ball\n")
             stream.write(f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}\n")
+            stream.writelines(f"# warning: {warning}\n" for warning in self.warnings)
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(["frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz"])
             columns = (self.frequencies, self.total, self.translational, self.rotational)
@@ -336,7 +342,8 @@ class DensityOfStates(Result):
         try:
             lines = Path(path).read_text(encoding="utf-8").splitlines()
             words = lines[1].replace(",", "").split()
-            table = np.array([[float(x) for x in line.split(",")] for line in lines[3:]])
-            return cls(table[:, 0], table[:, 2], table[:, 3], words[2], (int(words[4]), int(words[5])))
+            warnings = tuple(line.removeprefix("# warning: ") for line in lines if line.startswith("# warning: "))
+            table = np.array([[float(x) for x in line.split(",")] for line in lines[3 + len(warnings) :]])
+            return cls(table[:, 0], table[:, 2], table[:, 3], words[2], (int(words[4]), int(words[5])), warnings)
         except (IndexError, ValueError, UnicodeDecodeError) as error:
             raise InputError(message(f"{path} is not a density of states written by granphon", str(error))) from None
