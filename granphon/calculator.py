@@ -79,7 +79,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
     Energy, forces and stress follow from positions and rotations: each contact has the energy of the state's own law at its
-    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the state's kappa. Balls that are apart
+    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the kappa it has there. Balls that are apart
     exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
 
     By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed; with ``finite_overlap`` it is d - |r|.
@@ -150,17 +150,19 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         torques = np.zeros(len(balls))
         np.add.at(torques, i, arm_i * contacts.shear)
         np.add.at(torques, j, arm_j * contacts.shear)
-        # the energy's derivative with respect to a strain of positions and cell, over area times one diameter
-        virial = -np.einsum("ca,cb->ab", pull, contacts.vector) / _area(balls)
-        virial = 0.5 * (virial + virial.T)
         self._torques = torques
         energy = float(contacts.energy.sum())
-        self.results = {
-            "energy": energy,
-            "free_energy": energy,
-            "forces": forces,
-            "stress": np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]]),
-        }
+        self.results = {"energy": energy, "free_energy": energy, "forces": forces}
+        area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
+        if area > 0.0:
+            # the energy's derivative with respect to a strain of positions and cell, over area times one diameter
+            virial = -np.einsum("ca,cb->ab", pull, contacts.vector) / area
+            virial = 0.5 * (virial + virial.T)
+            self.results["stress"] = np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]])
+        elif "stress" in properties:
+            raise InputError(
+                message("the cell has no area in the plane", "Stress is force over area", "Give it two vectors")
+            )
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Torque about z on each ball, -dE/dphi, (N,), in units of k d^2."""
@@ -232,40 +234,42 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if self._eta:
             tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
             slip = np.einsum("ca,ca->c", vector, tangent) - arm_i * angles[i] - arm_j * angles[j]
-            shear = self._eta * slip
+            # kappa is that of the reference: the energy is incremental
+            shear = self._eta * self._stiffness(self._state_overlap(balls, i, j, normal)) * slip
             energy = energy + 0.5 * shear * slip
             pull = pull - shear[:, None] * tangent
         return _Deformations(i, j, vector, energy, pull, shear, arm_i, arm_j)
+
+    def _state_overlap(self, balls: Atoms, i: Any, j: Any, normal: Array) -> Array:
+        """Reduced overlap of pairs in the reference state: the state's, plus deviations, less displacements."""
+        deviations, displacements = _scalar(balls, "diameter_deviations"), _displacements(balls)
+        approach = np.einsum("ca,ca->c", normal, displacements[j] - displacements[i])
+        return np.asarray(self._overlap + 0.5 * (deviations[i] + deviations[j]) - approach)
+
+    def _stiffness(self, overlap: Array) -> Array:
+        """Reduced normal stiffness: exactly one at the state's own overlap."""
+        stiffness = self.state.law.stiffness(overlap * self.scales.length) / self.scales.stiffness
+        return np.where(overlap == self._overlap, 1.0, stiffness)
 
     def contact_lattice(self, atoms: Atoms) -> ContactLattice:
         """The :class:`~granphon.lattice.ContactLattice` of any cell of these balls: harmonic about the state.
 
         Contacts are those of the lattice between balls that are there; their overlap is the state's, plus the deviations of
         the diameters, less the ``displacements``. Masses are those of the Atoms.
-
-        Raises :class:`~granphon.errors.InputError` if no contact is left.
         """
-        displacements = atoms.arrays.get("displacements", np.zeros((len(atoms), 3)))[:, :2]
         sites = atoms.copy()
-        sites.positions[:, :2] -= displacements
+        sites.positions[:, :2] -= _displacements(atoms)
         i, j, shift, vector = self._pairs(sites)
         normal, near = self._reference(vector)
-        deviations = _scalar(atoms, "diameter_deviations")
-        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
-        overlap = overlap - np.einsum("ca,ca->c", normal, displacements[j] - displacements[i])
+        overlap = self._state_overlap(atoms, i, j, normal)
         closed = near & (overlap > 0.0)
-        if not np.any(closed):
-            raise InputError(message("no two of these balls touch", "Their vibrations are free flights"))
         i, j, shift, normal, overlap = i[closed], j[closed], shift[closed], normal[closed], overlap[closed]
         d, k, law = self.scales.length, self.scales.stiffness, self.state.law
-        # at the state's own overlap these are exactly one and the state's prestress
-        same = overlap == self._overlap
-        stiffness = np.where(same, 1.0, law.stiffness(overlap * d) / k)
+        stiffness = self._stiffness(overlap)
         prestress = np.zeros(len(i))
         if self.finite_overlap:
-            pressed = np.where(same, self.state.force, law.force(overlap * d)) / (k * d)
-            prestress = pressed / self._spacing
-        diameters = 1.0 + deviations
+            prestress = law.force(overlap * d) / (k * d) / self._spacing
+        diameters = 1.0 + _scalar(atoms, "diameter_deviations")
         table = ContactTable(
             read_only(i), read_only(j), read_only(shift), read_only(normal),
             read_only(np.full(len(i), self._spacing)),
@@ -340,11 +344,6 @@ def _scalar(balls: Atoms, name: str) -> Array:
     return np.asarray(balls.arrays.get(name, np.zeros(len(balls))), float)
 
 
-def _area(balls: Atoms) -> float:
-    """Area of the cell in the plane."""
-    area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
-    if not area > 0.0:
-        raise InputError(
-            message("the cell has no area in the plane", "Stress is force over area", "Give the cell two vectors")
-        )
-    return area
+def _displacements(balls: Atoms) -> Array:
+    """(N, 2) displacements from the reference sites; zero where the Atoms have none."""
+    return np.asarray(balls.arrays.get("displacements", np.zeros((len(balls), 3))), float)[:, :2]

@@ -141,6 +141,8 @@ class Phonons:
         self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
         self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
         self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
+        if not len(self.lattice.contacts):
+            raise InputError(message("no two of these balls touch", "They do not vibrate: they fly"))
         if atoms is None:
             self.lattice.require_rigid(state.packing.structure.name)
         self.dim = self._dim(dim)
