@@ -79,8 +79,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
     Energy, forces and stress follow from positions and rotations: each contact has the energy of the state's own law at its
-    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the kappa it has there. Balls that are apart
-    exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
+    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the kappa it has there. Balls that
+    are apart exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
 
     By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed; with ``finite_overlap`` it is d - |r|.
 

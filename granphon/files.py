@@ -1,0 +1,398 @@
+"""Reading a text with its line numbers, and writing files whole or not at all.
+
+What is read is YAML 1.2 without its machinery: no tags, no anchors, no merging, every key once. What is written goes into
+a temporary place in the same folder first and is renamed when it is complete.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from granphon.errors import FileExistsInRunError, GranphonError, OutputError, SceneError, message
+
+__all__ = [
+    "Document",
+    "check_free",
+    "closest",
+    "dump_yaml",
+    "parse_yaml",
+    "read_text",
+    "shown",
+    "staging",
+    "versions",
+    "write_text",
+]
+
+#: the largest text that is read, bytes
+MAX_BYTES = 100_000
+#: the deepest nesting of blocks and lists that is read
+MAX_DEPTH = 12
+
+#: what is no text: control characters and lone surrogates
+_ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+Path_ = tuple[str | int, ...]
+
+
+# -- reading --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Document:
+    """Plain data read from a text, and where in the text each key stands.
+
+    Attributes
+    ----------
+    name : how messages call the text.
+    data : mappings, lists, strings, numbers, booleans and None.
+    lines : line of each key or list item, counted from 1, by its path.
+    """
+
+    name: str
+    data: Any
+    lines: Mapping[Path_, int] = field(repr=False)
+
+    def line(self, path: Sequence[str | int]) -> int:
+        """Line of the key at ``path``, or of the nearest block around it."""
+        for length in range(len(path), -1, -1):
+            if tuple(path[:length]) in self.lines:
+                return self.lines[tuple(path[:length])]
+        return 1
+
+    def error(self, path: Sequence[str | int], what: str) -> SceneError:
+        """The error ``what`` with file, line and key before it."""
+        key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in path)
+        return SceneError(f"{self.name}:{self.line(path)}: {key + ': ' if key else ''}{what}")
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a file; :class:`~granphon.errors.SceneError` if there is none to be had (or more than 100 kB)."""
+    try:
+        if os.path.isdir(path):
+            raise SceneError(message(f"{path} is a folder", mend="Give the scene file itself"))
+        with open(path, "rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise SceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
+    except (OSError, ValueError) as error:
+        raise SceneError(message(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}")) from None
+    if len(raw) > MAX_BYTES:
+        raise SceneError(
+            message(
+                f"{path} holds more than {MAX_BYTES // 1000} kB", mend="A scene is a short text; is this the right file?"
+            )
+        )
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise SceneError(
+            f"{path}:{line}: found the byte 0x{raw[error.start]:02x}, which is not text; allowed: text in UTF-8. "
+            "Is this the right file?"
+        ) from None
+
+
+def parse_yaml(text: str, name: str) -> Document:
+    """Read a YAML text.
+
+    Only mappings, lists and plain values are taken; booleans are ``true`` and ``false`` (YAML 1.2), numbers have no
+    underscores. Refused, as :class:`~granphon.errors.SceneError` with file and line: broken YAML, an empty text, a second
+    document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, control characters.
+    """
+    odd = _ODD.search(text)
+    if odd:
+        line = text.count("\n", 0, odd.start()) + 1
+        raise SceneError(f"{name}:{line}: found the character {odd[0]!r}; allowed: printable text. Is this the right file?")
+    return _Builder(text, name).document()
+
+
+class _Builder:
+    """Builds plain data from the events of the YAML parser; nothing in the text can name what is constructed."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self.text, self.name = text, name
+        self.lines: dict[Path_, int] = {}
+        self.at = 1
+
+    def document(self) -> Document:
+        self.events = self._events()
+        _, first = next(self.events), next(self.events)
+        if type(first).__name__ == "StreamEndEvent":
+            raise self._broken("found an empty text", "a scene", "'granphon init' writes one")
+        data = self._value((), 0)
+        next(self.events)
+        if type(next(self.events)).__name__ != "StreamEndEvent":
+            raise self._broken("found a second document ('---')", "one document", "Put the second into a file of its own")
+        return Document(self.name, data, self.lines)
+
+    def _events(self) -> Iterator[Any]:
+        from ruamel.yaml import YAML
+        from ruamel.yaml.error import MarkedYAMLError
+
+        try:
+            for event in YAML(typ="safe", pure=True).parse(self.text):
+                self.at = event.start_mark.line + 1
+                yield event
+        except MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            self.at = mark.line + 1 if mark is not None else self.at
+            raise self._broken(f"broken YAML, {error.problem or error.context}", "YAML", _hint(str(error.problem))) from None
+        except Exception as error:  # whatever else the parser trips over is in the text
+            raise self._broken(f"broken YAML ({error})", "YAML") from None
+
+    def _broken(self, what: str, allowed: str, mend: str = "", at: int | None = None) -> SceneError:
+        return SceneError(f"{self.name}:{at or self.at}: {what}; allowed: {allowed}." + (f" {mend}." if mend else ""))
+
+    def _value(self, path: Path_, depth: int, event: Any = None) -> Any:
+        event = event or next(self.events)
+        kind = type(event).__name__
+        self.lines.setdefault(path, self.at)
+        where = ".".join(str(p) for p in path)
+        where = f"{where}: " if where.isprintable() and where else ""
+        if kind == "AliasEvent" or getattr(event, "anchor", None) is not None:
+            raise self._broken(f"{where}found an anchor or alias (& or *)", "plain values", "Write the value out")
+        if getattr(event, "tag", None) is not None:
+            raise self._broken(f"{where}found the tag {shown(str(event.tag))}", "plain values", "Leave the tag out")
+        if depth > MAX_DEPTH:
+            raise self._broken(f"{where}found more than {MAX_DEPTH} levels of nesting", "the levels of a scene")
+        if kind == "ScalarEvent":
+            if odd := _ODD.search(event.value):
+                raise self._broken(f"{where}found the character {odd[0]!r}", "printable text")
+            return _plain(event.value) if event.implicit[0] else event.value
+        if kind == "SequenceStartEvent":
+            items: list[Any] = []
+            while type(event := next(self.events)).__name__ != "SequenceEndEvent":
+                items.append(self._value((*path, len(items)), depth + 1, event))
+            return items
+        mapping: dict[str, Any] = {}
+        while type(event := next(self.events)).__name__ != "MappingEndEvent":
+            if type(event).__name__ != "ScalarEvent":
+                raise self._broken(f"{where}found a list or block as a key", "a word")
+            key, here = event.value, (*path, event.value)
+            if key in mapping:
+                raise self._broken(
+                    f"{'.'.join(map(str, here))}: found the key twice (first on line {self.lines[here]})",
+                    "each key once", "Remove one of the two",
+                )  # fmt: skip
+            self._value(here, depth + 1, event)  # the key's own tag and anchor
+            mapping[key] = self._value(here, depth + 1)
+        return mapping
+
+
+def _hint(problem: str) -> str:
+    if "\\t" in problem or "tab" in problem:
+        return "Indent with spaces"
+    if "mapping values are not allowed" in problem:
+        return "Check the indentation, and that each key has a line of its own"
+    return ""
+
+
+def _plain(text: str) -> Any:
+    """A value written without quotes, by the core schema of YAML 1.2."""
+    if text in ("", "~", "null", "Null", "NULL"):
+        return None
+    if text.lower() in ("true", "false") and text in (text.lower(), text.upper(), text.title()):
+        return text.lower() == "true"
+    if re.fullmatch(r"[-+]?[0-9]{1,300}", text):
+        return int(text)
+    if re.fullmatch(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", text):
+        return float(text)
+    if re.fullmatch(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", text):
+        return float(text.replace(".", "", 1))
+    return text
+
+
+def shown(value: Any) -> str:
+    """``value`` as a message shows it: short, on one line, without control characters."""
+    if isinstance(value, Mapping):
+        return "a block of keys"
+    if isinstance(value, list | tuple):
+        text = "[" + ", ".join(str(v) if isinstance(v, int | float) else repr(v) for v in value[:8]) + "]"
+    elif value is None:
+        return "nothing"
+    elif isinstance(value, bool):
+        return str(value).lower()
+    else:
+        text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def closest(word: str, options: Iterable[str]) -> str | None:
+    """The one of ``options`` that ``word`` was probably meant to be, or None."""
+    known = list(options)
+    same = [option for option in known if option.lower() == word.lower()]
+    found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
+    return found[0] if found else None
+
+
+# -- writing --------------------------------------------------------------------------------------------------------
+
+
+def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
+    """``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
+
+    Mappings, lists, strings, numbers, booleans, None and whatever has ``tolist`` (numpy). Floats come back to the last bit.
+    """
+    out = []
+    for key, value in data.items():
+        plain = value.tolist() if hasattr(value, "tolist") else value
+        if isinstance(plain, Mapping) and plain:
+            out.append(f"{indent}{key}:\n{dump_yaml(plain, indent + '  ')}")
+        elif isinstance(plain, list | tuple) and any(isinstance(v, list | tuple | Mapping) for v in plain):
+            out.append(f"{indent}{key}:\n" + "".join(f"{indent}  - {_flow(v)}\n" for v in plain))
+        else:
+            out.append(f"{indent}{key}: {_flow(plain)}\n")
+    return "".join(out)
+
+
+def _flow(value: Any) -> str:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_flow(v)}" for key, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_flow(v) for v in value) + "]"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return ".nan" if math.isnan(value) else (".inf" if value > 0 else "-.inf")
+        text = repr(value)
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    text = json.dumps(value, ensure_ascii=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """The installed version of granphon and of each of ``packages``, none of which is imported."""
+    from importlib.metadata import version
+
+    from granphon import __version__
+
+    return {"granphon": __version__} | {package: version(package) for package in packages}
+
+
+def check_free(folder: str | os.PathLike[str], names: Sequence[str], force: bool = False) -> None:
+    """Raise if ``names`` cannot be written into ``folder``, as far as can be told without writing.
+
+    :class:`~granphon.errors.FileExistsInRunError` if one is there and ``force`` is off,
+    :class:`~granphon.errors.OutputError` if the folder is a file, or may not be written to.
+    """
+    target = Path(folder)
+    try:
+        if any("\0" in part for part in (str(target), *names)):
+            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+        there = [name for name in names if os.path.lexists(target / name)]
+        nearest = target
+        while not os.path.lexists(nearest) and nearest != nearest.parent:
+            nearest = nearest.parent
+        if not nearest.is_dir():
+            raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
+        if there and not force:
+            raise FileExistsInRunError(
+                message(
+                    f"{target} already holds {', '.join(there)}",
+                    "An existing result is not overwritten unless asked for",
+                    "Use --force (force=True) to replace it, or choose another folder",
+                )
+            )
+        folders = [name for name in there if (target / name).is_dir()]
+        if folders:
+            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
+    except OSError as error:
+        raise _failed(target, error) from None
+
+
+def _failed(target: Path, error: OSError) -> GranphonError:
+    if isinstance(error, GranphonError):
+        return error
+    mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
+    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "Nothing was left behind", mend))
+
+
+@contextmanager
+def staging(
+    folder: str | os.PathLike[str], names: Sequence[str], force: bool = False, stale: Sequence[str] = ()
+) -> Iterator[Path]:
+    """A temporary place inside ``folder`` for the files ``names``, moved into it together at the end.
+
+    If anything fails, on the way or while moving, the folder is left as it was found; folders that were made are removed.
+
+    Parameters
+    ----------
+    folder : made if it is not there.
+    names : the files that the caller writes into the place it is given.
+    force : replace files of these names; without it their presence is an error.
+    stale : files to remove when all have been moved.
+
+    Raises
+    ------
+    FileExistsInRunError, OutputError : see :func:`check_free`; and any failure of the file system.
+    """
+    target, made = Path(folder), []
+    check_free(target, names, force)
+    place: Path | None = None
+    try:
+        for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
+            missing.mkdir(exist_ok=True)
+            made.append(missing)
+        place = Path(tempfile.mkdtemp(prefix=".granphon-", dir=target))
+        yield place
+        for name in names:
+            with open(place / name, "r+b") as stream:
+                os.fsync(stream.fileno())
+        check_free(target, names, force)
+        _move(place, target, names, stale)
+        made = []
+    except OSError as error:
+        raise _failed(target, error) from None
+    finally:
+        if place is not None:
+            shutil.rmtree(place, ignore_errors=True)
+        for one in reversed(made):
+            try:
+                one.rmdir()
+            except OSError:
+                break
+
+
+def _move(place: Path, target: Path, names: Sequence[str], stale: Sequence[str]) -> None:
+    """Rename each file into the folder; on failure put back what was there."""
+    saved = place / "replaced"
+    saved.mkdir()
+    before = [name for name in (*names, *stale) if os.path.lexists(target / name)]
+    for name in before:
+        shutil.copy2(target / name, saved / name, follow_symlinks=False)
+    done = []
+    try:
+        for name in names:
+            os.replace(place / name, target / name)
+            done.append(name)
+        for name in stale:
+            (target / name).unlink(missing_ok=True)
+            done.append(name)
+    except BaseException:
+        for name in done:
+            if name in before:
+                os.replace(saved / name, target / name)
+            else:
+                (target / name).unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: str | os.PathLike[str], text: str, force: bool = False) -> None:
+    """Write a text file whole or not at all; errors as :func:`staging`."""
+    target = Path(path)
+    with staging(target.parent, [target.name], force) as place:
+        (place / target.name).write_text(text, encoding="utf-8")

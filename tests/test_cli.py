@@ -1,0 +1,645 @@
+# ruff: noqa: E501  (a table of mistakes reads best with one to a line)
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+import granphon as gp
+from granphon import files
+from granphon.cli import main
+from granphon.errors import FileExistsInRunError, OutputError
+from granphon.progress import Silent, Terminal, on_stderr, silent
+from granphon.run import expected_files, run
+from granphon.scene import Scene
+
+SCENE = """\
+schema: 1
+material:
+  young_modulus: 211.65 GPa
+  poisson_ratio: 0.276
+  density: 7840 kg/m^3
+packing:
+  lattice: triangular
+  diameter: 8 mm
+  friction: true
+load:
+  force: 18.446 N
+medium: ala
+observe: [velocities]
+phonopy:
+  band: 0 0 0 1/3 1/3 0 1/2 0 0 0 0 0
+  band_labels: G K M G
+  band_points: 11
+  mesh: 8 8 1
+"""
+SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder with a scene in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path
+
+
+def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
+
+
+def one_error(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line on stderr, without its prefix."""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("granphon: error: ")
+    assert err.count("\n") == 1
+    return err.removeprefix("granphon: error: ").strip()
+
+
+def tree(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+# -- every mistake in a scene is one clear error --------------------------------------------------------------------
+
+LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
+TOP = "schema, material, packing, load, medium, observe, phonopy"
+ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
+FORCES = "a force above zero with its unit"
+
+#: what is replaced, by what; line and key; what was found; what is allowed; the suggestion
+MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
+    # keys
+    "misspelt block": ("material:", "materal:", 2, "materal", "an unknown key", TOP, "Did you mean 'material'?"),
+    "misspelt key in material": (
+        "density:", "densty:", 5, "material.densty", "an unknown key", "young_modulus, poisson_ratio, density, yield_strength",
+        "Did you mean 'density'?",
+    ),
+    "misspelt key in packing": (
+        "diameter:", "diametre:", 8, "packing.diametre", "an unknown key", "lattice, diameter, spread, friction, finite_overlap",
+        "Did you mean 'diameter'?",
+    ),
+    "misspelt key in load": ("force:", "forse:", 11, "load.forse", "an unknown key", "force, pressure, overlap", "'force'?"),
+    "misspelt key in phonopy": (
+        "band_points:", "band_point:", 17, "phonopy.band_point", "an unknown key",
+        "dim, band, band_labels, band_points, mesh", "Did you mean 'band_points'?",
+    ),
+    "key in the wrong block": ("medium: ala", "diameter: 8 mm", 12, "diameter", "an unknown key", TOP, "belongs under 'packing'"),
+    "key too deep": ("  lattice: triangular", "  medium: ala", 7, "packing.medium", "an unknown key", "lattice", "the top level"),
+    "merge key": ("medium: ala", "<<: {}", 12, "<<", "an unknown key", TOP, ""),
+    "number as a key": ("medium: ala", "1: 2", 12, "1", "an unknown key", TOP, ""),
+    "duplicate key": (
+        "  friction: true", "  diameter: 9 mm", 9, "packing.diameter", "the key twice (first on line 8)", "each key once", "Remove",
+    ),
+    "missing key": ("  diameter: 8 mm\n", "", 6, "packing.diameter", "nothing, and it has no default", LENGTHS, ""),
+    "missing block": ("load:\n  force: 18.446 N\n", "", 1, "load", "nothing, and it has no default", "a block of keys: force", ""),
+    "empty block": ("  force: 18.446 N\n", "", 10, "load", "nothing", "a block of keys: force", ""),
+    "value for a block": ("load:\n  force: 18.446 N", "load: 3 N", 10, "load", "'3 N'", "a block of keys: force", ""),
+    # quantities
+    "no unit": ("8 mm", "8", 8, "packing.diameter", "8, without a unit", LENGTHS, "Write the unit too"),
+    "no unit, quoted": ("8 mm", "'8'", 8, "packing.diameter", "'8', without a unit", LENGTHS, "Write the unit too"),
+    "wrong unit": ("8 mm", "8 kg", 8, "packing.diameter", "'8 kg', whose unit is not one of length", LENGTHS, ""),
+    "unit of temperature": ("8 mm", "8 degC", 8, "packing.diameter", "'8 degC', whose unit is not one of", LENGTHS, ""),
+    "force for a pressure": ("211.65 GPa", "211.65 GN", 3, "material.young_modulus", "whose unit is not one of", "GPa", "211.65 GPa"),
+    "stress for a linear pressure": (
+        "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not one of force per length",
+        "N/m, kN/m", "",
+    ),
+    "unknown unit": ("8 mm", "8 parsnip", 8, "packing.diameter", "'8 parsnip', whose unit is not known", LENGTHS, ""),
+    "misspelt unit": ("GPa", "Gpa", 3, "material.young_modulus", "'211.65 Gpa', whose unit", "GPa", "Did you mean '211.65 GPa'?"),
+    "two units": ("8 mm", "8 m m", 8, "packing.diameter", "'8 m m', which is not one number and one unit", LENGTHS, ""),
+    "expression": ("8 mm", "8*9 mm", 8, "packing.diameter", "'8*9 mm', which is not one number and one unit", LENGTHS, ""),
+    "no number": ("8 mm", "mm", 8, "packing.diameter", "'mm', which does not start with a number", LENGTHS, ""),
+    "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
+    "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),
+    "plain nan": ("8 mm", ".nan", 8, "packing.diameter", "nan, which is not a finite number", LENGTHS, ""),
+    "inf": ("8 mm", "inf mm", 8, "packing.diameter", "'inf mm', which is not a finite number", LENGTHS, ""),
+    "plain inf": ("8 mm", "-.inf", 8, "packing.diameter", "-inf, which is not a finite number", LENGTHS, ""),
+    "huge": ("8 mm", "1e9999 mm", 8, "packing.diameter", "'1e9999 mm', which is not a finite number", LENGTHS, ""),
+    "tiny": ("8 mm", "1e-9999 mm", 8, "packing.diameter", "'1e-9999 mm', which is too small", LENGTHS, ""),
+    "zero size": ("8 mm", "0 mm", 8, "packing.diameter", "'0 mm', which is zero", LENGTHS, ""),
+    "negative size": ("8 mm", "-8 mm", 8, "packing.diameter", "'-8 mm', which is negative", LENGTHS, ""),
+    "negative modulus": ("211.65 GPa", "-1 GPa", 3, "material.young_modulus", "'-1 GPa', which is negative", "GPa", ""),
+    "zero density": ("7840 kg/m^3", "0 kg/m^3", 5, "material.density", "'0 kg/m^3', which is zero", "kg/m^3, g/cm^3", ""),
+    "a ball beyond double precision": ("8 mm", "1e-150 m", 8, "packing.diameter", "'1e-150 m'", "double precision", ""),
+    "list of sizes": ("8 mm", "[8 mm]", 8, "packing.diameter", "['8 mm']", LENGTHS, ""),
+    # numbers
+    "Poisson ratio too large": ("0.276", "0.51", 4, "material.poisson_ratio", "0.51", "-1 < poisson_ratio <= 0.5", "not stable"),
+    "Poisson ratio too small": ("0.276", "-1", 4, "material.poisson_ratio", "-1", "-1 < poisson_ratio <= 0.5", "not stable"),
+    "Poisson ratio nan": ("0.276", ".nan", 4, "material.poisson_ratio", "nan", "-1 < poisson_ratio <= 0.5", ""),
+    "Poisson ratio with a unit": ("0.276", "0.276 Pa", 4, "material.poisson_ratio", "'0.276 Pa'", "a plain number", "without"),
+    "number with underscores": ("points: 11", "points: 1_1", 17, "phonopy.band_points", "'1_1'", "a whole number from 2", ""),
+    "newer schema": ("schema: 1", "schema: 2", 1, "schema", "2", "1.", "newer granphon"),
+    # loads
+    "tensile load": ("18.446 N", "-18.446 N", 11, "load.force", "'-18.446 N', which is tensile", FORCES, ""),
+    "zero load": ("18.446 N", "0 N", 11, "load.force", "'0 N', which is zero", FORCES, ""),
+    "overlap beyond the diameter": ("force: 18.446 N", "overlap: 9 mm", 11, "load.overlap", "'9 mm'", "can carry", "Lower the load"),
+    "overlap of the diameter": ("force: 18.446 N", "overlap: 8 mm", 11, "load.overlap", "'8 mm'", "can carry", "Lower the load"),
+    "force that crushes": ("18.446 N", "1 TN", 11, "load.force", "'1 TN'", "a load that the balls can carry", "Lower the load"),
+    "two loads": (
+        "  force: 18.446 N", "  force: 18.446 N\n  overlap: 1 um", 10, "load", "force and overlap", ONE, "Remove all but one",
+    ),
+    "side force alone": ("force: 18.446 N", "side_force: 990 N", 10, "load", "side_force alone", ONE, ""),
+    "balls alone": ("force: 18.446 N", "balls_per_side: 31", 10, "load", "balls_per_side without side_force", ONE, ""),
+    "balls with a force": (
+        "  force: 18.446 N", "  force: 1 N\n  balls_per_side: 31", 10, "load", "force and balls_per_side", ONE, "",
+    ),
+    "half a ball": (
+        "force: 18.446 N", "side_force: 1 N\n  balls_per_side: 0.5", 12, "load.balls_per_side", "0.5", "a whole number from 1", "",
+    ),
+    "many loads": ("18.446 N", "[1 N, 2 N]", 11, "load.force", "['1 N', '2 N'], where one load is needed", FORCES, "one load"),
+    "range of loads": ("18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force", "a block of keys, where one load", FORCES, "one load"),
+    "range of loads, outside": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "a block of keys, where one", ONE, "one load"),
+    # names
+    "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
+    "simulation": ("medium: ala", "medium: simulation", 12, "medium", "'simulation'", "ala, afa, ema", "has no simulation"),
+    "options of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium", "options of 'ema' ('tol')", "no options", ""),
+    "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "triangular, square, kagome", "'triangular'?"),
+    "lattice by another name": ("triangular", "hexagonal", 7, "packing.lattice", "'hexagonal'", "square, kagome", "'triangular'"),
+    "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, dos", "'velocities'?"),
+    "no observable": ("[velocities]", "[]", 13, "observe", "an empty list", "velocities, bands, dos", ""),
+    "observable twice": ("[velocities]", "[dos, dos]", 13, "observe", "'dos' twice", "each once", ""),
+    "observable without a list": ("[velocities]", "dos", 13, "observe", "'dos'", "a list of", "Did you mean [dos]?"),
+    "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
+    "spread": ("friction: true", "spread: {uniform: 2 um}", 9, "packing.spread", "a block of keys", "equal balls only", "Leave"),
+    "empty spread": ("friction: true", "spread:", 9, "packing.spread", "nothing", "equal balls only", "Leave spread out"),
+    # phonopy
+    "band leaves the plane": ("1/3 1/3 0", "1/3 1/3 1/2", 15, "phonopy.band", "third number that is not 0", "three numbers", "layer"),
+    "band with a missing number": ("1/3 1/3 0", "1/3 1/3", 15, "phonopy.band", "11 numbers in a path", "three numbers", "two points"),
+    "band with a word": ("1/3 1/3 0", "1/3 K 0", 15, "phonopy.band", "'K' in '0 0 0 1/3 K 0", "three numbers or fractions", ""),
+    "labels that do not match": ("G K M G", "G K M", 16, "phonopy.band_labels", "3 labels", "4, one for each point", ""),
+    "mesh out of the plane": ("8 8 1", "8 8 8", 18, "phonopy.mesh", "whose third number is 8", "such as 64 64 1", "one layer"),
+    "mesh of nothing": ("8 8 1", "0 8 1", 18, "phonopy.mesh", "'0 8 1'", "from 1 to 4096", ""),
+    "supercell too small": ("mesh: 8 8 1", "dim: 2 2 1", 18, "phonopy.dim", "2 2 1", "3 3 1 or more", ""),
+    # the text itself
+    "broken YAML": ("medium: ala", "medium: [ala", 13, "", "broken YAML", "YAML", ""),
+    "indentation": ("  force: 18.446 N", "force: 3 N\n   overlap: 3", 12, "", "broken YAML", "YAML", "indentation"),
+    "tab": ("  force", "\tforce", 11, "", "broken YAML", "YAML", "Indent with spaces"),
+    "object tag": ("18.446 N", "!!python/object/apply:os.getcwd []", 11, "load.force", "the tag", "plain values", "Leave the tag out"),
+    "own tag": ("18.446 N", "!newton 3", 11, "load.force", "the tag '!newton'", "plain values", "Leave the tag out"),
+    "alias": ("medium: ala", "medium: &a ala", 12, "medium", "an anchor or alias", "plain values", "Write the value out"),
+    "control character": ("ala", "a\x00la", 12, "", "the character '\\x00'", "printable text", ""),
+    "empty file": (SCENE, "", 1, "", "an empty text", "a scene", "granphon init"),
+    "comments only": (SCENE, "# nothing\n", 2, "", "an empty text", "a scene", "granphon init"),
+    "null": (SCENE, "---\n...\n", 2, "", "nothing", TOP, ""),
+    "a list": (SCENE, "- a\n- b\n", 1, "", "a list", TOP, ""),
+    "a word": (SCENE, "steel\n", 1, "", "'steel'", TOP, ""),
+    "two documents": ("medium: ala", "---\nmedium: ala", 12, "", "a second document", "one document", ""),
+    # what no lattice of this kind can do
+    "mechanism": ("triangular\n  diameter: 8 mm\n  friction: true", "square\n  diameter: 8 mm\n  friction: false", 7,
+                  "packing.lattice", "'square'", "a lattice that is rigid", "Use friction"),
+    "frame around squares": ("triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N",
+                             "square\n  diameter: 8 mm\n  friction: true\nload:\n  side_force: 9 N\n  balls_per_side: 3",
+                             11, "load.side_force", "a side_force", "on the triangular lattice only", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_in_a_scene(work, capsys, name, verb):
+    old, new, line, key, found, allowed, suggestion = MISTAKES[name]
+    assert SCENE.count(old) == 1
+    (work / "scene.yaml").write_text(SCENE.replace(old, new), encoding="utf-8")
+    before = tree(work)
+    assert main([verb, "scene.yaml", *(["-o", "out"] if verb == "run" else [])]) == 2
+    text = one_error(capsys)
+    assert text.startswith(f"scene.yaml:{line}: {key + ': ' if key else ''}"), text
+    head, _, tail = text.partition("; allowed: ")
+    assert "found " in head or "broken YAML" in head
+    assert found in head
+    assert allowed in tail
+    assert suggestion in tail
+    assert tree(work) == before
+
+
+def test_scenes_that_cannot_be_read(work, capsys):
+    (work / "binary.yaml").write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00")
+    (work / "utf16.yaml").write_text(SCENE, encoding="utf-16")
+    (work / "large.yaml").write_text("# " + "x" * 200_000)
+    (work / "folder.yaml").mkdir()
+    before = tree(work)
+    for name, expected in (
+        ("binary.yaml", "binary.yaml:1: found the byte 0x89, which is not text; allowed: text in UTF-8"),
+        ("utf16.yaml", "utf16.yaml:1: found the byte 0xff, which is not text; allowed: text in UTF-8"),
+        ("large.yaml", "large.yaml holds more than 100 kB"),
+        ("folder.yaml", "folder.yaml is a folder. Give the scene file itself"),
+        ("missing.yaml", "missing.yaml: there is no such file. 'granphon init' writes one"),
+        ("scene.yaml/x", "scene.yaml/x cannot be read: Not a directory"),
+        ("a\0b", "cannot be read"),
+    ):
+        for verb in (["check", name], ["run", name, "-o", "out"]):
+            assert main(verb) == 2
+            assert expected in one_error(capsys)
+    assert tree(work) == before
+
+
+def test_a_scene_without_permission(work, capsys, monkeypatch):
+    real = open
+
+    def refuse(path, *rest, **options):
+        if str(path) == "scene.yaml":
+            raise PermissionError(13, "Permission denied", path)
+        return real(path, *rest, **options)
+
+    monkeypatch.setattr("builtins.open", refuse)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 2
+    assert one_error(capsys) == "scene.yaml cannot be read: Permission denied."
+    assert tree(work) == {"scene.yaml"}
+
+
+# -- run ------------------------------------------------------------------------------------------------------------
+
+
+def test_run_writes_velocities(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "new/out"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "longitudinal velocity 790.96 m/s" in out
+    assert "Wrote scene.yaml, summary.yaml into new/out" in out
+    assert tree(work / "new") == {"out", "out/scene.yaml", "out/summary.yaml"}
+    assert Scene.from_yaml("new/out/scene.yaml") == Scene.from_yaml("scene.yaml")
+    summary = YAML(typ="safe").load(Path("new/out/summary.yaml").read_text())
+    state = Scene.from_yaml("scene.yaml").state()
+    velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
+    for name in ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness"):
+        assert summary[name] == getattr(state, name)
+        assert summary["units"][name] == state.units[name]
+    assert (summary["longitudinal"], summary["transverse"]) == (velocities.longitudinal, velocities.transverse)
+    assert (summary["bulk"], summary["shear"]) == (moduli.bulk, moduli.shear)
+    assert summary["mindlin_ratio"] == state.packing.mindlin_ratio
+    assert summary["tensor"] == moduli.tensor.tolist()
+    assert summary["versions"] == files.versions("numpy", "scipy")
+    assert summary["valid"] is True
+    assert [check["name"] for check in summary["validity"]] == ["contact_radius", "load", "velocity", "resonance"]
+    assert summary["files"] == ["scene.yaml", "summary.yaml"]
+    numbers = {key for key, value in summary.items() if isinstance(value, float)}
+    assert numbers <= set(summary["units"])
+
+
+def test_velocities_of_a_lattice_that_is_not_isotropic(work, capsys):
+    (work / "scene.yaml").write_text(SCENE.replace("triangular", "square"), encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    assert "along (1, 0)" in capsys.readouterr().out
+    summary = YAML(typ="safe").load((work / "out/summary.yaml").read_text())
+    state = Scene.from_yaml("scene.yaml").state()
+    assert summary["direction"] == [1.0, 0.0]
+    assert summary["longitudinal"] == gp.sound_velocities(state, (1.0, 0.0)).longitudinal
+    assert "bulk" not in summary
+
+
+def test_run_computes_only_what_is_observed(work):
+    (work / "scene.yaml").write_text(SCENE.replace("[velocities]", "[dos]"), encoding="utf-8")
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    assert (result.velocities, result.moduli, result.bands) == (None, None, None)
+    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "dos.csv"}
+    assert "longitudinal" not in (work / "out/summary.yaml").read_text()
+
+
+def test_run_writes_spectra_that_are_read_back(work):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv"}
+    assert {str(p) for p in result.files} == {f"out/{name}" for name in tree(work / "out")}
+    bands, dos = gp.Bands.read("out/band.yaml"), gp.DensityOfStates.read_csv("out/dos.csv")
+    phonons = gp.Phonons(result.state)
+    expected = phonons.bands("GKMG", npoints=11)
+    np.testing.assert_allclose(bands.frequencies, expected.frequencies, rtol=1e-12, atol=1e-9)
+    assert bands.labels == ("G", "K", "M", "G")
+    np.testing.assert_allclose(dos.total, phonons.dos((8, 8)).total, rtol=1e-12)
+    summary = YAML(typ="safe").load((work / "out/summary.yaml").read_text())
+    assert summary["top_frequency"] == expected.frequencies.max()
+    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "ase", "phonopy", "spglib"}
+
+
+def test_finite_overlap_reaches_every_result(work):
+    text = SPECTRA.replace("friction: true", "friction: true\n  finite_overlap: true").replace(
+        "force: 18.446 N", "overlap: 40 um"
+    )
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    state = result.state
+    assert result.velocities.longitudinal == gp.sound_velocities(state, finite_overlap=True).longitudinal
+    assert result.velocities.longitudinal != gp.sound_velocities(state).longitudinal
+    assert result.moduli.bulk == gp.moduli(state, finite_overlap=True).bulk
+    expected = gp.Phonons(state, finite_overlap=True).bands("GKMG", npoints=11)
+    np.testing.assert_array_equal(result.bands.frequencies, expected.frequencies)
+
+
+def test_run_and_plot_draw_figures(work, capsys):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    pictures = ("bands.png", "dos.png")
+    assert {"scene.yaml", *pictures} <= tree(work / "out")
+    for picture in pictures:
+        assert (work / "out" / picture).read_bytes().startswith(b"\x89PNG")
+    assert main(["plot", "out"]) == 1
+    assert "already holds bands.png, dos.png" in one_error(capsys)
+    (work / "out" / "bands.png").write_text("old")
+    assert main(["plot", "out", "--force"]) == 0
+    assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["plot", "out", "-o", "figures/both.pdf"]) == 0
+    assert (work / "figures" / "both.pdf").read_bytes().startswith(b"%PDF")
+    capsys.readouterr()
+    assert main(["plot", "out", "-o", "both.xyz"]) == 2
+    assert "names no figure format" in one_error(capsys)
+    (work / "out" / "band.yaml").write_text("broken: [")
+    assert main(["plot", "out", "-o", "again.pdf"]) == 2
+    assert "not a band.yaml written by granphon" in one_error(capsys)
+    assert tree(work) == {"scene.yaml", "out", "figures", "figures/both.pdf"} | {
+        f"out/{p.name}" for p in (work / "out").iterdir()
+    }
+
+
+def test_plot_of_nothing(work, capsys):
+    for folder in (".", "missing", "scene.yaml"):
+        assert main(["plot", folder]) == 2
+        assert "holds neither band.yaml nor dos.csv" in one_error(capsys)
+
+
+def test_an_existing_result_is_not_overwritten(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    capsys.readouterr()
+    (work / "out" / "summary.yaml").write_text("mine")
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    text = one_error(capsys)
+    assert "out already holds scene.yaml, summary.yaml" in text
+    assert "--force" in text
+    assert (work / "out" / "summary.yaml").read_text() == "mine"
+    with pytest.raises(FileExistsInRunError):
+        Scene.from_yaml("scene.yaml").run("out")
+    assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 0
+    assert (work / "out" / "summary.yaml").read_text().startswith("schema: 1")
+
+
+def test_force_leaves_no_file_of_the_earlier_run(work):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    scene = Scene.from_yaml("scene.yaml")
+    scene.run("out", figures=False)
+    (work / "out" / "notes.txt").write_text("mine")
+    (work / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    Scene.from_yaml("scene.yaml").run("out", force=True)
+    assert tree(work / "out") == {"scene.yaml", "summary.yaml", "notes.txt"}
+
+
+def test_expected_files_are_those_written(work):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    scene = Scene.from_yaml("scene.yaml")
+    result = scene.run("out", figures=False)
+    assert tuple(path.name for path in result.files) == expected_files(scene, figures=False)
+    assert set(expected_files(scene)) - set(expected_files(scene, figures=False)) == {"bands.png", "dos.png"}
+
+
+def test_a_failing_computation_leaves_nothing(work, capsys):
+    # a large overlap with the prestress kept: the lattice buckles
+    text = SPECTRA.replace("friction: true", "friction: false\n  finite_overlap: true").replace(
+        "force: 18.446 N", "overlap: 6 mm"
+    )
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "new/out"]) == 1
+    assert "negative" in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_folders_that_cannot_be_written(work, capsys):
+    for folder, found in (
+        ("scene.yaml", "scene.yaml is not a folder"),
+        ("scene.yaml/out", "scene.yaml is not a folder"),
+        ("a\0b", "a null character"),
+        ("x" * 300, "File name too long"),
+    ):
+        assert main(["run", "scene.yaml", "-o", folder]) == 1
+        assert found in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_a_read_only_folder(work, capsys, monkeypatch):
+    (work / "out").mkdir()
+    monkeypatch.setattr(os, "access", lambda *_, **__: False)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out may not be written to. Choose another folder" in one_error(capsys)
+    assert tree(work) == {"scene.yaml", "out"}
+
+
+@pytest.mark.parametrize("existing", [True, False])
+def test_a_full_disk(work, capsys, monkeypatch, existing):
+    if existing:
+        (work / "out").mkdir()
+    real = os.fsync
+    calls = []
+
+    def full(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device")
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out cannot be written: No space left on device" in one_error(capsys)
+    assert tree(work) == ({"scene.yaml", "out"} if existing else {"scene.yaml"})
+
+
+def test_output_errors_are_built_in_errors_too(work):
+    with pytest.raises(OSError, match="not a folder") as caught:
+        run(Scene.from_yaml("scene.yaml"), work / "scene.yaml")
+    assert isinstance(caught.value, OutputError)
+
+
+def test_warnings_go_to_stderr_and_into_the_summary(work, capsys):
+    (work / "scene.yaml").write_text(SCENE.replace("18.446 N", "200 kN"), encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    expected = [f"granphon: warning: {w}" for w in gp.validity(Scene.from_yaml("scene.yaml").state()).warnings]
+    assert expected
+    assert capsys.readouterr().err.splitlines() == expected
+    assert main(["run", "scene.yaml", "-o", "out", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == expected
+    summary = YAML(typ="safe").load((work / "out/summary.yaml").read_text())
+    assert [f"granphon: warning: {w}" for w in summary["warnings"]] == expected
+    assert summary["valid"] is False
+
+
+# -- init and check -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("preset", ["steel_hexagon", "glass", "hydrogel"])
+def test_init_writes_a_scene_that_check_accepts(tmp_path, monkeypatch, capsys, preset):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "--preset", preset]) == 0
+    assert "granphon check scene.yaml" in capsys.readouterr().out
+    assert main(["check", "scene.yaml"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("scene.yaml is right.")
+    assert err == ""
+    assert tree(tmp_path) == {"scene.yaml"}
+
+
+def test_init_does_not_overwrite(work, capsys):
+    assert main(["init"]) == 1
+    assert "already holds scene.yaml" in one_error(capsys)
+    assert (work / "scene.yaml").read_text() == SCENE
+    assert main(["init", "--force", "--preset", "glass"]) == 0
+    assert "glass" in (work / "scene.yaml").read_text()
+    capsys.readouterr()
+    assert main(["init", "other.yaml", "--preset", "hidrogel"]) == 2
+    assert "allowed: steel_hexagon, glass, hydrogel. Did you mean 'hydrogel'" in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_check_tells_what_will_be_done(work, capsys):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    out = capsys.readouterr().out
+    for expected in (
+        "E = 211.65 GPa, Poisson ratio 0.276, 7840 kg/m^3", "triangular, balls of 8 mm, with friction", "force 18.446 N",
+        "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, dos",
+        "scene.yaml, summary.yaml, band.yaml, phonopy_params.yaml, dos.csv, bands.png, dos.png",
+    ):  # fmt: skip
+        assert expected in out
+    assert tree(work) == {"scene.yaml"}
+
+
+# -- the command itself ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", [[], ["init"], ["check"], ["run"], ["plot"]])
+def test_help_has_examples(capsys, verb):
+    assert main([*verb, "--help"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "Example" in out
+    assert "granphon " + " ".join(verb) in out
+    if not verb:
+        assert "Exit codes:" in out
+        for name in ("init", "check", "run", "plot"):
+            assert f"\n  {name} " in out
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"granphon {gp.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        ([], "Missing command"), (["rum"], "No such command 'rum'"), (["run"], "Missing"), (["run", "scene.yaml"], "--out"),
+        (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
+        (["check", "a", "b"], "unexpected extra argument"), (["--nonsense"], "No such option"),
+    ],
+)  # fmt: skip
+def test_wrong_usage(work, capsys, arguments, found):
+    assert main(arguments) == 2
+    assert found in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_the_module_is_the_command(work):
+    done = command("run", "scene.yaml", "-o", "out")
+    assert (done.returncode, done.stderr) == (0, "")
+    failed = command("run", "nothing.yaml", "-o", "more")
+    assert failed.returncode == 2
+    assert failed.stderr == "granphon: error: nothing.yaml: there is no such file. 'granphon init' writes one.\n"
+    assert failed.stdout == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+def test_output_that_cannot_be_printed(work):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "granphon", "check", "scene.yaml"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("granphon: error: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_reader_that_goes_away(work):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([sys.executable, "-m", "granphon", "check", "scene.yaml"], stdout=writing, stderr=subprocess.PIPE)
+    os.close(writing)
+    assert done.stderr == b""
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("moment", ["computing", "writing"])
+def test_interruption_is_clean(work, capsys, monkeypatch, moment):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    monkeypatch.setattr(*((gp.Phonons, "dos") if moment == "computing" else (gp.DensityOfStates, "write_csv")), interrupt)
+    assert main(["run", "scene.yaml", "-o", "new/out"]) == 130
+    assert one_error(capsys) == "interrupted; nothing was left behind."
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_help_loads_no_library_of_the_computation():
+    code = (
+        "import sys\nfrom granphon.cli import main\nmain(['run', '--help'])\n"
+        "assert not {'numpy', 'scipy', 'ase', 'phonopy', 'pint', 'ruamel', 'matplotlib', 'rich'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+# -- progress -------------------------------------------------------------------------------------------------------
+
+
+class Listener(Silent):
+    def __init__(self):
+        self.labels = []
+
+    def step(self, label, total=None):
+        self.labels.append(label)
+        return super().step(label, total)
+
+
+def test_progress_is_told_of_long_work(work):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    listener = Listener()
+    Scene.from_yaml("scene.yaml").run("out", progress=listener, figures=False)
+    assert listener.labels == ["force constants", "bands", "density of states", "writing"]
+
+
+def test_progress_is_drawn_on_a_terminal_only(monkeypatch, capsys):
+    assert on_stderr() is silent
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert on_stderr(quiet=True) is silent
+    progress = on_stderr()
+    assert isinstance(progress, Terminal)
+    with progress.step("bands", 2) as step:
+        step.advance()
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "bands" in err
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
+def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "granphon", "run", "scene.yaml", "-o", "out", "--no-figures"],
+        stdout=subprocess.PIPE, stderr=theirs,
+    )  # fmt: skip
+    os.close(theirs)
+    seen = b""
+    try:
+        while piece := os.read(ours, 4096):
+            seen += piece
+    except OSError:  # the other side has closed
+        pass
+    out, _ = process.communicate(timeout=60)
+    os.close(ours)
+    assert process.returncode == 0
+    assert b"density of states" in seen
+    assert b"\x1b" not in out
+    assert b"longitudinal velocity" in out

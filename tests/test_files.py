@@ -1,0 +1,264 @@
+import errno
+import math
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from granphon import files
+from granphon.errors import FileExistsInRunError, OutputError, SceneError
+from granphon.files import check_free, closest, dump_yaml, parse_yaml, read_text, staging, versions, write_text
+
+# -- reading --------------------------------------------------------------------------------------------------------
+
+
+def test_parsed_data_and_lines() -> None:
+    document = parse_yaml("a: 1\nb:\n  c: [x, 2.5, true]\n  'd e': ~\n", "t.yaml")
+    assert document.data == {"a": 1, "b": {"c": ["x", 2.5, True], "d e": None}}
+    assert document.line(("a",)) == 1
+    assert document.line(("b", "c")) == 3
+    assert document.line(("b", "d e")) == 4
+    assert document.line(("b", "missing")) == 2
+    assert str(document.error(("b", "c"), "found it")) == "t.yaml:3: b.c: found it"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 1e-3), ("1.", 1.0), (".5", 0.5), ("-7", -7), ("+7", 7), ("007", 7), ("true", True), ("False", False),
+        ("null", None), ("~", None), ("", None), (".inf", math.inf), ("-.INF", -math.inf), ("yes", "yes"), ("No", "No"),
+        ("1_000", "1_000"), ("0x10", "0x10"), ("tRue", "tRue"), ("'1'", "1"), ('"\\u00b5m"', "µm"), ("1/3", "1/3"),
+        ("12:30:45", "12:30:45"), ("2002-01-01", "2002-01-01"), ("9" * 400, math.inf),
+    ],
+)  # fmt: skip
+def test_plain_values_follow_yaml_12(text: str, value: object) -> None:
+    read = parse_yaml(f"a: {text}", "t").data["a"]
+    assert read == value
+    assert type(read) is type(value)
+
+
+def test_nan_is_read_as_such() -> None:
+    assert math.isnan(parse_yaml("a: .nan", "t").data["a"])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "found"),
+    [
+        ("", 1, "empty text"),
+        ("# only a comment\n", None, "empty text"),
+        ("a: 1\na: 2", 2, "a: found the key twice (first on line 1)"),
+        ("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3", 5, "b.c: found the key twice (first on line 3)"),
+        ("a: 1\nb: [1, 2\nc: 3\n", None, "broken YAML"),
+        ("a: 1\nb: c: d", 2, "broken YAML, mapping values are not allowed"),
+        ("a: 1\n\tb: 2", 2, "broken YAML"),
+        ("a: 'x", None, "broken YAML"),
+        ('a: "\\q"', 1, "broken YAML"),
+        ("a: 1\nb: !!python/object:os.system echo", 2, "b: found the tag 'tag:yaml.org,2002:python/object:os.system'"),
+        ("a: !foo 1", 1, "a: found the tag '!foo'"),
+        ("a: !!str 1", 1, "a: found the tag"),
+        ("!!map {a: 1}", 1, "found the tag"),
+        ("!x a: 1", 1, "found the tag"),
+        ("%TAG ! tag:x,2000:\n---\na: !foo 1\n", 3, "a: found the tag"),
+        ("a: &x 1", 1, "a: found an anchor or alias"),
+        ("a: 1\nb: *a", 2, "b: found an anchor or alias"),
+        ("a: &x [&y [&z [1, 1], *z], *y]", 1, "found an anchor or alias"),
+        ("a: &a [*a]", 1, "found an anchor or alias"),
+        ("a: 1\n---\nb: 2", 2, "second document"),
+        ("? [a]\n: 1", 1, "found a list or block as a key"),
+        ("a: 1\nb: \x00", 2, "found the character '\\x00'"),
+        ("a: \x1b[31m", 1, "found the character '\\x1b'"),
+        ('a: 1\nb: "\\0"', 2, "b: found the character '\\x00'"),
+        ('a: "\\ud800"', 1, "a: found the character '\\ud800'"),
+        ("a: " + "[" * 40 + "]" * 40, 1, "levels of nesting"),
+        ("a: " + "[" * 20_000, 1, "levels of nesting"),
+        ("a: " + "{b: " * 40, 1, "levels of nesting"),
+    ],
+)
+def test_refused_text(text: str, line: int | None, found: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        parse_yaml(text, "t.yaml")
+    message = str(caught.value)
+    assert found in message
+    assert "allowed: " in message
+    assert message.startswith("t.yaml:" if line is None else f"t.yaml:{line}: ")
+    assert "\n" not in message
+
+
+@given(st.text(alphabet=st.sampled_from(list("ab:-[]{}&*!|>'\"%@`#,? \n\t0.~\\xu\x85<=")), max_size=60))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    with suppress(SceneError):
+        parse_yaml(text, "t")
+
+
+def test_read_text_takes_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_bytes(b"\xef\xbb\xbfa: 1\r\n")
+    assert parse_yaml(read_text(path), "s").data == {"a": 1}
+
+
+def test_unreadable_files(tmp_path: Path) -> None:
+    binary, large, unreadable = tmp_path / "b", tmp_path / "l", tmp_path / "f" / "x"
+    binary.write_bytes(b"a: 1\nb: \xff\xfe")
+    large.write_bytes(b"a" * (files.MAX_BYTES + 1))
+    (tmp_path / "f").write_text("")
+    for path, found in (
+        (tmp_path / "none", "no such file"),
+        (tmp_path, "is a folder"),
+        (binary, f"{binary}:2: found the byte 0xff"),
+        (large, "more than 100 kB"),
+        (unreadable, "cannot be read: Not a directory"),
+        (tmp_path / "a\0b", "cannot be read"),
+    ):
+        with pytest.raises(SceneError) as caught:
+            read_text(path)
+        assert found in str(caught.value)
+
+
+def test_a_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("builtins.open", refuse)
+    with pytest.raises(SceneError, match="cannot be read: Permission denied"):
+        read_text(tmp_path / "s.yaml")
+
+
+def test_closest() -> None:
+    assert closest("diametre", ["diameter", "density"]) == "diameter"
+    assert closest("GPA", ["MPa", "GPa"]) == "GPa"
+    assert closest("zzz", ["diameter"]) is None
+
+
+# -- writing --------------------------------------------------------------------------------------------------------
+
+plain = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8"), max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.from_regex(r"k[a-z]{0,5}", fullmatch=True), inner, max_size=3)
+    ),
+    max_leaves=10,
+)
+
+
+@given(st.dictionaries(st.from_regex(r"k[a-z]{0,5}", fullmatch=True), plain, min_size=1, max_size=4))
+def test_dumped_yaml_is_read_back_by_another_reader(data: dict[str, object]) -> None:
+    assert YAML(typ="safe", pure=True).load(dump_yaml(data)) == data
+
+
+@pytest.mark.parametrize("value", [1e-5, 1e22, -1.5e300, 5e-324, 0.1])
+def test_dumped_floats_are_floats_to_readers_of_yaml_11(value: float) -> None:
+    reader = YAML(typ="safe", pure=True)
+    reader.version = (1, 1)
+    read = reader.load(dump_yaml({"a": value}))["a"]
+    assert isinstance(read, float)
+    assert read == value
+
+
+def test_versions_name_the_packages() -> None:
+    import numpy as np
+
+    assert versions("numpy")["numpy"] == np.__version__
+    assert list(versions("numpy")) == ["granphon", "numpy"]
+
+
+def _tree(folder: Path) -> dict[str, str]:
+    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*")}
+
+
+def test_staged_files_arrive_together(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "deeper"
+    with staging(out, ["a", "b"]) as place:
+        for name in "ab":
+            (place / name).write_text(name)
+        assert sorted(p.name for p in out.iterdir()) == [place.name]
+    assert _tree(out) == {"a": "a", "b": "b"}
+
+
+def test_staged_files_have_the_usual_permissions(tmp_path: Path) -> None:
+    (tmp_path / "usual").write_text("")
+    write_text(tmp_path / "x", "text")
+    assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
+
+
+@pytest.mark.parametrize(
+    "failure", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), RuntimeError("bug")]
+)
+def test_failure_leaves_nothing(tmp_path: Path, failure: BaseException) -> None:
+    expected = OutputError if isinstance(failure, OSError) else type(failure)
+    with pytest.raises(expected), staging(tmp_path / "new" / "deeper", ["a"]) as place:  # noqa: PT012
+        (place / "a").write_text("half")
+        raise failure
+    assert _tree(tmp_path) == {}
+
+
+def test_a_full_disk_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"No space left on device.*Free some space"), staging(tmp_path / "o", ["a"]):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_failure_while_renaming_restores_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {"a": "old a", "c": "old c", "mine": "kept"}
+    for name, text in before.items():
+        (tmp_path / name).write_text(text)
+    real, calls = os.replace, []
+
+    def replace(source: Path, target: Path) -> None:
+        calls.append(target)
+        if Path(target).name == "c" and Path(source).parent.name != "replaced":
+            raise OSError(errno.EIO, "Input/output error")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(OutputError, match="Input/output error"), staging(tmp_path, ["a", "b", "c"], force=True) as place:  # noqa: PT012
+        for name in "abc":
+            (place / name).write_text(f"new {name}")
+    assert len(calls) >= 4
+    assert _tree(tmp_path) == before
+
+
+def test_force_replaces_and_removes_stale_files(tmp_path: Path) -> None:
+    for name in ("a", "stale", "mine"):
+        (tmp_path / name).write_text("old")
+    with staging(tmp_path, ["a"], force=True, stale=["stale", "absent"]) as place:
+        (place / "a").write_text("new")
+    assert _tree(tmp_path) == {"a": "new", "mine": "old"}
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for name in ("a", "link"):
+        with pytest.raises(FileExistsInRunError, match=rf"already holds {name}.*--force"):
+            write_text(tmp_path / name, "new")
+    assert (tmp_path / "a").read_text() == "old"
+
+
+def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    with pytest.raises(FileExistsInRunError), staging(tmp_path, ["a"]) as place:  # noqa: PT012
+        (place / "a").write_text("mine")
+        (tmp_path / "a").write_text("another's")
+    assert _tree(tmp_path) == {"a": "another's"}
+
+
+def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "summary").mkdir()
+    for folder, found in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "x", "not a folder")):
+        with pytest.raises(OutputError, match=found):
+            check_free(folder, ["a"])
+    with pytest.raises(OutputError, match="is a folder"):
+        check_free(tmp_path, ["summary"], force=True)
+    with pytest.raises(OutputError, match="null"):
+        check_free(tmp_path / "a\0b", ["a"])
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(OutputError, match="may not be written to"):
+        check_free(tmp_path / "new", ["a"])

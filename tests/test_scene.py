@@ -1,0 +1,304 @@
+import itertools
+import math
+import random
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.errors import InputError, SceneError
+from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, Quantity, Refused
+from granphon.scene import BandPath, Load, Scene, force_of_frame
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+PRESETS = Path(gp.__file__).parent / "data"
+NAMES = ("steel_hexagon", "glass", "hydrogel")
+MINIMAL = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 18.446 N}
+"""
+
+# -- what a scene means ---------------------------------------------------------------------------------------------
+
+
+def test_defaults():
+    scene = Scene.from_text(MINIMAL)
+    assert scene.packing == gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    assert scene.load == Load("force", 18.446)
+    assert (scene.medium, scene.finite_overlap, scene.observe) == ("ala", False, ("velocities",))
+    assert (scene.band_points, scene.mesh, scene.dim, scene.source) == (101, (64, 64), None, None)
+    assert scene.path == BandPath.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_are_the_presets_and_are_valid(name):
+    assert (EXAMPLES / f"{name}.yaml").read_text() == (PRESETS / f"{name}.yaml").read_text()
+    scene = Scene.from_yaml(EXAMPLES / f"{name}.yaml")
+    assert scene.observe == ("velocities", "bands", "dos")
+    assert scene.source == EXAMPLES / f"{name}.yaml"
+    assert gp.validity(scene.state()).ok
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_commented_out_in_a_preset_is_right_too(name):
+    text = (PRESETS / f"{name}.yaml").read_text()
+    chosen = next(line for line in text.splitlines() if line.split(":")[0].strip() in LOADS)
+    others = [line for line in text.splitlines() if line.strip("# ").split(":")[0] in LOADS and line != chosen]
+    frame = next((line for line in text.splitlines() if "balls_per_side" in line), "")
+    assert len(others) >= 2
+    for line in others:
+        tail = "\n" + frame.replace("# ", "", 1) if "side_force" in line else ""
+        scene = Scene.from_text(text.replace(chosen, line.replace("# ", "", 1) + tail))
+        # the alternatives are of the same size as what is chosen
+        assert scene.state().force == pytest.approx(Scene.from_text(text).state().force, rel=0.2)
+    rest = text.replace("# dim:", "dim:").replace("# yield_strength:", "yield_strength:")
+    assert Scene.from_text(rest).dim == (3, 3)
+
+
+def test_presets_are_what_they_say():
+    steel, glass, gel = (Scene.from_yaml(PRESETS / f"{name}.yaml") for name in NAMES)
+    assert gp.sound_velocities(steel.state()).longitudinal == pytest.approx(791.0, abs=0.1)
+    assert 65e9 < glass.packing.material.young_modulus < 75e9
+    assert gel.packing.material.young_modulus < 1e5
+    assert not gel.packing.friction
+
+
+def test_the_frame_of_section_iv():
+    # each of the n balls of a side passes F/n on to two contacts at 30 degrees
+    assert 2.0 * math.cos(math.pi / 6) * force_of_frame(990.0, 31) * 31 == pytest.approx(990.0, rel=1e-15)
+    # "~990 N" is 990.4 N: the printed force follows to the digits of the printed push
+    assert force_of_frame(990.43, 31) == pytest.approx(18.446, abs=5e-4)
+    scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", "side_force: 990 N, balls_per_side: 31"))
+    state = scene.state()
+    assert state.force == force_of_frame(990.0, 31)
+    assert state.pressure == pytest.approx(990.0 / (31 * 8e-3), rel=1e-15)
+
+
+@pytest.mark.parametrize(("kind", "text"), [("force", "3 N"), ("pressure", "4 kN/m"), ("overlap", "1 um")])
+def test_loads_reach_the_medium(kind, text):
+    scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", f"{kind}: {text}"))
+    assert getattr(scene.state(), kind) == pytest.approx({"force": 3.0, "pressure": 4e3, "overlap": 1e-6}[kind], rel=1e-15)
+
+
+def test_finite_overlap_reaches_the_medium():
+    text = MINIMAL.replace("8 mm", "8 mm, finite_overlap: true").replace("force: 18.446 N", "pressure: 4 MN/m")
+    scene = Scene.from_text(text)
+    expected = gp.AveragedLattice(scene.packing).at_pressure(4e6, finite_overlap=True)
+    assert scene.state().force == expected.force
+    assert scene.state().force < gp.AveragedLattice(scene.packing).at_pressure(4e6).force
+
+
+@pytest.mark.parametrize("medium", ["ala", "afa", "ema", "{ema: }", "{afa: {}}"])
+def test_every_medium_is_the_averaged_lattice_for_equal_balls(medium):
+    scene = Scene.from_text(f"{MINIMAL}medium: {medium}\n")
+    assert scene.medium == medium.strip("{}: ")[:3]
+    assert scene.state() == Scene.from_text(MINIMAL).state()
+
+
+def test_paths_and_grids():
+    text = MINIMAL + "phonopy: {dim: [4, 3, 1], band: '0 0 0 1/2 0 0, 1/3 1/3 0 -0.25 1e-3 0', mesh: 8 6 1}\n"
+    scene = Scene.from_text(text)
+    assert (scene.dim, scene.mesh) == ((4, 3), (8, 6))
+    assert scene.path.labels is None
+    first, second = scene.path.arrays
+    np.testing.assert_array_equal(first, [[0, 0, 0], [0.5, 0, 0]])
+    np.testing.assert_array_equal(second, [[1 / 3, 1 / 3, 0], [-0.25, 1e-3, 0]])
+
+
+@pytest.mark.parametrize(("lattice", "labels"), [("triangular", "G K M G"), ("kagome", "G K M G"), ("square", "G X M G")])
+def test_default_path_of_each_lattice(lattice, labels):
+    scene = Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, lattice: {lattice}"))
+    assert scene.path.labels == tuple(labels.split())
+
+
+def test_an_empty_phonopy_block_is_none():
+    assert Scene.from_text(MINIMAL + "phonopy:\n  # mesh: 8 8 1\n") == Scene.from_text(MINIMAL)
+
+
+def test_observables_come_in_one_order():
+    assert Scene.from_text(MINIMAL + "observe: [dos, velocities]\n").observe == ("velocities", "dos")
+
+
+# -- quantities -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (LENGTH, "8 mm", 8e-3), (LENGTH, "8mm", 8e-3), (LENGTH, "+8.0e0 mm", 8e-3), (LENGTH, "2.04 um", 2.04e-6),
+        (LENGTH, "2.04 µm", 2.04e-6), (LENGTH, "2.04 μm", 2.04e-6), (LENGTH, "1 inch", 0.0254), (LENGTH, ".5 m", 0.5),
+        (MODULUS, "211.65 GPa", 211.65e9), (MODULUS, "1 N/m^2", 1.0), (MODULUS, "1 N/m²", 1.0), (MODULUS, "1 N*m^-2", 1.0),
+        (MODULUS, "1 psi", 6894.757293168362), (MODULUS, "2 bar", 2e5), (DENSITY, "7.84 g/cm^3", 7840.0),
+        (DENSITY, "7840 kg/m3", 7840.0), (DENSITY, "7840 kg/m**3", 7840.0), (DENSITY, "7840 kg/m³", 7840.0),
+        (LOADS["pressure"], "4 kN/m", 4e3), (LOADS["pressure"], "4 N/mm", 4e3), (LOADS["pressure"], "4 Pa*m", 4.0),
+        (LOADS["force"], "1 kgf", 9.80665), (LOADS["force"], "5e-324 N", 5e-324),
+    ],
+)  # fmt: skip
+def test_quantities(kind: Quantity, text, value):
+    assert kind.read(text) == value
+
+
+@given(st.floats(1e-300, 1e290).map(repr), st.sampled_from([("mm", 3), ("um", 6), ("nm", 9), ("m", 0), ("pm", 12)]))
+def test_a_quantity_is_the_float_nearest_to_what_is_written(number, unit):
+    from fractions import Fraction
+
+    assert LENGTH.read(f"{number} {unit[0]}") == float(Fraction(number) / 10 ** unit[1])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "8 m m", "8 mm mm", "8*9 mm", "8/2 mm", "(8) mm", "8 mm + 1 mm", "8,5 mm", "8 e mm", "0x8 mm", "８ mm", "1_000 mm",
+        "8 PA", "8 k", "8 c", "8 m^", "8 m^99", "8 m^0.5", "8 m/m", "8 1/m", "8 m^2", "8 s", "8 K", "8 degC", "8 %", "8 mm.",
+        "8 parsnip", "8 __import__('os')", "mm", "eight mm", "", " ", "nan mm", "inf mm", "-inf mm", "1e999 mm", "1e-999 mm",
+        "1e999999999999 mm", "1e-999999999999 mm", "5e-324 pm", "0 mm", "-0.0 mm", "-8 mm", "8" * 200 + " mm",
+        "8 " + "m*" * 90 + "m", 8, 8.0, 0, True, None, [], ["8 mm"], {}, {"mm": 8}, math.nan, math.inf, 10**400,
+    ],
+)  # fmt: skip
+def test_what_is_no_length(text):
+    with pytest.raises(Refused, match=r"^found .*; allowed: a length above zero with its unit, such as '8 mm'"):
+        LENGTH.read(text)
+
+
+# -- written and read back ------------------------------------------------------------------------------------------
+
+sizes = st.floats(1e-12, 1e12)
+fractions = st.integers(-9, 9).map(lambda n: n / 7) | st.floats(-3, 3)
+points = st.tuples(fractions, fractions, st.just(0.0))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    material = gp.Material(draw(sizes), draw(st.floats(-0.99, 0.5)), draw(sizes), draw(st.none() | st.floats(1e-3, 1e12)))
+    lattice = draw(st.sampled_from(["triangular", "square", "kagome"]))
+    packing = gp.Packing(material, draw(st.floats(1e-6, 1e3)), lattice=lattice, friction=draw(st.booleans()))
+    kind = draw(st.sampled_from([kind for kind in LOADS if lattice == "triangular" or kind != "side_force"]))
+    load = Load(kind, draw(sizes), draw(st.integers(1, 99)) if kind == "side_force" else None)
+    paths = draw(st.none() | st.lists(st.lists(points, min_size=2, max_size=4), min_size=1, max_size=3))
+    band = None
+    if paths is not None:
+        assume(all(a != b for path in paths for a, b in itertools.pairwise(path)))
+        count = sum(map(len, paths))
+        label = st.text(st.characters(categories=["L", "N", "S", "P"], exclude_characters="'\"|"), min_size=1, max_size=6)
+        labels = draw(st.none() | st.lists(label, min_size=count, max_size=count).map(tuple))
+        band = BandPath(tuple(map(tuple, paths)), labels)
+    return Scene(
+        packing, load,
+        medium=draw(st.sampled_from(["ala", "afa", "ema"])),
+        finite_overlap=draw(st.booleans()),
+        observe=tuple(draw(st.sets(st.sampled_from(["velocities", "bands", "dos"]), min_size=1))),
+        band=band,
+        band_points=draw(st.integers(2, 1000)),
+        mesh=(draw(st.integers(1, 200)), draw(st.integers(1, 200))),
+        dim=draw(st.none() | st.tuples(st.integers(3, 9), st.integers(3, 9))),
+    )  # fmt: skip
+
+
+@given(scenes())
+def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
+    try:
+        scene.state()
+        gp.sound_velocities(scene.state(), (1.0, 0.0))
+    except InputError:
+        assume(False)
+    again = Scene.from_text(scene.to_yaml())
+    assert again == scene
+    assert again.to_yaml() == scene.to_yaml()
+
+
+def test_a_lattice_of_ones_own_has_no_name_in_a_file(steel):
+    chain = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
+    with pytest.raises(InputError, match="names its lattice"):
+        Scene(gp.Packing(steel, 8e-3, lattice=chain), Load("force", 1.0)).to_yaml()
+
+
+# -- mistakes in Python ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("medium", "simulation"), ("medium", "emma"), ("finite_overlap", 1), ("observe", ()),
+        ("observe", ("bands", "bands")), ("observe", ("noise",)), ("band_points", 1),
+        ("band_points", 2.0), ("mesh", (0, 1)), ("mesh", 8),
+        ("mesh", (8, 8, 2)), ("dim", (2, 3)), ("dim", (3,)),
+    ],
+)  # fmt: skip
+def test_values_that_a_scene_does_not_take(packing, name, value):
+    with pytest.raises(InputError, match=r"found .*allowed: "):
+        Scene(packing, Load("force", 1.0), **{name: value})
+
+
+def test_values_that_a_load_does_not_take(steel):
+    for arguments in (("weight", 1.0), ("force", 0.0), ("force", math.nan), ("force", 1.0, 31), ("side_force", 1.0)):
+        with pytest.raises(InputError):
+            Load(*arguments)
+    with pytest.raises(InputError, match="whole number"):
+        Load("side_force", 1.0, 0)
+    with pytest.raises(InputError, match="hexagon"):
+        Scene(gp.Packing(steel, 8e-3, lattice="square"), Load("side_force", 990.0, 31))
+    with pytest.raises(InputError, match="2 labels; allowed: 3"):
+        BandPath.parse("0 0 0 1/2 0 0 0 0 0", "G M")
+
+
+# -- anything at all ------------------------------------------------------------------------------------------------
+
+PIECES = [
+    "", " ", "\n", "\n  ", ":", ": ", "- ", "[", "]", "{", "}", ",", "'", '"', "#", "&a ", "*a", "!x ", "|", ">", "?", "%",
+    "@", "!!python/object:a.b ", "~", "null", "true", "yes", "nan", ".inf", "-1", "0", "1e999", "1e-320", "9" * 50, "8 mm",
+    "µ", "\t", "\x00", "\x85", "\ufeff", "\U0001f600", "<<: ", "---", "...", "1/0", "m m", "^2", "1:2:3", "simulation",
+    "kagome", "square",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mutated_scenes_are_read_or_refused(name):
+    base = (PRESETS / f"{name}.yaml").read_text()
+    rng = random.Random(name)
+    messages = []
+    for _ in range(250):
+        text = base
+        for _ in range(rng.randint(1, 3)):
+            # of the text that counts, not of the comments
+            spots = [i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]]
+            at = rng.choice(spots or [0])
+            length = rng.choice([0, 0, 1, 2, 5, 20])
+            text = text[:at] + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))]) + text[at + length :]
+        try:
+            scene = Scene.from_text(text, "mutant.yaml")
+        except SceneError as error:
+            messages.append(str(error))
+        else:
+            assert Scene.from_text(scene.to_yaml()) == scene
+    assert 60 < len(messages) < 250
+    for message in messages:
+        assert message.startswith("mutant.yaml:")
+        assert "\n" not in message
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(raw):
+    with suppress(SceneError):
+        Scene.from_text(raw.decode("latin-1"))
+
+
+@given(st.text(max_size=40), st.sampled_from(["8 mm", "211.65 GPa", "0.276", "18.446 N", "diameter", "load"]))
+def test_any_value_is_taken_or_refused(text, instead_of):
+    with suppress(SceneError):
+        Scene.from_text(MINIMAL.replace(instead_of, text))
+
+
+def test_reading_a_scene_loads_what_it_needs():
+    code = (
+        f"from granphon import Scene; Scene.from_text({MINIMAL!r}); import sys; "
+        "print([m for m in ('phonopy', 'matplotlib', 'ase.calculators', 'spglib', 'typer', 'rich') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == "[]"
