@@ -119,7 +119,7 @@ def run(
     scene: _SceneFile,
     out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.")],
     force: _Force = False,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw bands.png and dos.png.")] = True,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
@@ -148,15 +148,13 @@ def plot(
     folder: Annotated[str, typer.Argument(metavar="DIR", help="A folder that 'granphon run' wrote.")],
     out: Annotated[
         str | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="One figure with all, its format by the ending (.png, .pdf, .svg)."
-        ),
+        typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg)."),
     ] = None,
     force: _Force = False,
 ) -> None:
     """Draw the results of a run again.
 
-    Redraws bands.png and dos.png in the folder, or draws one figure with both.
+    The bands with the density of states beside them: bands.png in the folder, or the file given.
 
     \b
     Examples:
@@ -165,7 +163,7 @@ def plot(
     """
     from granphon.run import redraw
 
-    _say("Wrote " + ", ".join(map(str, redraw(folder, out, force))))
+    _say(f"Wrote {redraw(folder, out, force)}")
 
 
 # -- what is printed ------------------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ A medium turns a packing and a load into a :class:`ContactState`. Equal balls ne
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -140,8 +139,8 @@ class Medium(Protocol):
         """State at the mean contact force f, N."""
         ...
 
-    def at_pressure(self, pressure: ArrayLike) -> ContactState:
-        """State at the linear pressure P, N/m."""
+    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
+        """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
         ...
 
     def at_overlap(self, overlap: ArrayLike) -> ContactState:
@@ -223,7 +222,3 @@ def _loads(name: str, values: ArrayLike) -> Array:
             message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
         )
     return array
-
-
-#: the rungs of the ladder by the name they have in a scene
-MEDIA: dict[str, Callable[[Packing], Medium]] = {"ala": AveragedLattice}

@@ -8,7 +8,7 @@ summary.yaml           the numbers, under the names of the library's attributes,
 band.yaml              bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
-bands.png, dos.png     figures
+bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 =====================  =====================================================================================
 """
 
@@ -90,9 +90,13 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
         names += ["band.yaml", "phonopy_params.yaml"]
     if "dos" in scene.observe:
         names.append("dos.csv")
-    if figures:
-        names += [f"{what}.png" for what in ("bands", "dos") if what in scene.observe]
+    if figures and names[2:]:
+        names.append(_figure_name("bands" in scene.observe))
     return tuple(names)
+
+
+def _figure_name(bands: bool) -> str:
+    return "bands.png" if bands else "dos.png"
 
 
 def run(
@@ -111,7 +115,7 @@ def run(
     folder : made if it is not there; on any failure it is left as it was found.
     force : replace an earlier result, its files that this scene does not write included.
     progress : told how far the work has come.
-    figures : draw bands.png and dos.png too.
+    figures : draw bands.png (dos.png) too.
 
     Raises
     ------
@@ -146,11 +150,10 @@ def run(
             if dos is not None:
                 dos.write_csv(place / "dos.csv")
                 step.advance()
-            if figures and bands is not None:
-                _draw(place / "bands.png", bands)
-                step.advance()
-            if figures and dos is not None:
-                _draw(place / "dos.png", dos)
+            if figures and phonons is not None:
+                from granphon.plot import bands_figure
+
+                bands_figure(bands=bands, dos=dos).savefig(place / _figure_name(bands is not None))
                 step.advance()
     return result
 
@@ -202,20 +205,18 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def redraw(
-    folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None, force: bool = False
-) -> tuple[Path, ...]:
-    """Draw the results in a run's folder again.
+def redraw(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None, force: bool = False) -> Path:
+    """Draw the results in a run's folder again, in one figure.
 
     Parameters
     ----------
     folder : where band.yaml, dos.csv or both are.
-    out : one figure with everything, in the format of its ending; by default bands.png and dos.png in the folder.
+    out : where to, in the format of its ending; by default bands.png (dos.png without bands) in the folder.
     force : overwrite.
 
     Returns
     -------
-    The paths written.
+    The path written.
 
     Raises
     ------
@@ -229,7 +230,7 @@ def redraw(
             message(f"{source} holds neither band.yaml nor dos.csv", mend="Give a folder that 'granphon run' wrote")
         )
     target = source if out is None else Path(out).parent
-    names = [f"{name}.png" for name in have] if out is None else [Path(out).name]
+    names = [_figure_name("bands" in have) if out is None else Path(out).name]
     check_free(target, names, force)
     from granphon.phonons import Bands, DensityOfStates
     from granphon.plot import bands_figure
@@ -239,24 +240,12 @@ def redraw(
         dos = DensityOfStates.read_csv(have["dos"]) if "dos" in have else None
     except OSError as error:
         raise InputError(message(f"{error.filename} cannot be read: {error.strerror}")) from None
-    if out is not None:
-        figures = [bands_figure(bands=bands, dos=dos)]
-    else:
-        figures = [bands_figure(bands=b, dos=d) for b, d in ((bands, None), (None, dos)) if b is not None or d is not None]
-    known, ending = figures[0].canvas.get_supported_filetypes(), Path(names[0]).suffix
+    figure = bands_figure(bands=bands, dos=dos)
+    known, ending = figure.canvas.get_supported_filetypes(), Path(names[0]).suffix
     if ending.removeprefix(".") not in known:
         raise InputError(
             message(f"{names[0]} has an ending that names no figure format", mend="Use ." + ", .".join(sorted(known)))
         )
     with staging(target, names, force) as place:
-        for name, figure in zip(names, figures, strict=True):
-            figure.savefig(place / name)
-    return tuple(target / name for name in names)
-
-
-def _draw(path: Path, result: Bands | DensityOfStates) -> None:
-    from granphon.phonons import Bands
-    from granphon.plot import bands_figure
-
-    figure = bands_figure(bands=result) if isinstance(result, Bands) else bands_figure(dos=result)
-    figure.savefig(path)
+        figure.savefig(place / names[0])
+    return target / names[0]

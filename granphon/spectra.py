@@ -215,7 +215,7 @@ class Bands(Result):
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
         ]  # fmt: skip
         ticks = [tick.split("|") for tick in self.labels]
-        lines += ["labels:", *(f"- [ '{a[-1]}', '{z[0]}' ]" for a, z in itertools.pairwise(ticks))]
+        lines += ["labels:", *(f"- [ {_text(a[-1])}, {_text(z[0])} ]" for a, z in itertools.pairwise(ticks))]
         reciprocal = np.linalg.inv(self.cell).T
         lines += [
             "reciprocal_lattice:",
@@ -238,7 +238,7 @@ class Bands(Result):
                     f"  distance: {float(self.distances[i, j])!r}",
                 ]
                 if j in (0, p - 1):
-                    lines.append(f"  label: '{(ticks[i][-1] if j == 0 else ticks[i + 1][0])}'")
+                    lines.append(f"  label: {_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
                 lines.append("  band:")
                 for k in range(b):
                     lines += [f"  - # {k + 1}", f"    frequency: {float(self.frequencies[i, j, k] / unit.hertz)!r}"]
@@ -293,6 +293,11 @@ class Bands(Result):
 
 def _numbers(values: Any) -> str:
     return ", ".join(repr(float(x)) for x in values)
+
+
+def _text(words: str) -> str:
+    # a JSON string is a YAML string, whatever is in it
+    return json.dumps(words)
 
 
 def _row(values: Any) -> str:
