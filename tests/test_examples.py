@@ -1,0 +1,59 @@
+"""The examples run, with the numbers they assert, and draw what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SCRIPTS = ("modes_K_M", "paper_figure2", "pulse_dispersion", "steel_bands")
+
+
+def figure_of(name: str, out: Path | None = None) -> Figure:
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    figure = module.main(out)
+    assert isinstance(figure, Figure)
+    return figure
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_an_example_runs_and_writes_its_figure(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "figure.png"
+    figure = figure_of(name, out)
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+    assert min(text.get_fontsize() for text in figure.findobj(Text) if text.get_text()) >= 7.0
+
+
+def test_figure_2_is_in_the_units_of_the_paper():
+    above, below = figure_of("paper_figure2").axes[:2]
+    for ax, top in ((above, np.sqrt(30.0 * 2.0 * (1.0 - 0.276) / (2.0 - 0.276))), (below, np.sqrt(6.0))):
+        y = np.concatenate([c.get_segments() for c in ax.collections])[..., 1]
+        assert y.max() == pytest.approx(top, rel=1e-9)
+        left, right = ax.get_xlim()
+        assert right - left == pytest.approx(2.0 / 3.0 + 1.0 / np.sqrt(3.0), rel=1e-12)
+        assert [t.get_text() for t in ax.get_xticklabels()] == ["0.6", "0.4", "0.2", "0.0", "0.2", "0.4"]
+        assert ax.get_xticks()[3] == pytest.approx(2.0 / 3.0)
+
+
+def test_the_pulse_figure_starts_at_the_velocities_of_long_waves():
+    (ax,) = figure_of("pulse_dispersion").axes
+    lines = {line.get_label(): line.get_data() for line in ax.lines}
+    for kind in ("phase", "group"):
+        assert lines[f"longitudinal, {kind}"][1][0] == pytest.approx(790.96, rel=1e-4)
+        assert lines[f"transverse, {kind}"][1][0] == pytest.approx(547.51, rel=1e-4)
+    assert np.all(lines["longitudinal, group"][1] <= lines["longitudinal, phase"][1])

@@ -1,0 +1,413 @@
+"""What is drawn is what was computed: the plotted data are read back, not the pixels."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon import plot
+from granphon.errors import InputError
+from granphon.units import HertzPrefix
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
+
+
+def phonons_of(lattice="triangular", friction=True, cells=1, mass=1.0):
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)).at_force(18.446)
+    if cells == 1:
+        return gp.Phonons(state)
+    balls = gp.atoms(state).repeat((cells, cells, 1))
+    masses = balls.get_masses()
+    masses[4] = mass
+    balls.set_masses(masses)
+    return gp.Phonons(state, balls)
+
+
+@pytest.fixture(scope="module")
+def phonons():
+    return phonons_of()
+
+
+@pytest.fixture(scope="module")
+def bands(phonons):
+    return phonons.bands("GKMG", npoints=41)
+
+
+@pytest.fixture
+def ax():
+    return Figure(layout="constrained").subplots()
+
+
+def with_gid(ax, gid):
+    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
+
+
+def branches(ax, bands):
+    s, b = len(bands.distances), bands.n_branches
+    return [[with_gid(ax, f"band-{i}-{j}") for j in range(b)] for i in range(s)]
+
+
+# -- bands ----------------------------------------------------------------------------------------------------------
+
+
+def test_bands_are_the_connected_frequencies_in_the_unit_of_the_label(bands, ax):
+    assert plot.plot_bands(bands, ax) is ax
+    drawn = np.array([[np.array(line.get_segments()) for line in row] for row in branches(ax, bands)])
+    points = drawn[:, :, :, 1]  # (s, b, p, 2): the middle vertex of each piece
+    assert_allclose(points[..., 1], np.moveaxis(bands.connected_frequencies, 2, 1) / 1e3, rtol=1e-15)
+    assert_allclose(points[..., 0], np.broadcast_to(bands.distances[:, None], points.shape[:3]), rtol=1e-15)
+    # each piece ends where the next begins, and the line runs from end to end
+    assert_array_equal(drawn[:, :, :-1, 2], drawn[:, :, 1:, 0])
+    assert_array_equal(drawn[:, :, 0, 0], points[:, :, 0])
+    assert_array_equal(drawn[:, :, -1, 2], points[:, :, -1])
+    assert ax.get_ylabel() == "Frequency (kHz)"
+
+
+def test_every_colour_is_the_rotational_fraction_of_its_point(bands, ax):
+    plot.plot_bands(bands, ax)
+    drawn = np.array([[line.get_array() for line in row] for row in branches(ax, bands)])
+    expected = np.take_along_axis(bands.rotational_fraction, bands.connection, 2)
+    assert_allclose(np.moveaxis(drawn, 1, 2), expected, rtol=0, atol=0)
+    for line in itertools.chain(*branches(ax, bands)):
+        assert (line.norm.vmin, line.norm.vmax) == (0.0, 1.0)
+    assert 0.99 < drawn.max() <= 1.0 + 1e-12
+
+
+def test_colours_grow_lighter_evenly(bands):
+    red, green, blue = plot.ROTATION(np.linspace(0.0, 1.0, 64))[:, :3].T
+    luminance = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2
+    lightness = np.cbrt(luminance)
+    assert np.all(np.diff(lightness) > 0.0)
+    assert lightness[-1] - lightness[0] > 0.4
+
+
+def test_ticks_are_at_the_corners(bands, ax):
+    plot.plot_bands(bands, ax)
+    assert_allclose(ax.get_xticks(), [0.0, 2 / 3, 1.0, 1.0 + 1 / np.sqrt(3.0)], rtol=1e-12)
+    assert [t.get_text() for t in ax.get_xticklabels()] == ["Γ", "K", "M", "Γ"]
+
+
+def test_a_path_that_jumps_is_not_joined(phonons, ax):
+    jump = phonons.bands("GK,MG", npoints=11)
+    plot.plot_bands(jump, ax)
+    assert [t.get_text() for t in ax.get_xticklabels()] == ["Γ", "K|M", "Γ"]
+    corner = jump.distances[0, -1]
+    for before, after in zip(*branches(ax, jump), strict=True):
+        assert np.max(np.array(before.get_segments())[..., 0]) <= corner
+        assert np.min(np.array(after.get_segments())[..., 0]) >= corner
+
+
+@pytest.mark.parametrize(("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")])
+def test_labels_as_they_are_printed(label, shown):
+    assert plot._name(label) == shown
+
+
+def test_frequencies_in_another_unit(bands, ax):
+    plot.plot_bands(bands, ax, unit=HertzPrefix("reduced", bands.scales.frequency))
+    top = max(np.array(line.get_segments())[..., 1].max() for line in itertools.chain(*branches(ax, bands)))
+    assert_allclose(top, np.sqrt(30.0 * STEEL.mindlin_ratio), rtol=1e-12)
+    assert ax.get_ylim()[1] > top
+    assert ax.get_ylim()[0] < 0.0
+    assert ax.get_ylabel() == "Frequency (reduced)"
+
+
+def test_without_friction_there_is_no_colour_bar_and_a_branch_keeps_its_colour():
+    bands = phonons_of(friction=False).bands("GKMG", npoints=21)
+    figure = plot.bands_figure(bands)
+    assert len(figure.axes) == 1
+    rows = branches(figure.axes[0], bands)
+    assert all(line.get_array() is None for line in itertools.chain(*rows))
+    longitudinal = np.take_along_axis(bands.longitudinal_fraction, bands.connection, 2)
+    for s, b in ((0, 0), (0, 1), (2, 0), (2, 1)):  # Gamma-K and M-Gamma
+        expected = plot._BRANCHES[int(longitudinal[s, :, b].mean() > 0.5)]
+        assert_allclose(rows[s][b].get_color()[0], to_rgba(expected))
+
+
+def test_coinciding_branches_are_all_visible(ax):
+    values = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 3.0], [3.0, 3.0, 3.0], [3.0, 3.5, 4.0]])
+    widths = plot._widths(values, 1e-6)
+    # the earlier of two is wider where they stay together, and not where they merely touch (the third, at the ends)
+    assert_allclose(widths / widths.min(), [[2, 1, 1], [2, 1, 1], [2, 1, 1], [1, 1, 1]])
+
+
+# -- long waves -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("of_lattice", [True, False])
+def test_long_waves_start_at_gamma_with_the_sound_velocities(phonons, bands, ax, of_lattice):
+    v = gp.sound_velocities(phonons.state)
+    plot.plot_bands(bands, ax, asymptotes=phonons.lattice if of_lattice else v)
+    for s, gamma in ((0, 0.0), (2, bands.distances[-1, -1])):
+        for name, velocity in (("longitudinal", v.longitudinal), ("transverse", v.transverse)):
+            x, y = with_gid(ax, f"asymptote-{name}-{s}").get_data()
+            wavenumber = 2.0 * np.pi * np.abs(x - gamma) / 8e-3
+            assert_allclose(y * 1e3, velocity * wavenumber / (2.0 * np.pi), rtol=1e-12, atol=1e-9)
+            assert_allclose(np.ptp(x), 0.5 * np.ptp(bands.distances[s]), rtol=1e-12)
+    assert len([line for line in ax.lines if str(line.get_gid()).startswith("asymptote")]) == (6 if of_lattice else 4)
+
+
+def test_the_optical_asymptote_agrees_with_the_branch_to_fourth_order(phonons, ax):
+    near = phonons.bands([[0.0, 0.0], [0.06, 0.06]], npoints=61, labels=("G", "q"))
+    plot.plot_asymptotes(near, phonons.lattice, ax, reach=1.0)
+    x, y = with_gid(ax, "asymptote-optical-0").get_data()
+    q = 2.0 * np.pi * near.distances[0]
+    error = np.abs(np.interp(near.distances[0], x, y) - near.frequencies[0, :, -1] / 1e3)
+    assert error[-1] / error[30] == pytest.approx((q[-1] / q[30]) ** 4, rel=0.05)
+
+
+def test_the_optical_asymptote_ends_where_its_square_would_be_negative(phonons, bands, ax):
+    plot.plot_asymptotes(bands, phonons.lattice, ax, reach=1.0)
+    x, y = with_gid(ax, "asymptote-optical-0").get_data()
+    real = np.isfinite(y)
+    assert_array_equal(real, (2.0 * np.pi * x) ** 2 / 10.0 <= 1.0)
+    assert 0 < real.sum() < real.size
+
+
+def test_asymptotes_take_one_load(bands, ax):
+    many = gp.sound_velocities(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))
+    with pytest.raises(InputError, match="several loads"):
+        plot.plot_asymptotes(bands, many, ax)
+
+
+def test_long_waves_of_an_anisotropic_lattice_follow_the_direction(ax):
+    phonons = phonons_of("square")
+    plot.plot_bands(phonons.bands("MGX", npoints=11), ax, asymptotes=phonons.lattice)
+    for s, direction in ((0, (1, 1)), (1, (0, 1))):
+        fast, slow = phonons.lattice.sound_velocities(direction)[0]
+        rise = [np.ptp(with_gid(ax, f"asymptote-{name}-{s}").get_ydata()) for name in ("longitudinal", "transverse")]
+        assert_allclose(rise[0] / rise[1], fast / slow, rtol=1e-12)
+
+
+# -- the zone -------------------------------------------------------------------------------------------------------
+
+
+def area(corners):
+    x, y = corners.T
+    return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+
+
+@pytest.mark.parametrize(
+    ("cell", "corners"),
+    [
+        ([[1.0, 0.0], [-0.5, np.sqrt(0.75)]], 6),
+        ([[1.0, 0.0], [0.0, 1.0]], 4),
+        ([[1.0, 0.0], [0.0, 3.0]], 4),
+        ([[1.0, 0.0], [0.3, 1.2]], 6),
+        ([[1.0, 0.0], [7.3, 1.2]], 6),  # the same lattice, by a slanted cell
+        ([[1e-3, 0.0], [0.0, 1e-3]], 4),
+        ([[0.0, 1.0], [1.0, 0.0]], 4),  # left-handed
+    ],
+)
+def test_the_zone_is_the_wigner_seitz_cell(cell, corners):
+    reciprocal = np.linalg.inv(cell).T
+    polygon = plot.zone_polygon(reciprocal)
+    assert len(polygon) == corners
+    assert_allclose(area(polygon), abs(np.linalg.det(reciprocal)), rtol=1e-12)  # anticlockwise: the area is positive
+    steps = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 2), axis=-1).reshape(-1, 2)
+    distance = np.linalg.norm(polygon[:, None] - steps @ reciprocal, axis=2)
+    # a corner is nearest to the origin, and as near to two others
+    own = np.linalg.norm(polygon, axis=1)
+    assert np.all(distance >= own[:, None] * (1.0 - 1e-9))
+    assert np.all(np.sum(distance <= own[:, None] * (1.0 + 1e-9), axis=1) >= 3)
+
+
+def test_the_zone_is_drawn_with_the_path(bands, ax):
+    assert plot.plot_zone(bands, ax) is ax
+    polygon = with_gid(ax, "zone").get_xy()[:-1]
+    assert_allclose(area(polygon), 2.0 / np.sqrt(3.0), rtol=1e-12)
+    path = np.array(with_gid(ax, "path").get_segments())
+    assert_allclose(np.linalg.norm(path, axis=2), [[0, 2 / 3], [2 / 3, 1 / np.sqrt(3)], [1 / np.sqrt(3), 0]], atol=1e-15)
+    assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {"Γ", "K", "M"}
+
+
+# -- the density of states ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("friction", "states"), [(True, 3.0), (False, 2.0)])
+@pytest.mark.parametrize("horizontal", [True, False])
+def test_the_drawn_density_integrates_to_the_branches_of_a_ball(ax, friction, states, horizontal):
+    dos = phonons_of(friction=friction).dos((48, 48))
+    assert plot.plot_dos(dos, ax, horizontal=horizontal) is ax
+    drawn = {line.get_label(): line.get_data()[:: -1 if horizontal else 1] for line in ax.lines}
+    frequency, density = drawn["total"]
+    # as closely as 501 frequencies resolve the logarithmic peaks
+    assert np.trapezoid(density, frequency) == pytest.approx(states, rel=1e-2)
+    assert_allclose(frequency, dos.frequencies / 1e3, rtol=1e-15)
+    if friction:
+        assert_allclose(drawn["translation"][1] + drawn["rotation"][1], density, rtol=1e-12)
+        assert_allclose(drawn["rotation"][1], dos.rotational * 1e3, rtol=1e-15)
+    else:
+        assert set(drawn) == {"total"}
+    labels = {ax.get_ylabel(), ax.get_xlabel()}
+    assert labels == {"Frequency (kHz)", "DOS per ball\n(1/kHz)" if horizontal else "DOS per ball (1/kHz)"}
+    assert ax.get_ylabel().startswith("Frequency") is horizontal
+
+
+# -- figures --------------------------------------------------------------------------------------------------------
+
+
+def test_bands_and_dos_share_the_frequency_axis(phonons, bands, tmp_path):
+    figure = plot.bands_figure(bands, phonons.dos((24, 24)), asymptotes=phonons.lattice, title="Steel")
+    left, right, bar = figure.axes
+    assert left.get_ylim() == right.get_ylim()
+    assert left.get_shared_y_axes().joined(left, right)
+    assert bar.get_xlabel() == "Rotational part of the kinetic energy"
+    (legend,) = figure.legends
+    assert [t.get_text() for t in legend.get_texts()] == ["translation", "rotation", "total", "long waves"]
+    assert figure.get_suptitle() == "Steel"
+    for ending in ("png", "pdf", "svg"):
+        figure.savefig(tmp_path / f"bands.{ending}", dpi=50)
+    # nothing sticks out of the page, and no text is smaller than 7 points
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+    assert min(t.get_fontsize() for t in figure.findobj(matplotlib.text.Text) if t.get_text()) >= 7.0
+
+
+@pytest.mark.parametrize(
+    ("balls", "path"),
+    [
+        ({"friction": False}, "GKMG"),
+        ({"lattice": "square"}, "GXMG"),
+        ({"lattice": "kagome"}, "GKMG"),
+        ({"lattice": DIMER}, "GXSYG"),
+        ({"cells": 3, "mass": 3.0}, "GKMG"),
+    ],
+    ids=["frictionless", "square", "kagome", "dimer", "defect"],
+)
+def test_every_lattice_draws_and_the_zone_covers_no_line(balls, path, tmp_path):
+    phonons = phonons_of(**balls)
+    bands = phonons.bands(path, npoints=11)
+    figure = plot.bands_figure(bands, phonons.dos((4, 4)), asymptotes=phonons.lattice)
+    figure.savefig(tmp_path / "bands.png", dpi=50)
+    ax = figure.axes[0]
+    (inset,) = ax.child_axes
+    box = inset.get_window_extent().transformed(ax.transData.inverted())
+    pieces = [c.get_segments() for c in ax.collections if isinstance(c, LineCollection)]
+    x, y = np.concatenate(pieces)[:, 1].T
+    assert not np.any((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1))
+    assert ax.get_ylim()[1] >= y.max()
+    assert_allclose(area(with_gid(inset, "zone").get_xy()[:-1]), 1.0 / np.linalg.det(bands.cell[:2, :2]), rtol=1e-9)
+
+
+def test_either_may_be_left_out_and_not_both(phonons, bands):
+    assert len(plot.bands_figure(bands).axes) == 2  # with the colour bar
+    (ax,) = plot.bands_figure(dos=phonons.dos((12, 12))).axes
+    assert ax.get_xlabel() == "Frequency (kHz)"
+    with pytest.raises(InputError, match="nothing to draw"):
+        plot.bands_figure()
+
+
+def test_global_state_is_left_alone(bands):
+    before = dict(matplotlib.rcParams)
+    plot.bands_figure(bands)
+    assert dict(matplotlib.rcParams) == before
+    code = "import sys; import granphon.plot; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
+    run = subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.split() == ["False", "False"]
+
+
+# -- modes ----------------------------------------------------------------------------------------------------------
+
+
+def drawn_mode(ax):
+    (arrows,) = (c for c in ax.collections if isinstance(c, Quiver))
+    spins = next((c for c in ax.collections if c.get_gid() == "spins"), None)
+    arcs = None if spins is None else np.array(spins.get_segments()) - np.array(arrows.XY)[:, None]
+    return np.array(arrows.XY), np.stack([arrows.U, arrows.V], axis=1), arcs
+
+
+def turned(arcs):
+    """The angle of each arc, its sign by the sense."""
+    angle = np.unwrap(np.arctan2(arcs[..., 1], arcs[..., 0]), axis=1)
+    return angle[:, -1] - angle[:, 0]
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.7])
+@pytest.mark.parametrize("branch", [0, 1, 2])
+def test_a_mode_is_the_real_part_of_its_wave(phonons, ax, branch, phase):
+    q = (0.21, 0.13)
+    assert plot.plot_mode(phonons, q, branch, ax, cells=(3, 4), phase=phase) is ax
+    places, arrows, arcs = drawn_mode(ax)
+    assert len(places) == 12
+    modes = phonons.modes([q])
+    e = modes.eigenvectors[0, :, branch]
+    e = e * np.exp(-1j * np.angle(e[np.argmax(np.abs(e))]))
+    wave = (e[:, None] * np.exp(1j * (modes.wavevectors[0] * 8e-3 @ places.T + phase))).real
+    drawn = np.vstack([arrows.T, turned(arcs) * np.sqrt(0.1)])  # w = R_g phi
+    scale = np.sum(drawn * wave) / np.sum(wave**2)
+    assert scale > 0.0
+    assert_allclose(drawn, scale * wave, atol=1e-12)
+    # the largest in a period is 0.4 d
+    period = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 2001))[:, None]
+    u, w = (e[:2] * period).real, np.abs(e[2])
+    assert scale * max(np.linalg.norm(u, axis=1).max(), w) == pytest.approx(0.4, rel=1e-5)
+
+
+def test_the_top_mode_at_m_turns_neighbours_against_each_other(phonons, ax):
+    plot.plot_mode(phonons, (0.5, 0.0), 2, ax)
+    places, arrows, arcs = drawn_mode(ax)
+    angle = turned(arcs)
+    assert_allclose(arrows, 0.0, atol=1e-12)
+    assert_allclose(np.abs(angle), 0.4 / np.sqrt(0.1), rtol=1e-9)
+    assert_array_equal(np.sign(angle).reshape(4, 4), np.array([1, -1, 1, -1])[:, None] * np.ones(4))
+    spins = with_gid(ax, "spins")
+    assert_allclose(spins.get_color(), [to_rgba("#D55E00" if a > 0 else "#0072B2") for a in angle])
+    assert ax.get_title() == "q = (1/2, 0), 38.0 kHz, rotation 100 %"
+    assert_allclose(places[4] - places[0], [1.0, 0.0], atol=1e-15)
+
+
+def test_balls_have_their_real_size(phonons, ax):
+    plot.plot_mode(phonons, (1 / 3, 1 / 3), 0, ax, cells=(2, 2))
+    balls = [path.get_extents() for path in with_gid(ax, "balls").get_paths()]
+    assert_allclose([(b.width, b.height) for b in balls], 1.0, rtol=1e-3)
+    # touching balls touch, and all are inside the axes
+    assert ax.get_xlim()[0] < min(b.x0 for b in balls)
+    assert ax.get_ylim()[1] > max(b.y1 for b in balls)
+    assert ax.get_aspect() == 1.0
+
+
+def test_a_heavy_ball_moves_less_than_its_momentum(ax):
+    phonons = phonons_of(cells=3, mass=9.0)
+    plot.plot_mode(phonons, (0.0, 0.0), 0, ax, cells=(1, 1), direction=(1, 0))
+    _, arrows, _ = drawn_mode(ax)
+    # the lowest mode at Gamma is a translation of all balls alike, whatever they weigh
+    assert_allclose(arrows - arrows[0], 0.0, atol=1e-7)
+    assert np.linalg.norm(arrows[0]) == pytest.approx(0.4, rel=1e-6)
+
+
+def test_a_mode_without_friction_has_no_spin(ax):
+    plot.plot_mode(phonons_of(friction=False), (0.5, 0.0), 1, ax)
+    _, arrows, arcs = drawn_mode(ax)
+    assert arcs is None
+    assert_allclose(np.linalg.norm(arrows, axis=1), 0.4, rtol=1e-12)
+    assert "rotation" not in ax.get_title()
+
+
+def test_a_q_that_is_no_simple_fraction_is_written_in_decimals(phonons, ax):
+    plot.plot_mode(phonons, (0.21, 1 / 3), 1, ax, cells=(1, 1))
+    assert ax.get_title().startswith("q = (0.21, 1/3), ")
+
+
+@pytest.mark.parametrize("branch", [-1, 3])
+def test_a_branch_that_is_not_there(phonons, ax, branch):
+    with pytest.raises(InputError, match="Count from 0 to 2"):
+        plot.plot_mode(phonons, (0.5, 0.0), branch, ax)
+
+
+def test_gamma_needs_a_direction(phonons, ax):
+    with pytest.raises(InputError, match="direction"):
+        plot.plot_mode(phonons, (0.0, 0.0), 0, ax)
