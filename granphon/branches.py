@@ -145,7 +145,7 @@ def acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str
         slopes = np.take_along_axis(modes.group_velocities @ along, pick, 1)[:, 0]
         vectors = np.take_along_axis(modes.eigenvectors, pick[:, None], 2)[:, :, 0]
         branch = AcousticBranch(lattice, along, name, grid, values, vectors)
-        falling = np.flatnonzero(slopes[:-1] <= 0.0)
+        falling = np.flatnonzero(slopes <= 0.0)
         if falling.size:
             branch = _cut_at_maximum(branch, int(falling[0]))
         branches[name] = branch

@@ -150,6 +150,7 @@ def plot(
         str | None,
         typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg)."),
     ] = None,
+    asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands.")] = False,
     force: _Force = False,
 ) -> None:
     """Draw the results of a run again.
@@ -159,11 +160,11 @@ def plot(
     \b
     Examples:
       granphon plot out --force
-      granphon plot out -o figure.pdf
+      granphon plot out --asymptotes -o figure.pdf
     """
     from granphon.run import redraw
 
-    _say(f"Wrote {redraw(folder, out, force)}")
+    _say(f"Wrote {redraw(folder, out, force, asymptotes)}")
 
 
 # -- what is printed ------------------------------------------------------------------------------------------------

@@ -134,9 +134,10 @@ def _lowest_root(sigma: float) -> float:
 
     # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
     uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    if breathing(0.5 * uniform) * breathing(min(uniform, torsional)) > 0.0:
+    upper = min(1.1 * uniform, torsional)  # not uniform itself: near sigma = -1 rounding there would hide the root
+    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
         return torsional
-    return float(brentq(breathing, 0.5 * uniform, min(uniform, torsional), xtol=1e-15))
+    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-15))
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:

@@ -328,10 +328,14 @@ class Phonons:
         if method == "tetrahedron":
             if sigma is not None:
                 raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
-            density = TetrahedronDOSAccumulator(
+            # each value is the mean over its own interval, from the integrated density: van Hove singularities fall between
+            # points, and the trapezoidal sum over the points is the number of modes exactly
+            edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+            integrated = TetrahedronDOSAccumulator(
                 values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
-                ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=at,
-            ).result.density[0].T  # fmt: skip
+                ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=edges,
+            ).result.cumulative[0].T  # fmt: skip
+            density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
             width = 0.01 * top if sigma is None else float(sigma) / self.scales.frequency
             if not (np.isfinite(width) and width > 0.0):

@@ -23,7 +23,15 @@ from typing import TYPE_CHECKING, Any
 from granphon.errors import InputError, message
 from granphon.files import check_free, dump_yaml, staging, versions
 from granphon.medium import ContactState
-from granphon.observables import Moduli, SoundVelocities, Validity, moduli, sound_velocities, validity
+from granphon.observables import (
+    Moduli,
+    SoundVelocities,
+    Validity,
+    contact_lattice,
+    moduli,
+    sound_velocities,
+    validity,
+)
 from granphon.progress import Progress, silent
 from granphon.scene import Scene
 
@@ -205,7 +213,12 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def redraw(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None, force: bool = False) -> Path:
+def redraw(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
+    asymptotes: bool = False,
+) -> Path:
     """Draw the results in a run's folder again, in one figure.
 
     Parameters
@@ -213,6 +226,7 @@ def redraw(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = 
     folder : where band.yaml, dos.csv or both are.
     out : where to, in the format of its ending; by default bands.png (dos.png without bands) in the folder.
     force : overwrite.
+    asymptotes : add the long waves (equations 13-15) of the scene that the folder holds.
 
     Returns
     -------
@@ -240,7 +254,11 @@ def redraw(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = 
         dos = DensityOfStates.read_csv(have["dos"]) if "dos" in have else None
     except OSError as error:
         raise InputError(message(f"{error.filename} cannot be read: {error.strerror}")) from None
-    figure = bands_figure(bands=bands, dos=dos)
+    lattice = None
+    if asymptotes and bands is not None:
+        scene = Scene.from_yaml(source / "scene.yaml")
+        lattice = contact_lattice(scene.state(), scene.finite_overlap)
+    figure = bands_figure(bands=bands, dos=dos, asymptotes=lattice)
     known, ending = figure.canvas.get_supported_filetypes(), Path(names[0]).suffix
     if ending.removeprefix(".") not in known:
         raise InputError(

@@ -308,6 +308,8 @@ def _row(values: Any) -> str:
 class DensityOfStates(Result):
     """Density of states per ball and hertz; its integral is the number of branches of a ball.
 
+    With the tetrahedron method each value is the mean over the interval around its frequency.
+
     Attributes
     ----------
     frequencies : (n,), Hz.

@@ -341,7 +341,7 @@ def test_run_and_plot_draw_figures(work, capsys):
     (work / "out" / "bands.png").write_text("old")
     assert main(["plot", "out", "--force"]) == 0
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["plot", "out", "-o", "figures/both.pdf"]) == 0
+    assert main(["plot", "out", "--asymptotes", "-o", "figures/both.pdf"]) == 0
     assert (work / "figures" / "both.pdf").read_bytes().startswith(b"%PDF")
     capsys.readouterr()
     assert main(["plot", "out", "-o", "both.xyz"]) == 2
