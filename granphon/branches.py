@@ -30,14 +30,19 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     -------
     (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
     """
-    from scipy.optimize import linear_sum_assignment
-
     vectors = np.asarray(eigenvectors)
     overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
+    # where each branch has a continuation of its own that overlaps most, that is the best assignment
+    best = np.argmax(overlap, axis=2)
+    clear = np.all(np.sort(best, axis=1) == order[0], axis=1)
     for point, matrix in enumerate(overlap):
-        _, columns = linear_sum_assignment(matrix, maximize=True)
+        columns = best[point]
+        if not clear[point]:
+            from scipy.optimize import linear_sum_assignment
+
+            _, columns = linear_sum_assignment(matrix, maximize=True)
         order[point + 1] = columns[order[point]]
     return order
 

@@ -113,18 +113,21 @@ class Material:
         return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
 
 
+#: least positive root of x j_2'(x) = j_2(x): the torsional mode of order two of a free sphere
+_TORSIONAL = 2.501132620409395
+
+
 def _lowest_root(sigma: float) -> float:
     """Least omega R / v_T over the free vibrations of a sphere of Poisson ratio ``sigma``.
 
     It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
     where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
     """
+    if sigma >= 0.0:
+        return _TORSIONAL
     from scipy.optimize import brentq
     from scipy.special import spherical_jn
 
-    torsional = float(brentq(lambda x: x * spherical_jn(2, x, derivative=True) - spherical_jn(2, x), 2.0, 3.0))
-    if sigma >= 0.0:
-        return torsional
     ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
 
     def breathing(x: float) -> float:
@@ -134,9 +137,9 @@ def _lowest_root(sigma: float) -> float:
 
     # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
     uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    upper = min(1.1 * uniform, torsional)  # not uniform itself: near sigma = -1 rounding there would hide the root
+    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 rounding there would hide the root
     if breathing(0.5 * uniform) * breathing(upper) > 0.0:
-        return torsional
+        return _TORSIONAL
     return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-15))
 
 

@@ -216,8 +216,8 @@ class Phonons:
             squared, modes = np.linalg.eigh(matrices)
         else:
             squared, modes = np.linalg.eigvalsh(matrices), None
-        top = squared.max()
-        if squared.min() < -1e-12 * max(top, 1e-300):
+        # judged against the top of all branches, not of those asked for: a frequency does not depend on its company
+        if squared.min() < -1e-12 * self._top**2:
             raise InstabilityError(
                 message(
                     f"a squared frequency is negative ({squared.min():.3g} k/M)",
@@ -227,7 +227,7 @@ class Phonons:
             )
         values = np.sqrt(np.maximum(squared, 0.0))
         # an eigenvalue is exact to rounding of the largest; C(q) keeps the digits that phonopy's D(q) has lost
-        faint = values < _RESOLVED * np.sqrt(top)
+        faint = values < _RESOLVED * self._top
         rows = np.flatnonzero(faint.any(axis=1))
         if rows.size:
             exact = self.lattice.frequencies(self.lattice.wavevectors(qpoints[rows]))
