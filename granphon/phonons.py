@@ -26,11 +26,12 @@ from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.calculator import BALL, HertzMindlin
 from granphon.calculator import atoms as lattice_atoms
+from granphon.contact import positive
 from granphon.errors import InputError, InstabilityError, UnsupportedError, message
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.observables import validity
-from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path
+from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
 from granphon.units import HertzPrefix, Units
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
@@ -149,28 +150,29 @@ class Phonons:
         self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
 
     def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
-        cell, contact = self.lattice.cell, float(self.lattice.contacts.spacing.max())
-        if given is None:
-            n1 = n2 = 1
-            while not _contacts_apart(cell, (n1, n2), contact):
-                # lengthen the shorter side, so that the supercell stays as round as the cell allows
-                if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
-                    n1 += 1
-                else:
-                    n2 += 1
-            return (max(n1, n2),) * 2 if len(self.atoms) == 1 else (n1, n2)
-        dim = [int(n) for n in given]
-        if len(dim) not in (2, 3) or any(n < 1 for n in dim) or any(n != 1 for n in dim[2:]) or list(given) != dim:
-            raise InputError(message(f"dim is {given!r}", mend="Give two whole numbers above zero, and 1 as the third"))
-        if not _contacts_apart(cell, (dim[0], dim[1]), contact):
-            raise InputError(
-                message(
-                    f"a supercell of {dim[0]} x {dim[1]} cells is too small",
-                    "Two balls would touch through more than one image, and their contacts be confused",
-                    "Use at least {} x {}".format(*self._dim(None)),
+        contact = float(self.lattice.contacts.spacing.max())
+        # an axis without periods has no images
+        periodic = np.asarray(self.atoms.pbc)[:2]
+        cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
+        if given is not None:
+            dim = grid_numbers("dim", given)
+            if not _contacts_apart(cell, dim, contact):
+                raise InputError(
+                    message(
+                        f"a supercell of {dim[0]} x {dim[1]} cells is too small",
+                        "Two balls would touch through more than one image, and their contacts be confused",
+                        "Use at least {} x {}".format(*self._dim(None)),
+                    )
                 )
-            )
-        return dim[0], dim[1]
+            return dim
+        n1 = n2 = 1
+        while not _contacts_apart(cell, (n1, n2), contact):
+            # lengthen the shorter side, so that the supercell stays as round as the cell allows
+            if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
+                n1 += 1
+            else:
+                n2 += 1
+        return (max(n1, n2),) * 2 if len(self.atoms) == 1 else (n1, n2)
 
     # -- phonopy ----------------------------------------------------------------------------------------------------
 
@@ -195,18 +197,18 @@ class Phonons:
         )  # fmt: skip
 
     def _force_constants(self, bridge: Phonopy) -> Array:
-        """(n, n_supercell, 3, 3): the calculator's, of phonopy's supercell."""
-        cells = bridge.supercell
-        of_cell = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        balls = self.atoms[of_cell]
-        balls.set_cell(cells.cell)
-        # phonopy may have wrapped a ball: keep its place, and its neighbours find it
-        balls.set_scaled_positions(cells.scaled_positions)
-        n, first = len(balls), bridge.primitive.p2s_map
-        matrix: Any = self.calculator.get_force_constants(balls, format="csr")
-        rows = (3 * np.asarray(first)[:, None] + np.arange(3)).ravel()
-        compact = matrix[rows].toarray().reshape(len(first), 3, n, 3).transpose(0, 2, 1, 3)
-        return np.ascontiguousarray(compact)
+        """(n, n_supercell, 3, 3): the calculator's, of the supercell in phonopy's order."""
+        n, dim = len(self.atoms), np.array([*self.dim, 1])
+        matrix: Any = self.calculator.get_force_constants(self.atoms.repeat(tuple(dim)), format="csr")
+        # ASE repeats cell by cell, phonopy atom by atom: tell balls by their number in the cell and the cell they are in
+        cells, unit = bridge.supercell, bridge.unitcell
+        ball = np.array([cells.u2u_map[s] for s in cells.s2u_map])
+        place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int) % dim
+        order = np.ravel_multi_index(tuple(place.T), tuple(dim)) * n + ball
+        index = (3 * order[:, None] + np.arange(3)).ravel()
+        first = (3 * np.asarray(bridge.primitive.p2s_map)[:, None] + np.arange(3)).ravel()
+        compact = matrix[index[first]][:, index].toarray().reshape(n, 3, len(order), 3)
+        return np.ascontiguousarray(compact.transpose(0, 2, 1, 3))
 
     def _eigen(self, qpoints: Array, vectors: bool = False) -> tuple[Array, NDArray[Any] | None]:
         """Reduced frequencies, and eigenvectors if wanted, of phonopy's dynamical matrices."""
@@ -307,24 +309,21 @@ class Phonons:
         ----------
         mesh : (n1, n2), or (n1, n2, 1), Gamma-centred; reduced by the symmetry of the layer.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
-        sigma : width of the Gaussian, Hz; by default a hundredth of the top frequency.
+        sigma : width of the Gaussian, Hz, not below the spacing of the points; by default a hundredth of the top frequency.
         points : frequencies, from zero to just above the top.
         """
-        numbers = [int(n) for n in mesh]
-        if len(numbers) not in (2, 3) or any(n < 1 for n in numbers) or any(n != 1 for n in numbers[2:]):
-            raise InputError(message(f"mesh is {mesh!r}", mend="Give two whole numbers above zero, and 1 as the third"))
+        numbers = grid_numbers("mesh", mesh)
         if method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {method!r}", mend="Use tetrahedron or smearing"))
-        if points < 2:
-            raise InputError(message(f"points is {points!r}", mend="Give 2 or more"))
-        grid = self._mesh((numbers[0], numbers[1]))
+        count = whole_number("points", points, 2)
+        grid = self._mesh(numbers)
         values, vectors = self._eigen(grid.qpoints, vectors=True)
         motion = np.abs(np.asarray(vectors)) ** 2
         per_ball = motion.reshape(len(values), len(self.atoms), self.lattice.dofs_per_ball, -1)
         rotation = per_ball[:, :, 2].sum(axis=1) if self.lattice.rotates else np.zeros_like(values)
         parts = np.stack([per_ball[:, :, :2].sum(axis=(1, 2)), rotation])  # (2, n_q, n_branches)
         top = float(values.max())
-        at = np.linspace(0.0, 1.02 * top, points)
+        at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
             if sigma is not None:
                 raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
@@ -337,10 +336,14 @@ class Phonons:
             ).result.cumulative[0].T  # fmt: skip
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
-            width = 0.01 * top if sigma is None else float(sigma) / self.scales.frequency
-            if not (np.isfinite(width) and width > 0.0):
-                raise InputError(message(f"sigma is {sigma!r}", mend="Give a width above zero (Hz)"))
-            at = np.linspace(0.0, top + 5.0 * width, points)
+            width = max(0.01, 1.2 / count) * top
+            if sigma is not None:
+                width = positive("sigma", sigma, "Hz") / self.scales.frequency
+            at = np.linspace(0.0, top + 5.0 * width, count)
+            if width < at[1]:
+                raise InputError(
+                    message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points", mend="Take more")
+                )
             density = SmearingDOSAccumulator(
                 values, grid.weights, mode_property=parts, sigma=width, sampling_points=at
             ).result.density
@@ -484,8 +487,11 @@ def _contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
 
 def _qpoints(qpoints: ArrayLike) -> Array:
     """(n, 3) points in the plane; InputError if they are not."""
-    q = np.asarray(qpoints, float)
-    if q.ndim != 2 or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
+    try:
+        q = np.asarray(qpoints, float)
+    except (TypeError, ValueError):
+        raise InputError(message(f"q points are numbers, not {qpoints!r}")) from None
+    if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
         raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
     if np.any(q[:, 2] != 0.0):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import operator
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,28 @@ class PhononModes(Modes):
         )  # fmt: skip
 
 
+def whole_number(name: str, value: Any, least: int = 1) -> int:
+    """``value`` as an int; :class:`~granphon.errors.InputError` if it is no whole number, or below ``least``."""
+    try:
+        number = int(operator.index(value))
+    except TypeError:
+        number = least - 1
+    if number < least or isinstance(value, bool | np.bool_):
+        raise InputError(message(f"{name} is {value!r}", mend=f"Give a whole number, {least} or more"))
+    return number
+
+
+def grid_numbers(name: str, values: Any) -> tuple[int, int]:
+    """Two whole numbers, or three of which the last is 1; :class:`~granphon.errors.InputError` if they are not."""
+    try:
+        numbers = [whole_number(name, value) for value in values]
+    except (TypeError, InputError):
+        numbers = []
+    if len(numbers) not in (2, 3) or numbers[2:] not in ([], [1]):
+        raise InputError(message(f"{name} is {values!r}", mend="Give two whole numbers above zero, and 1 as the third"))
+    return numbers[0], numbers[1]
+
+
 def band_path(
     path: str | ArrayLike | Sequence[ArrayLike],
     npoints: int,
@@ -62,8 +85,7 @@ def band_path(
     qpoints : (n_segments, npoints, 3).
     labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
     """
-    if isinstance(npoints, bool) or int(npoints) != npoints or npoints < 2:
-        raise InputError(message(f"a segment of {npoints!r} points", mend="Give a whole number, 2 or more"))
+    count = whole_number("npoints", npoints, 2)
     pieces: list[Array] = []
     names: list[list[str]] = []
     if isinstance(path, str):
@@ -83,9 +105,12 @@ def band_path(
     else:
         given: Any = path
         try:
-            corners = [np.asarray(given, float)]
-        except ValueError:
-            corners = [np.asarray(piece, float) for piece in given]
+            try:
+                corners = [np.asarray(given, float)]
+            except ValueError:  # paths of different lengths
+                corners = [np.asarray(piece, float) for piece in given]
+        except (TypeError, ValueError):
+            raise InputError(message(f"a path is letters or numbers, not {given!r}")) from None
         if corners[0].ndim == 3:
             corners = list(corners[0])
         for piece in corners:
@@ -108,7 +133,7 @@ def band_path(
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
             raise InputError(message("two corners that follow each other on the path are the same point"))
         for start, stop in itertools.pairwise(piece):
-            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, int(npoints))[:, None])
+            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop
         if ticks:
             ticks[-1] = ticks[-1] if ticks[-1] == name[0] else f"{ticks[-1]}|{name[0]}"
