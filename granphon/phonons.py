@@ -1,19 +1,12 @@
-"""The bridge to phonopy: force constants in, spectra and files out.
-
-The ball's three degrees of freedom sit in phonopy's x, y, z as (u_x, u_y, w), w = R_g phi. w is axial and not changed by a
-translation of the lattice, so whatever symmetrises force constants, or enforces their sum rule, is wrong here:
-:class:`ContactPhonopy` refuses it.
-"""
+"""Phonons of balls in contact: force constants from the calculator into phonopy, bands and densities of states out of it."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from importlib.metadata import version
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 from ase import Atoms
@@ -21,90 +14,25 @@ from numpy.typing import ArrayLike, NDArray
 from phonopy import Phonopy
 from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
-from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
+from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
 from granphon.calculator import BALL, HertzMindlin
 from granphon.calculator import atoms as lattice_atoms
 from granphon.contact import positive
-from granphon.errors import InputError, InstabilityError, UnsupportedError, message
+from granphon.errors import InputError, InstabilityError, message
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.observables import validity
 from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
-from granphon.units import HertzPrefix, Units
+from granphon.units import Units
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
 
 Array = NDArray[np.float64]
 
-_SYMMETRY = "it imposes the sum rule or the space group of three translations, and the third coordinate is a rotation"
-_DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
-_QUANTA = "it takes frequencies for THz and the third coordinate for a displacement"
-_VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
-_FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
-_CHARGE = "balls carry no charge"
-_UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
-
-#: methods of phonopy.Phonopy that would give a wrong answer, and why
-REFUSED: dict[str, str] = {
-    **dict.fromkeys(("symmetrize_force_constants", "symmetrize_force_constants_by_space_group"), _SYMMETRY),
-    **dict.fromkeys(("set_irreps", "run_irreps"), _SYMMETRY),
-    **dict.fromkeys(
-        ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
-        _DATASET,
-    ),
-    **dict.fromkeys(
-        (
-            "run_thermal_properties", "run_thermal_displacements", "run_thermal_displacement_matrices",
-            "init_random_displacements", "get_random_displacements_at_temperature", "init_dynamic_structure_factor",
-            "run_dynamic_structure_factor", "run_modulations", "write_animation", "set_Debye_frequency",
-        ),
-        _QUANTA,
-    ),
-    **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
-    "set_force_constants_zero_with_radius": _FIXED,
-    **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
-}  # fmt: skip
-#: attributes that may be read, and not set
-READ_ONLY: dict[str, str] = {
-    **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
-    **dict.fromkeys(("force_constants", "masses"), _FIXED),
-    "nac_params": _CHARGE,
-}
-
-#: exported force constants are multiplied by this, so that phonopy's fixed decimals keep every digit
-_EXPORT_SCALE = 2.0**30
-#: symbol, place and mass (in balls) of the auxiliary atom of an export, see Phonons.save
-_AUXILIARY = "He"
-_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
-_AUXILIARY_MASS = 1e16
 #: part of the top frequency below which phonopy's eigenvalues have lost digits that C(q) still has
 _RESOLVED = 1e-3
-
-
-def _refuse(name: str, reason: str) -> Any:
-    def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
-        raise UnsupportedError(message(f"Phonopy.{name} is refused for balls in contact: {reason}"))
-
-    method.__name__ = name
-    method.__doc__ = f"Raises UnsupportedError: {reason}."
-    return method
-
-
-class ContactPhonopy(Phonopy):  # type: ignore[misc]
-    """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
-
-    def give_force_constants(self, force_constants: Array) -> None:
-        """Set the force constants, once, by the calculator that knows them."""
-        Phonopy.force_constants.fset(self, force_constants)
-
-
-for _name, _reason in REFUSED.items():
-    setattr(ContactPhonopy, _name, _refuse(_name, _reason))
-for _name, _reason in READ_ONLY.items():
-    _base = getattr(Phonopy, _name)
-    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
 
 
 class Phonons:
@@ -310,12 +238,12 @@ class Phonons:
         mesh : (n1, n2), or (n1, n2, 1), Gamma-centred; reduced by the symmetry of the layer.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
         sigma : width of the Gaussian, Hz, not below the spacing of the points; by default a hundredth of the top frequency.
-        points : frequencies, from zero to just above the top.
+        points : how many frequencies, 12 or more, from zero to just above the top.
         """
         numbers = grid_numbers("mesh", mesh)
         if method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {method!r}", mend="Use tetrahedron or smearing"))
-        count = whole_number("points", points, 2)
+        count = whole_number("points", points, 12)
         grid = self._mesh(numbers)
         values, vectors = self._eigen(grid.qpoints, vectors=True)
         motion = np.abs(np.asarray(vectors)) ** 2
@@ -336,14 +264,12 @@ class Phonons:
             ).result.cumulative[0].T  # fmt: skip
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
-            width = max(0.01, 1.2 / count) * top
+            width = max(0.01, 1.0 / (count - 7)) * top
             if sigma is not None:
                 width = positive("sigma", sigma, "Hz") / self.scales.frequency
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
-                raise InputError(
-                    message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points", mend="Take more")
-                )
+                raise InputError(message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points"))
             density = SmearingDOSAccumulator(
                 values, grid.weights, mode_property=parts, sigma=width, sampling_points=at
             ).result.density
@@ -394,47 +320,8 @@ class Phonons:
 
         :func:`load_phonopy` reads it back without the auxiliary atom.
         """
-        unit = HertzPrefix.for_top(self._top * self.scales.frequency)
-        per_frequency = self.scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
-        mass = _EXPORT_SCALE / per_frequency**2
-        n = len(self.atoms)
-        masses = self.atoms.get_masses()
-        cell = PhonopyAtoms(
-            symbols=[BALL] * n + [_AUXILIARY], cell=np.asarray(self.atoms.cell),
-            scaled_positions=np.vstack([self.atoms.get_scaled_positions(wrap=False), _AUXILIARY_PLACE]),
-            masses=np.append(masses * mass, _AUXILIARY_MASS * mass),
-        )  # fmt: skip
-        export = Phonopy(cell, np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0)
-        export.force_constants = self._with_auxiliary(export) * _EXPORT_SCALE
-        # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
-        export.unit_conversion_factor = export.unit_conversion_factor
-        head = [
-            "granphon:", "  schema: 1", f"  version: {version('granphon')}", f"  frequency_unit: {unit.name}",
-            f"  hertz: {unit.hertz!r}", "  coordinates: [x, y, w = R_g phi]",
-            *(f"  {key}: {value!r}" for key, value in self.scales.to_info().items()),
-            f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}",
-            "  zero_bands: " + ("3" if self.lattice.rotates else str(3 + n)), "  masses:",
-            *(f"  - {float(m)!r}" for m in masses), "",
-        ]  # fmt: skip
-        text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
-        Path(path).write_text(text, encoding="utf-8")
-
-    def _with_auxiliary(self, export: Phonopy) -> Array:
-        """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
-        own = self.phonopy.force_constants
-        n, cells = own.shape[0], own.shape[1] // own.shape[0]
-        total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
-        out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
-        # phonopy orders a supercell by atom, then by cell
-        out[:n, : n * cells] = own
-        first = [int(s) for s in export.primitive.p2s_map]
-        auxiliary = first[n]
-        out[:n, auxiliary] = -total
-        for ball in range(n):
-            out[n, first[ball]] = -total[ball].T
-        back = total.sum(axis=0).T
-        out[n, auxiliary] = 0.5 * (back + back.T)
-        return out
+        flat = 3 if self.lattice.rotates else 3 + len(self.atoms)
+        write_phonopy(self.phonopy, path, self.scales, self._top * self.scales.frequency, flat)
 
     @cached_property
     def _top(self) -> float:
@@ -443,36 +330,6 @@ class Phonons:
         if len(self.atoms) > 8:
             grid = grid[:1]  # the top of a large cell is folded back to Gamma
         return float(self.lattice.frequencies(self.lattice.wavevectors(grid)).max())
-
-
-def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
-    """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
-
-    Raises :class:`~granphon.errors.InputError` if the file is not granphon's.
-    """
-    import phonopy
-    from ruamel.yaml import YAML
-
-    text = Path(path).read_text(encoding="utf-8")
-    head = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0]) if text.startswith("granphon:") else None
-    if not isinstance(head, dict):
-        raise InputError(message(f"{path} is not a phonopy_params.yaml written by granphon"))
-    own = head["granphon"]
-    loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
-    n = len(loaded.primitive) - 1
-    matrix = np.asarray(loaded.supercell_matrix)
-    cells = len(loaded.supercell) // len(loaded.unitcell)
-    cell = PhonopyAtoms(
-        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=[float(m) for m in own["masses"]],
-        scaled_positions=loaded.unitcell.scaled_positions[:n],
-    )  # fmt: skip
-    bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
-    bridge.unit_conversion_factor = 1.0
-    constants = loaded.force_constants
-    if constants.shape[0] != n + 1:
-        constants = constants[loaded.primitive.p2s_map]
-    bridge.give_force_constants(constants[:n, : n * cells] / float(own["force_constants_scale"]))
-    return bridge, Units.from_info(own)
 
 
 def _contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:

@@ -16,11 +16,11 @@ PACKAGE = Path(granphon.__file__).parent
 #: each module imports only from those before it
 ORDER = [
     "errors", "units", "results", "progress", "files", "contact", "geometry", "packing", "jacobi", "compatibility",
-    "lattice", "branches", "medium", "observables", "calculator", "spectra", "phonons", "quantities", "scene", "plot", "run", "cli",
-    "__main__",
+    "lattice", "branches", "medium", "observables", "calculator", "spectra", "bridge", "phonons",
+    "quantities", "scene", "plot", "run", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
-BORDERS = {"ase.calculators": {"calculator"}, "phonopy": {"phonons"}, "matplotlib": {"plot"}, "typer": {"cli"}}
+BORDERS = {"ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot"}, "typer": {"cli"}}
 
 
 def imports(module: str, top_level_only: bool = False) -> set[str]:

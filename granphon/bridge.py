@@ -1,0 +1,169 @@
+"""The Phonopy object for balls in contact, and its files.
+
+The ball's three degrees of freedom sit in phonopy's x, y, z as (u_x, u_y, w), w = R_g phi. w is axial and not changed by a
+translation of the lattice, so whatever symmetrises force constants, or enforces their sum rule, is wrong here:
+:class:`ContactPhonopy` refuses it, and exported files are made so that it does no harm.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+from phonopy import Phonopy
+from phonopy.physical_units import get_physical_units
+from phonopy.structure.atoms import PhonopyAtoms
+
+from granphon.calculator import BALL
+from granphon.errors import InputError, UnsupportedError, message
+from granphon.units import HertzPrefix, Units
+
+__all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
+
+Array = NDArray[np.float64]
+
+_SYMMETRY = "it imposes the sum rule or the space group of three translations, and the third coordinate is a rotation"
+_DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
+_QUANTA = "it takes frequencies for THz and the third coordinate for a displacement"
+_VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
+_FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
+_CHARGE = "balls carry no charge"
+_UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
+
+#: methods of phonopy.Phonopy that would give a wrong answer, and why
+REFUSED: dict[str, str] = {
+    **dict.fromkeys(("symmetrize_force_constants", "symmetrize_force_constants_by_space_group"), _SYMMETRY),
+    **dict.fromkeys(("set_irreps", "run_irreps"), _SYMMETRY),
+    **dict.fromkeys(
+        ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
+        _DATASET,
+    ),
+    **dict.fromkeys(
+        (
+            "run_thermal_properties", "run_thermal_displacements", "run_thermal_displacement_matrices",
+            "init_random_displacements", "get_random_displacements_at_temperature", "init_dynamic_structure_factor",
+            "run_dynamic_structure_factor", "run_modulations", "write_animation", "set_Debye_frequency",
+        ),
+        _QUANTA,
+    ),
+    **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
+    "set_force_constants_zero_with_radius": _FIXED,
+    **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
+}  # fmt: skip
+#: attributes that may be read, and not set
+READ_ONLY: dict[str, str] = {
+    **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
+    **dict.fromkeys(("force_constants", "masses"), _FIXED),
+    "nac_params": _CHARGE,
+}
+
+#: exported force constants are multiplied by this, so that phonopy's fixed decimals keep every digit
+_EXPORT_SCALE = 2.0**30
+#: symbol, place and mass (in balls) of the auxiliary atom of an export, see Phonons.save
+_AUXILIARY = "He"
+_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
+_AUXILIARY_MASS = 1e16
+
+
+def _refuse(name: str, reason: str) -> Any:
+    def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
+        raise UnsupportedError(message(f"Phonopy.{name} is refused for balls in contact: {reason}"))
+
+    method.__name__ = name
+    method.__doc__ = f"Raises UnsupportedError: {reason}."
+    return method
+
+
+class ContactPhonopy(Phonopy):  # type: ignore[misc]
+    """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
+
+    def give_force_constants(self, force_constants: Array) -> None:
+        """Set the force constants, once, by the calculator that knows them."""
+        Phonopy.force_constants.fset(self, force_constants)
+
+
+for _name, _reason in REFUSED.items():
+    setattr(ContactPhonopy, _name, _refuse(_name, _reason))
+for _name, _reason in READ_ONLY.items():
+    _base = getattr(Phonopy, _name)
+    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
+
+
+def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, zero_bands: int) -> None:
+    """Write the force constants of ``bridge`` so that phonopy reads them right with no option; see ``Phonons.save``.
+
+    ``top`` is the highest frequency in Hz; ``zero_bands`` how many flat bands at zero a reader will see.
+    """
+    unit = HertzPrefix.for_top(top)
+    per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
+    mass = _EXPORT_SCALE / per_frequency**2
+    own = bridge.unitcell
+    n = len(own)
+    cell = PhonopyAtoms(
+        symbols=[BALL] * n + [_AUXILIARY], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
+        scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
+    )  # fmt: skip
+    export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+    export.force_constants = _with_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
+    # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
+    export.unit_conversion_factor = export.unit_conversion_factor
+    head = [
+        "granphon:", "  schema: 1", f"  version: {version('granphon')}", f"  frequency_unit: {unit.name}",
+        f"  hertz: {unit.hertz!r}", "  coordinates: [x, y, w = R_g phi]",
+        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+        f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
+        "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
+    ]  # fmt: skip
+    text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
+    Path(path).write_text(text, encoding="utf-8")
+
+
+def _with_auxiliary(own: Array, export: Phonopy) -> Array:
+    """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
+    n, cells = own.shape[0], own.shape[1] // own.shape[0]
+    total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
+    out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
+    # phonopy orders a supercell by atom, then by cell
+    out[:n, : n * cells] = own
+    first = [int(s) for s in export.primitive.p2s_map]
+    auxiliary = first[n]
+    out[:n, auxiliary] = -total
+    for ball in range(n):
+        out[n, first[ball]] = -total[ball].T
+    back = total.sum(axis=0).T
+    out[n, auxiliary] = 0.5 * (back + back.T)
+    return out
+
+
+def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
+    """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
+
+    Raises :class:`~granphon.errors.InputError` if the file is not granphon's.
+    """
+    import phonopy
+    from ruamel.yaml import YAML
+
+    text = Path(path).read_text(encoding="utf-8")
+    head = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0]) if text.startswith("granphon:") else None
+    if not isinstance(head, dict):
+        raise InputError(message(f"{path} is not a phonopy_params.yaml written by granphon"))
+    own = head["granphon"]
+    loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
+    n = len(loaded.primitive) - 1
+    matrix = np.asarray(loaded.supercell_matrix)
+    cells = len(loaded.supercell) // len(loaded.unitcell)
+    cell = PhonopyAtoms(
+        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=[float(m) for m in own["masses"]],
+        scaled_positions=loaded.unitcell.scaled_positions[:n],
+    )  # fmt: skip
+    bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+    bridge.unit_conversion_factor = 1.0
+    constants = loaded.force_constants
+    if constants.shape[0] != n + 1:
+        constants = constants[loaded.primitive.p2s_map]
+    bridge.give_force_constants(constants[:n, : n * cells] / float(own["force_constants_scale"]))
+    return bridge, Units.from_info(own)
