@@ -42,7 +42,8 @@ BALL = "Fe"
 _LEAST_OVERLAP = 1e-10
 #: how far, in spacings, a pair may be from the lattice's contact vector
 _CATCH = 0.25
-_SCALARS = ("diameter_deviations", "rotations")
+#: arrays of its own that the energy depends on; what is absent is zero
+_WATCHED = ("diameter_deviations", "rotations", "displacements")
 
 
 def atoms(state: ContactState, finite_overlap: bool = False) -> Atoms:
@@ -117,14 +118,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     # -- ASE's protocol ---------------------------------------------------------------------------------------------
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """What has changed since the last calculation: ASE's six, and the diameters and rotations."""
+        """What has changed since the last calculation: ASE's six, and the arrays that are ours."""
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is not None:
             old = self.atoms
             changes += [
                 name
-                for name in _SCALARS
-                if len(old) != len(atoms) or not np.array_equal(_scalar(old, name), _scalar(atoms, name))
+                for name in _WATCHED
+                if len(old) != len(atoms) or np.any(old.arrays.get(name, 0.0) != atoms.arrays.get(name, 0.0))
             ]
         return changes
 

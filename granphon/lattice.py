@@ -99,8 +99,20 @@ class ContactLattice(Compatibility):
 
         Raises :class:`~granphon.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
-        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        q, _ = self._folded(wavevectors)
         return np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
+
+    def _folded(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
+        """Wave vectors (n_q, 2) near Gamma, and the reciprocal vectors that were taken off them.
+
+        At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
+        """
+        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
+        near = q - taken
+        # what is left of a copy of Gamma is the rounding of the reciprocal vector
+        near[np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)] = 0.0
+        return near, taken
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
         """Frequencies, eigenvectors and group velocities at each wave vector.
@@ -116,31 +128,32 @@ class ContactLattice(Compatibility):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        q = np.asarray(wavevectors, float).reshape(-1, 2)
-        length = np.max(np.abs(q), axis=1)
-        if direction is None:
-            if np.any(length == 0.0):
-                raise InputError(
-                    message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
-                )
-            along = as_direction(q)
+        asked = np.asarray(wavevectors, float).reshape(-1, 2)
+        if direction is not None:
+            along = np.broadcast_to(as_direction(direction), asked.shape)
+        elif np.all(np.any(asked != 0.0, axis=1)):
+            along = as_direction(asked)
         else:
-            along = np.broadcast_to(as_direction(direction), q.shape)
+            raise InputError(
+                message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
+            )
+        q, taken = self._folded(asked)
         # at Gamma itself everything is its limit along the direction
-        near = np.where((length == 0.0)[:, None], _NEAR_GAMMA * along, q)
+        at_gamma = np.all(q == 0.0, axis=1)
+        near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        at_gamma = length == 0.0
         if np.any(at_gamma):
-            exact = self.frequencies(np.zeros((1, 2)))[0]
-            values[at_gamma] = exact
-        physical = np.einsum("mn,qnb->qmb", self._to_balls, vectors)
-        motion = physical.reshape(len(q), self.n_balls, self.dofs_per_ball, -1)
+            values[at_gamma] = self.frequencies(np.zeros((1, 2)))[0]
+        # the phase of a displacement is that of the wave vector asked for
+        phase = np.exp(-1j * (taken @ self.positions.T))[:, :, None, None]
+        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.dofs_per_ball, -1) * phase
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, 2].sum(axis=1) if self.rotates else np.zeros_like(values)
-        ahead = np.where(at_gamma[:, None], along, as_direction(near))
-        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, :2], ahead)) ** 2
-        return Modes(q, values, physical, velocities, rotation, parallel.sum(axis=1))
+        ahead = np.where(at_gamma[:, None], along, asked)
+        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, :2], as_direction(ahead))) ** 2
+        physical = motion.reshape(len(q), self.n_branches, -1)
+        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
 
     def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
         """Frequencies and eigenvectors in the frame."""

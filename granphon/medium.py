@@ -167,7 +167,9 @@ class AveragedLattice:
     def at_overlap(self, overlap: ArrayLike) -> ContactState:
         """State at the overlap delta = d - a, m."""
         delta = _loads("overlap", overlap)
-        return self._state(self.packing.law.force(delta), delta, "overlap", overlap)
+        with np.errstate(over="ignore"):  # an overlap that large is refused below
+            force = self.packing.law.force(delta)
+        return self._state(force, delta, "overlap", overlap)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
@@ -187,7 +189,7 @@ class AveragedLattice:
                 x = x - step
                 if np.all(np.abs(step) <= 4e-16 * x):
                     break
-            return self._state(law.force(packing.diameter * x**2), packing.diameter * x**2, "pressure", pressure)
+            return self._state(force * ((1.0 - x) * (1.0 + x)), packing.diameter * x**2, "pressure", pressure)
         return self._state(force, law.overlap(force), "pressure", pressure)
 
     def _state(self, force: Values, overlap: Values, name: str, given: ArrayLike) -> ContactState:

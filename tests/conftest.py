@@ -1,0 +1,151 @@
+"""Shared fixtures: the steel array of Section IV, and a twin of the lattice that owes nothing to the package.
+
+The twin writes the force and torque on each ball (equations 5-8, the sign of 5 as Newton's third law has it) and sums them
+over the neighbours one by one, in double precision or in as many digits as asked.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import settings
+
+import granphon as gp
+
+settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("granphon")
+
+#: one neighbour: ball i, ball j, unit normal from i to j
+Neighbour = tuple[int, int, tuple[Any, Any]]
+
+
+class Twin:
+    """The dynamics of balls in contact, by explicit sums; reduced units d = k = M = 1."""
+
+    @staticmethod
+    def hexagon() -> list[Neighbour]:
+        """The six neighbours of a ball of the triangular lattice."""
+        return [(0, 0, (math.cos(p * math.pi / 3), math.sin(p * math.pi / 3))) for p in range(6)]
+
+    @staticmethod
+    def exact_hexagon() -> list[Neighbour]:
+        """The same in the present precision of mpmath."""
+        return [(0, 0, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))) for p in range(6)]
+
+    @staticmethod
+    def neighbours(cell: Sequence[Sequence[float]], sites: Sequence[Sequence[float]]) -> list[Neighbour]:
+        """Every pair at distance one, seen from both ends."""
+        places = [tuple(sum(s[a] * cell[a][c] for a in (0, 1)) for c in (0, 1)) for s in sites]
+        found = []
+        for i, j in itertools.product(range(len(sites)), repeat=2):
+            for m, n in itertools.product(range(-3, 4), repeat=2):
+                x = places[j][0] - places[i][0] + m * cell[0][0] + n * cell[1][0]
+                y = places[j][1] - places[i][1] + m * cell[0][1] + n * cell[1][1]
+                if abs(math.hypot(x, y) - 1.0) < 1e-9:
+                    found.append((i, j, (x, y)))
+        return found
+
+    @staticmethod
+    def rows(
+        neighbours: Sequence[Neighbour],
+        q: Sequence[Any],
+        eta: Any,
+        spacing: Any = 1,
+        prestress: Any = 0,
+        exact: bool = False,
+    ) -> list[list[Any]]:
+        """D(q) as nested lists, dofs (x, y, w) ball by ball, w = phi/sqrt(10); phases at the balls' own places."""
+        exp: Callable[[Any], Any] = mpmath.exp if exact else cmath.exp
+        root = mpmath.sqrt(10) if exact else math.sqrt(10.0)
+        n_balls = 1 + max(i for i, _, _ in neighbours)
+        out = [[0 * root for _ in range(3 * n_balls)] for _ in range(3 * n_balls)]
+        arm = spacing / (2 * root / root)
+        for i, j, (nx, ny) in neighbours:
+            tx, ty = -ny, nx
+            phase = exp(1j * spacing * (q[0] * nx + q[1] * ny))
+            for ball, factor, sign in ((i, 1, -1), (j, phase, 1)):
+                for dof in range(3):
+                    ux, uy, phi = (
+                        (factor if dof == 0 else 0),
+                        (factor if dof == 1 else 0),
+                        (factor * root if dof == 2 else 0),
+                    )
+                    along, across = sign * (ux * nx + uy * ny), sign * (ux * tx + uy * ty)
+                    slip = across - arm * phi
+                    shear = eta * slip - prestress * across
+                    response = (along * nx + shear * tx, along * ny + shear * ty, root * eta * arm * slip)
+                    for c in range(3):
+                        out[3 * i + c][3 * ball + dof] -= response[c]
+        return out
+
+    @classmethod
+    def matrix(
+        cls, neighbours: Sequence[Neighbour], q: Sequence[float], eta: float, spacing: float = 1.0, prestress: float = 0.0
+    ) -> np.ndarray:
+        """D(q) in double precision; rotations left out without friction."""
+        full = np.array(cls.rows(neighbours, q, eta, spacing, prestress), complex)
+        keep = np.ones(len(full), bool) if eta else np.arange(len(full)) % 3 != 2
+        return full[np.ix_(keep, keep)]
+
+    @classmethod
+    def frequencies(cls, neighbours: Sequence[Neighbour], q: Sequence[float], eta: float, **terms: float) -> np.ndarray:
+        """Angular frequencies by a dense eigenvalue solver, ascending."""
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(cls.matrix(neighbours, q, eta, **terms)), 0.0))
+
+    @classmethod
+    def exact_matrix(
+        cls, neighbours: Sequence[Neighbour], q: Sequence[Any], eta: Any, spacing: Any = 1, prestress: Any = 0
+    ) -> Any:
+        """D(q) in the present precision of mpmath; rotations left out without friction."""
+        full = cls.rows(neighbours, q, eta, spacing, prestress, exact=True)
+        keep = [c for c in range(len(full)) if eta or c % 3 != 2]
+        return mpmath.matrix([[full[a][b] for b in keep] for a in keep])
+
+    @classmethod
+    def exact_squares(cls, neighbours: Sequence[Neighbour], q: Sequence[Any], eta: Any, **terms: Any) -> list[Any]:
+        """Squared frequencies in the present precision of mpmath, ascending."""
+        values = mpmath.eighe(cls.exact_matrix(neighbours, q, eta, **terms), eigvals_only=True)
+        return sorted(values)
+
+
+@pytest.fixture(scope="session")
+def twin() -> type[Twin]:
+    """The independent lattice dynamics."""
+    return Twin
+
+
+@pytest.fixture(scope="session")
+def steel() -> gp.Material:
+    """Steel with the Young modulus that reproduces the velocities of Section IV."""
+    return gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+
+
+@pytest.fixture(scope="session")
+def packing(steel: gp.Material) -> gp.Packing:
+    """The array of the experiment: 8 mm balls, with friction."""
+    return gp.Packing(steel, diameter=8e-3)
+
+
+@pytest.fixture(scope="session")
+def smooth(steel: gp.Material) -> gp.Packing:
+    """The same without friction."""
+    return gp.Packing(steel, diameter=8e-3, friction=False)
+
+
+@pytest.fixture(scope="session")
+def state(packing: gp.Packing) -> gp.ContactState:
+    """The array under the largest load of Section IV."""
+    return gp.AveragedLattice(packing).at_force(18.446)
+
+
+@pytest.fixture(scope="session")
+def hexagonal(packing: gp.Packing) -> gp.ContactLattice:
+    """The triangular lattice of steel balls, in reduced units."""
+    return gp.ContactLattice.of("triangular", packing.mindlin_ratio)

@@ -1,0 +1,769 @@
+"""HertzMindlin: energy, forces, stress, torques and force constants of one-sided contacts.
+
+The reference is a brute-force energy written here, pair by pair, from the formulas alone; derivatives are checked by central
+differences whose second order is itself asserted.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import make_supercell
+from ase.calculators.calculator import PropertyNotImplementedError
+from ase.calculators.fd import calculate_numerical_forces, calculate_numerical_stress
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.errors import InputError, PrecisionError
+
+DIAMETER = 8e-3
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+ETA = 2.0 * (1.0 - 0.276) / (2.0 - 0.276)
+GYRATION = 1.0 / np.sqrt(10.0)
+#: a soft state, so that steps of a finite difference are small against the overlap and large against rounding
+SOFT = 0.02
+
+_ANGLES = {"triangular": np.arange(6) * np.pi / 3.0, "square": np.arange(4) * np.pi / 2.0}
+_ANGLES["kagome"] = _ANGLES["triangular"]
+
+
+def at_overlap(relative=SOFT, friction=True, lattice="triangular"):
+    packing = gp.Packing(STEEL, DIAMETER, lattice=lattice, friction=friction)
+    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER)
+
+
+def brute_energy(balls, state, finite_overlap):
+    """Sum over all pairs and images, in reduced units: Hertz E = (4/15) delta^(5/2) / delta_0^(1/2), and eta s^2 / 2.
+
+    eta here is the Mindlin ratio times the contact's own stiffness at the reference sites: the slip is incremental.
+    """
+    rest = state.overlap / DIAMETER
+    spacing = 1.0 - rest if finite_overlap else 1.0
+    eta = ETA if state.packing.friction else 0.0
+    angles = _ANGLES[state.packing.structure.name]
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    deviation = balls.arrays["diameter_deviations"]
+    phi = balls.arrays["rotations"]
+    cell = np.asarray(balls.cell)[:2, :2]
+    steps = [np.arange(-3, 4) if periodic else np.zeros(1, int) for periodic in balls.pbc[:2]]
+    shifts = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    here = balls.positions[:, :2]
+    r = here[None, :, None] + (shifts @ cell)[None, None] - here[:, None, None]
+    apart = np.linalg.norm(r, axis=-1)
+    i, j, s = np.nonzero((apart > 1e-6) & (apart < np.sqrt(2.0)))
+    r, apart = r[i, j, s], apart[i, j, s]
+    n = normals[np.argmax(r @ normals.T, axis=1)]
+    extra = 0.5 * (deviation[i] + deviation[j])
+    delta = 1.0 + extra - apart if finite_overlap else rest + extra - (np.sum(r * n, axis=1) - 1.0)
+    delta = np.where(np.linalg.norm(r - spacing * n, axis=1) < 0.25, np.maximum(delta, 0.0), 0.0)
+    across = r[:, 1] * n[:, 0] - r[:, 0] * n[:, 1]
+    slip = across - 0.5 * spacing * ((1.0 + deviation[i]) * phi[i] + (1.0 + deviation[j]) * phi[j])
+    shift = balls.arrays["displacements"][:, :2]
+    held = rest + extra - np.sum((shift[j] - shift[i]) * n, axis=1)
+    kappa = eta * np.sqrt(np.maximum(held, 0.0) / rest)
+    # each contact is found from both of its ends
+    return 0.5 * float(np.sum(4.0 / 15.0 * delta**2.5 / np.sqrt(rest) + np.where(delta > 0.0, 0.5 * kappa * slip**2, 0.0)))
+
+
+def reference_cells():
+    """Name -> (lattice, function from one cell to the cell under test)."""
+
+    def repeat(*n):
+        return lambda one: one.repeat((*n, 1))
+
+    def skewed(one):
+        return make_supercell(one, [[2, 1, 0], [-1, 3, 0], [0, 0, 1]])
+
+    def vacancy(one):
+        balls = one.repeat((3, 3, 1))
+        del balls[4]
+        return balls
+
+    def cluster(one):
+        balls = one.repeat((3, 3, 1))
+        balls.pbc = False
+        return balls
+
+    def ribbon(one):
+        balls = one.repeat((3, 3, 1))
+        balls.pbc = (True, False, False)
+        return balls
+
+    return {
+        "2x2": ("triangular", repeat(2, 2)),
+        "3x3": ("triangular", repeat(3, 3)),
+        "3x5": ("triangular", repeat(3, 5)),
+        "skewed": ("triangular", skewed),
+        "vacancy": ("triangular", vacancy),
+        "cluster": ("triangular", cluster),
+        "ribbon": ("triangular", ribbon),
+        "square 3x3": ("square", repeat(3, 3)),
+        "kagome 2x2": ("kagome", repeat(2, 2)),
+    }
+
+
+CELLS = reference_cells()
+every_cell = pytest.mark.parametrize("name", CELLS)
+both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
+both_frictions = pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
+
+
+def make(name, friction=True, finite_overlap=False, relative=SOFT):
+    lattice, build = CELLS[name]
+    state = at_overlap(relative, friction, lattice)
+    balls = build(gp.atoms(state, finite_overlap))
+    return state, balls, gp.HertzMindlin(state, finite_overlap=finite_overlap)
+
+
+def shaken(balls, seed=0, amplitude=2e-3, deviations=True):
+    """A generic configuration with every contact that was closed still closed."""
+    rng = np.random.default_rng(seed)
+    out = balls.copy()
+    out.positions[:, :2] += amplitude * rng.uniform(-1, 1, (len(balls), 2))
+    out.set_array("rotations", amplitude * rng.uniform(-1, 1, len(balls)))
+    if deviations:
+        out.set_array("diameter_deviations", amplitude * rng.uniform(-1, 1, len(balls)))
+    return out
+
+
+def gyrations(balls):
+    return GYRATION * (1.0 + balls.arrays["diameter_deviations"])
+
+
+def moved(balls, ball, axis, step):
+    """The balls with one coordinate (x, y, w) displaced by ``step``."""
+    out = balls.copy()
+    if axis < 2:
+        out.positions[ball, axis] += step
+    else:
+        out.arrays["rotations"][ball] += step / gyrations(balls)[ball]
+    return out
+
+
+def differenced_force_constants(calc, balls, step):
+    """Minus the central differences of forces and torques, (N, N, 3, 3)."""
+    n, radius = len(balls), gyrations(balls)
+    out = np.zeros((n, n, 3, 3))
+    for ball, axis in itertools.product(range(n), range(3)):
+        sides = []
+        for sign in (1.0, -1.0):
+            other = moved(balls, ball, axis, sign * step)
+            pull = calc.get_property("forces", other)[:, :2]
+            sides.append(np.column_stack([pull, calc.get_torques(other) / radius]))
+        out[:, ball, :, axis] = -(sides[0] - sides[1]) / (2.0 * step)
+    return out
+
+
+# -- energy, forces, torques, stress ------------------------------------------------------------------------------------
+
+
+@every_cell
+@both_frictions
+@both_overlaps
+def test_energy_is_that_of_all_pairs(name, friction, finite_overlap):
+    state, balls, calc = make(name, friction, finite_overlap)
+    for configuration in (balls, shaken(balls)):
+        expected = brute_energy(configuration, state, finite_overlap)
+        assert calc.get_property("energy", configuration) == pytest.approx(expected, rel=1e-12)
+        assert calc.get_property("free_energy", configuration) == calc.get_property("energy", configuration)
+
+
+@both_overlaps
+def test_energy_of_a_cell_is_extensive_and_known(finite_overlap):
+    # three contacts a ball, each (4/15) delta^2 in units of k d^2
+    state = at_overlap()
+    one = gp.atoms(state, finite_overlap)
+    assert one.get_potential_energy() == pytest.approx(3.0 * 4.0 / 15.0 * SOFT**2, rel=1e-12)
+    many = one.repeat((4, 3, 1))
+    many.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    assert many.get_potential_energy() == pytest.approx(12.0 * one.get_potential_energy(), rel=1e-12)
+    np.testing.assert_allclose(many.get_forces(), 0.0, atol=1e-14)
+
+
+@every_cell
+@both_frictions
+@both_overlaps
+def test_forces_and_torques_are_the_slopes_of_the_energy(name, friction, finite_overlap):
+    state, balls, calc = make(name, friction, finite_overlap)
+    balls = shaken(balls, seed=3)
+    forces, torques = calc.get_property("forces", balls).copy(), calc.get_torques(balls)
+    assert np.abs(forces).max() > 1e-4
+    np.testing.assert_array_equal(forces[:, 2], 0.0)
+    step = 1e-5
+    for ball in (0, len(balls) // 2, len(balls) - 1):
+        slope = np.zeros(3)
+        for axis in range(3):
+            up, down = (brute_energy(moved(balls, ball, axis, s * step), state, finite_overlap) for s in (1, -1))
+            slope[axis] = -(up - down) / (2.0 * step)
+        np.testing.assert_allclose(forces[ball, :2], slope[:2], atol=2e-9)
+        np.testing.assert_allclose(torques[ball] / gyrations(balls)[ball], slope[2], atol=2e-9)
+    if not friction:
+        np.testing.assert_array_equal(torques, 0.0)
+
+
+@pytest.mark.parametrize("name", ["3x3", "skewed", "vacancy", "kagome 2x2"])
+@both_frictions
+@both_overlaps
+def test_ase_numerical_forces_and_stress(name, friction, finite_overlap):
+    _, balls, calc = make(name, friction, finite_overlap)
+    balls.set_cell(np.asarray(balls.cell) @ [[0.998, 0.003, 0], [-0.001, 1.002, 0], [0, 0, 1]], scale_atoms=True)
+    balls = shaken(balls, seed=4)
+    balls.calc = calc
+    np.testing.assert_allclose(balls.get_forces(), calculate_numerical_forces(balls, eps=1e-5), atol=1e-8)
+    numerical = calculate_numerical_stress(balls, eps=1e-6)
+    # the cell is one diameter thick, so that ASE's volume is the layer's
+    np.testing.assert_allclose(balls.get_stress(), numerical, atol=1e-8)
+    assert np.abs(balls.get_stress()[[0, 1, 5]]).min() > 1e-4
+
+
+@pytest.mark.parametrize("name", CELLS)
+@both_overlaps
+def test_newton_and_the_balance_of_torques(name, finite_overlap):
+    _state, balls, calc = make(name, True, finite_overlap)
+    balls = shaken(balls, seed=5, deviations=False)
+    forces, torques = calc.get_property("forces", balls), calc.get_torques(balls)
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-15)
+    # a slip force acts at arm a/2 from each centre: both ends are turned alike, so torques do not sum to zero
+    assert abs(torques.sum()) > 1e-5
+
+
+@both_overlaps
+def test_free_cluster_in_equilibrium_of_torques(finite_overlap):
+    # balls turned on their reference sites: spin torques and the moment of the forces cancel
+    _state, balls, calc = make("cluster", True, finite_overlap)
+    balls.arrays["rotations"][:] = np.linspace(-1e-3, 2e-3, len(balls))
+    forces, torques = calc.get_property("forces", balls), calc.get_torques(balls)
+    x, y = balls.positions[:, 0], balls.positions[:, 1]
+    moment = x * forces[:, 1] - y * forces[:, 0]
+    assert np.abs(torques).max() > 1e-4
+    assert torques.sum() + moment.sum() == pytest.approx(0.0, abs=1e-16)
+
+
+def test_frictionless_cluster_turns_freely():
+    # with finite overlap the energy is exact, so a turn by any angle costs nothing
+    _, balls, calc = make("cluster", False, True)
+    before = calc.get_property("energy", balls)
+    balls.rotate(17.0, "z", rotate_cell=True)
+    assert calc.get_property("energy", balls) == pytest.approx(before, rel=1e-13)
+
+
+@pytest.mark.parametrize("relative", [1e-9, 1e-6, 1e-4, 1e-2])
+@both_overlaps
+def test_stress_is_the_pressure(relative, finite_overlap):
+    state = at_overlap(relative)
+    balls = gp.atoms(state, finite_overlap)
+    pascal = -balls.get_stress() * balls.calc.scales.modulus
+    boundary = DIAMETER * (1.0 - relative) if finite_overlap else DIAMETER
+    expected = np.sqrt(3.0) * state.force / boundary / DIAMETER
+    # positions hold 1e-16/relative of the overlap
+    tolerance = 1e-14 + 1e-15 / relative
+    np.testing.assert_allclose(pascal[:2], expected, rtol=tolerance)
+    np.testing.assert_allclose(pascal[2:], 0.0, atol=1e-14 * expected + tolerance * expected)
+    if not finite_overlap:
+        np.testing.assert_allclose(pascal[0], state.pressure / DIAMETER, rtol=tolerance)
+
+
+@pytest.mark.parametrize(("lattice", "factor"), [("square", 1.0), ("kagome", np.sqrt(3.0) / 2.0)])
+def test_stress_on_other_lattices(lattice, factor):
+    state = at_overlap(1e-3, lattice=lattice)
+    balls = gp.atoms(state)
+    pascal = -balls.get_stress()[:2] * balls.calc.scales.modulus
+    np.testing.assert_allclose(pascal, factor * state.force / DIAMETER**2, rtol=1e-12)
+    assert state.pressure == pytest.approx(factor * state.force / DIAMETER, rel=1e-14)
+
+
+def test_stress_of_a_layer_does_not_depend_on_the_height_of_the_cell():
+    state = at_overlap()
+    balls = gp.atoms(state)
+    thin = balls.get_stress()
+    balls.cell[2, 2] = 7.0
+    np.testing.assert_array_equal(balls.get_stress(), thin)
+
+
+@both_frictions
+@both_overlaps
+def test_energy_does_not_know_where_the_lattice_is(friction, finite_overlap):
+    _, balls, calc = make("3x3", friction, finite_overlap)
+    balls = shaken(balls, seed=6)
+    energy = calc.get_property("energy", balls)
+    balls.positions += [0.371, -0.777, 0.0]
+    assert calc.get_property("energy", balls) == pytest.approx(energy, rel=1e-12)
+    balls.wrap()
+    assert calc.get_property("energy", balls) == pytest.approx(energy, rel=1e-12)
+
+
+# -- one-sided contacts -------------------------------------------------------------------------------------------------
+
+
+@both_frictions
+@both_overlaps
+def test_separated_balls_exert_nothing(friction, finite_overlap):
+    state = at_overlap(friction=friction)
+    one = gp.atoms(state, finite_overlap)
+    balls = one.repeat((2, 1, 1))
+    balls.pbc = False
+    gap = 1e-9
+    balls.positions[1, 0] = 1.0 + SOFT + gap if not finite_overlap else 1.0 + gap
+    balls.set_array("rotations", np.array([0.1, 0.2]))
+    balls.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    assert balls.get_potential_energy() == 0.0
+    np.testing.assert_array_equal(balls.get_forces(), 0.0)
+    np.testing.assert_array_equal(balls.get_stress(), 0.0)
+    np.testing.assert_array_equal(balls.calc.get_torques(balls), 0.0)
+    # pressed by as little as the gap they do
+    balls.positions[1, 0] -= 2.0 * gap
+    assert balls.get_potential_energy() > 0.0
+    assert balls.get_forces()[1, 0] > 0.0
+
+
+@both_frictions
+def test_an_open_contact_has_no_force_constants(friction):
+    # the ball is half the size it needs to touch anything: the state says so, whatever the positions are
+    _state, balls, calc = make("3x3", friction)
+    balls.arrays["diameter_deviations"][4] = -2.5 * SOFT
+    constants = calc.get_force_constants(balls)
+    np.testing.assert_array_equal(constants[4], 0.0)
+    np.testing.assert_array_equal(constants[:, 4], 0.0)
+    assert np.abs(constants[0]).max() > 1.0
+
+
+def test_a_ball_displaced_out_of_reach_has_no_force_constants_there():
+    _state, balls, calc = make("3x3")
+    balls.positions[4, 0] += 1.5 * SOFT
+    balls.arrays["displacements"][4, 0] = 1.5 * SOFT
+    constants = calc.get_force_constants(balls)
+    # ball 4 of the 3 x 3 cell touches 1 (behind, along -a1) no more, and 7 (ahead) all the closer
+    np.testing.assert_array_equal(constants[4, 1], 0.0)
+    assert constants[4, 7][0, 0] == pytest.approx(-np.sqrt(2.5), rel=1e-12)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    amplitude=st.floats(1e-6, 0.1),
+    friction=st.booleans(),
+    finite_overlap=st.booleans(),
+)
+@settings(max_examples=40, deadline=None)
+def test_forces_only_push(seed, amplitude, friction, finite_overlap):
+    # whatever the configuration, energy is not negative, and without friction every pair repels
+    _state, balls, calc = make("cluster", friction, finite_overlap)
+    pair = shaken(balls, seed, amplitude)[[0, 3]]
+    energy, forces = calc.get_property("energy", pair), calc.get_property("forces", pair)
+    assert energy >= 0.0
+    np.testing.assert_allclose(forces[0], -forces[1], atol=1e-18)
+    if not friction:
+        assert forces[1] @ (pair.positions[1] - pair.positions[0]) >= 0.0
+
+
+# -- force constants ----------------------------------------------------------------------------------------------------
+
+
+@every_cell
+@both_frictions
+@both_overlaps
+def test_force_constants_are_second_differences_of_order_two(name, friction, finite_overlap):
+    _, balls, calc = make(name, friction, finite_overlap)
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (20.0, 40.0))
+    wide, narrow = np.abs(coarse - exact).max(), np.abs(fine - exact).max()
+    assert wide / narrow == pytest.approx(4.0, rel=0.01), "the central difference is of second order"
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-5)
+    np.testing.assert_allclose(exact, exact.transpose(1, 0, 3, 2), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["2x2", "vacancy", "kagome 2x2"])
+@both_frictions
+@both_overlaps
+def test_force_constants_are_second_differences_of_the_brute_energy(name, friction, finite_overlap):
+    state, balls, calc = make(name, friction, finite_overlap)
+    exact = calc.get_force_constants(balls)
+    # energies of the first ball against every other: mixed second differences, Richardson-extrapolated
+    for j, a, b in itertools.product((0, 1, len(balls) - 1), range(3), range(3)):
+        values = []
+        for step in (SOFT / 10.0, SOFT / 20.0):
+            corners = [
+                sa * sb * brute_energy(moved(moved(balls, 0, a, sa * step), j, b, sb * step), state, finite_overlap)
+                for sa, sb in itertools.product((1, -1), repeat=2)
+            ]
+            values.append(sum(corners) / (4.0 * step**2))
+        assert (4.0 * values[1] - values[0]) / 3.0 == pytest.approx(exact[0, j, a, b], abs=1e-4)
+
+
+@both_overlaps
+def test_one_ball_cell(finite_overlap):
+    # all images move together: translations cost nothing, and the rotation 30 eta k/M (a/d)^2
+    state = at_overlap()
+    balls = gp.atoms(state, finite_overlap)
+    constants = balls.calc.get_force_constants(balls)
+    arm = 1.0 - SOFT if finite_overlap else 1.0
+    expected = np.zeros((1, 1, 3, 3))
+    expected[0, 0, 2, 2] = 30.0 * ETA * arm**2
+    np.testing.assert_allclose(constants, expected, atol=1e-13)
+    np.testing.assert_allclose(differenced_force_constants(balls.calc, balls, 1e-4), expected, atol=1e-9)
+
+
+def test_contacts_of_a_small_cell_add():
+    # 2 x 2: each pair touches through two images, whose contacts add up to those of a larger cell folded on it
+    _, small, calc = make("2x2")
+    large = small.repeat((2, 2, 1))
+    fine = calc.get_force_constants(large)
+    folded = fine[:4].reshape(4, 4, 4, 3, 3).sum(axis=1)
+    np.testing.assert_allclose(calc.get_force_constants(small), folded, atol=1e-14)
+
+
+@both_overlaps
+@pytest.mark.parametrize("name", ["3x3", "vacancy", "kagome 2x2", "square 3x3"])
+def test_frictionless_balls_of_unequal_diameter(name, finite_overlap):
+    _, balls, calc = make(name, False, finite_overlap)
+    balls = shaken(balls, seed=7, amplitude=0.0)
+    balls.arrays["diameter_deviations"][:] = 0.2 * SOFT * np.random.default_rng(7).uniform(-1, 1, len(balls))
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (40.0, 80.0))
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-6)
+    assert np.ptp(np.diagonal(exact[:, :, 0, 0])) > 1e-3
+
+
+def test_frictionless_displacements_are_part_of_the_state():
+    # in the paper's limit n is fixed, and the harmonic expansion about displaced balls is exact too
+    _, balls, calc = make("3x3", False)
+    shift = np.zeros((9, 3))
+    shift[:, :2] = 0.1 * SOFT * np.random.default_rng(8).uniform(-1, 1, (9, 2))
+    balls.positions += shift
+    balls.set_array("displacements", shift)
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (40.0, 80.0))
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-6)
+    # and positions alone do not enter: moved back without a word, the balls have the same force constants
+    elsewhere = balls.copy()
+    elsewhere.positions += [0.1, 0.2, 0.0]
+    np.testing.assert_allclose(calc.get_force_constants(elsewhere), exact, atol=1e-12)
+
+
+@both_overlaps
+@pytest.mark.parametrize("name", ["3x3", "vacancy", "kagome 2x2"])
+def test_rough_balls_of_unequal_diameter(name, finite_overlap):
+    # the slip of each contact costs eta times that contact's own stiffness, and w = R_g phi with each ball's own R_g
+    _, balls, calc = make(name, True, finite_overlap)
+    balls.arrays["diameter_deviations"][:] = 0.2 * SOFT * np.random.default_rng(9).uniform(-1, 1, len(balls))
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (40.0, 80.0))
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-6)
+
+
+def test_rough_balls_displaced():
+    _, balls, calc = make("3x3", True)
+    shift = np.zeros((9, 3))
+    shift[:, :2] = 0.1 * SOFT * np.random.default_rng(10).uniform(-1, 1, (9, 2))
+    balls.positions += shift
+    balls.set_array("displacements", shift)
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (40.0, 80.0))
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-6)
+
+
+@every_cell
+@both_frictions
+@both_overlaps
+def test_dense_equals_sparse(name, friction, finite_overlap):
+    _, balls, calc = make(name, friction, finite_overlap)
+    dense, sparse = calc.get_force_constants(balls), calc.get_force_constants(balls, format="csr")
+    n = len(balls)
+    assert dense.shape == (n, n, 3, 3)
+    assert (sparse.format, sparse.shape) == ("csr", (3 * n, 3 * n))
+    assert sparse.has_canonical_format
+    np.testing.assert_allclose(dense.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n), sparse.toarray(), atol=1e-15)
+
+
+def test_force_constants_scale_with_the_contacts():
+    # 3 contacts a ball at most: a sparse matrix of 21 numbers in each row, whatever the size
+    state = at_overlap()
+    balls = gp.atoms(state).repeat((40, 40, 1))
+    sparse = gp.HertzMindlin(state).get_force_constants(balls, format="csr")
+    assert np.diff(sparse.indptr).max() <= 21
+
+
+@every_cell
+@both_frictions
+@both_overlaps
+def test_sum_rule_of_translations_and_not_of_rotation(name, friction, finite_overlap):
+    _, balls, calc = make(name, friction, finite_overlap)
+    total = calc.get_force_constants(balls).sum(axis=1)
+    np.testing.assert_allclose(total[:, :, :2], 0.0, atol=1e-14)
+    if friction:
+        arm = 1.0 - SOFT if finite_overlap else 1.0
+        lattice = CELLS[name][0]
+        if name not in ("vacancy", "cluster", "ribbon"):
+            # each of z contacts has the lever (a/2 + a/2)/R_g on one of its ends: 5 eta z
+            coordination = {"triangular": 6, "square": 4, "kagome": 4}[lattice]
+            np.testing.assert_allclose(total[:, 2, 2], 5.0 * ETA * coordination * arm**2, rtol=1e-13)
+        assert np.all(total[:, 2, 2] > 5.0 * ETA * arm**2)
+    else:
+        np.testing.assert_array_equal(total[:, 2], 0.0)
+
+
+def test_a_cluster_turns_as_a_whole_at_no_cost():
+    _, balls, calc = make("cluster")
+    matrix = calc.get_force_constants(balls).transpose(0, 2, 1, 3).reshape(27, 27)
+    turn = np.zeros((9, 3))
+    turn[:, 0], turn[:, 1], turn[:, 2] = -balls.positions[:, 1], balls.positions[:, 0], GYRATION
+    np.testing.assert_allclose(matrix @ turn.ravel(), 0.0, atol=1e-13)
+    # three free motions of the whole, and no more
+    values = np.linalg.eigvalsh(matrix)
+    np.testing.assert_allclose(values[:3], 0.0, atol=1e-13)
+    assert values[3] > 0.01
+    # balls that are carried round without turning do pay: eta of half a slip of one at each of the 16 contacts
+    turn[:, 2] = 0.0
+    assert turn.ravel() @ matrix @ turn.ravel() == pytest.approx(16.0 * ETA, rel=1e-12)
+
+
+def test_masses_do_not_enter_force_constants_and_do_enter_the_lattice():
+    _, balls, calc = make("3x3")
+    equal = calc.get_force_constants(balls)
+    masses = np.linspace(0.5, 3.0, 9)
+    balls.set_masses(masses)
+    np.testing.assert_array_equal(calc.get_force_constants(balls), equal)
+    lattice = calc.contact_lattice(balls)
+    np.testing.assert_array_equal(lattice.masses, masses)
+    root = np.sqrt(np.repeat(masses, 3))
+    matrix = equal.transpose(0, 2, 1, 3).reshape(27, 27) / np.outer(root, root)
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(lattice.dynamical_matrix([[0.0, 0.0]])[0]), np.linalg.eigvalsh(matrix), atol=1e-13
+    )
+
+
+@both_overlaps
+def test_frictionless_rows_of_rotation_are_zero(finite_overlap):
+    _, balls, calc = make("3x3", False, finite_overlap)
+    constants = calc.get_force_constants(balls)
+    np.testing.assert_array_equal(constants[..., 2, :], 0.0)
+    np.testing.assert_array_equal(constants[..., :, 2], 0.0)
+
+
+def test_one_contact_in_closed_form():
+    # two balls along x: k, eta k, and the lever R_g^-1/2 = sqrt(10)/2 of each
+    state = at_overlap()
+    balls = gp.atoms(state).repeat((2, 1, 1))
+    balls.pbc = False
+    lever = np.sqrt(10.0) / 2.0
+    expected = np.array([[1.0, 0.0, 0.0], [0.0, ETA, ETA * lever], [0.0, ETA * lever, ETA * lever**2]])
+    off = np.array([[-1.0, 0.0, 0.0], [0.0, -ETA, ETA * lever], [0.0, -ETA * lever, ETA * lever**2]])
+    constants = gp.HertzMindlin(state).get_force_constants(balls)
+    np.testing.assert_allclose(constants[0, 0], expected, rtol=1e-14)
+    np.testing.assert_allclose(constants[0, 1], off, rtol=1e-14)
+    # with finite overlap: arms a/2 and -f/a across, f/k d = 2 delta/3 d
+    spacing = 1.0 - SOFT
+    squeezed = gp.atoms(state, finite_overlap=True).repeat((2, 1, 1))
+    squeezed.pbc = False
+    expected = expected * np.array([[1, 1, 1], [1, 1, spacing], [1, spacing, spacing**2]])
+    expected[1, 1] -= 2.0 / 3.0 * SOFT / spacing
+    constants = gp.HertzMindlin(state, finite_overlap=True).get_force_constants(squeezed)
+    np.testing.assert_allclose(constants[0, 0], expected, rtol=1e-13)
+
+
+# -- precision ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("relative", [1e-20, 9e-11])
+@both_overlaps
+def test_below_precision_only_what_needs_positions_raises(relative, finite_overlap):
+    state = at_overlap(relative)
+    balls = gp.atoms(state, finite_overlap)
+    for ask in (
+        balls.get_potential_energy,
+        balls.get_forces,
+        balls.get_stress,
+        lambda: balls.calc.get_torques(balls),
+    ):
+        with pytest.raises(PrecisionError, match="positions hold too few digits"):
+            ask()
+    many = balls.repeat((3, 3, 1))
+    plain = at_overlap(1e-2)
+    reference = gp.HertzMindlin(plain).get_force_constants(gp.atoms(plain).repeat((3, 3, 1)))
+    given_constants = balls.calc.get_force_constants(many)
+    if finite_overlap:
+        np.testing.assert_allclose(given_constants, reference, atol=30.0 * relative + 1e-15)
+    else:
+        np.testing.assert_array_equal(given_constants, reference)
+
+
+def test_just_above_precision_energy_has_the_digits_promised():
+    state = at_overlap(1e-10)
+    balls = gp.atoms(state).repeat((3, 3, 1))
+    balls.calc = gp.HertzMindlin(state)
+    # six digits of the overlap: 2.5e-6 of the energy
+    assert balls.get_potential_energy() == pytest.approx(27.0 * 4.0 / 15.0 * 1e-20, rel=1e-5)
+
+
+# -- ASE's conventions --------------------------------------------------------------------------------------------------
+
+
+class Counting(gp.HertzMindlin):
+    """HertzMindlin that counts its calculations."""
+
+    count = 0
+
+    def calculate(self, *args, **kwargs):
+        self.count += 1
+        super().calculate(*args, **kwargs)
+
+
+def counted():
+    state = at_overlap()
+    balls = gp.atoms(state).repeat((3, 3, 1))
+    balls.calc = Counting(state)
+    return balls
+
+
+def test_one_calculation_serves_every_property():
+    balls = counted()
+    balls.get_potential_energy()
+    balls.get_forces()
+    balls.get_stress()
+    balls.calc.get_torques(balls)
+    balls.get_potential_energy(force_consistent=True)
+    assert balls.calc.count == 1
+    assert balls.calc.get_property("energy", balls) == balls.get_potential_energy()
+    # a copy of the Atoms is the same configuration
+    balls.calc.get_property("forces", balls.copy())
+    assert balls.calc.count == 1
+
+
+def _set(name, value):
+    def change(balls):
+        balls.arrays[name][2] = value
+
+    return change
+
+
+CHANGES = {
+    "a position": lambda balls: balls.positions.__setitem__((2, 0), 0.5),
+    "the cell": lambda balls: balls.set_cell(np.asarray(balls.cell) * 1.001, scale_atoms=True),
+    "pbc": lambda balls: balls.set_pbc(False),
+    "a diameter": _set("diameter_deviations", 1e-3),
+    "a rotation": _set("rotations", 1e-3),
+    "a displacement": lambda balls: balls.arrays["displacements"].__setitem__((2, 0), 1e-3),
+    "new rotations": lambda balls: balls.set_array("rotations", np.full(len(balls), 1e-3)),
+    "fewer balls": lambda balls: balls.__delitem__(4),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_the_energy_is_noticed(change):
+    balls = counted()
+    # slip, so that the shear stiffness of every contact counts
+    balls.positions[:, 0] += 1e-3 * np.arange(9)
+    before = balls.get_potential_energy()
+    CHANGES[change](balls)
+    assert balls.calc.calculation_required(balls, ["energy"])
+    after = balls.get_potential_energy()
+    assert after != before
+    assert balls.calc.count == 2
+    fresh = balls.copy()
+    fresh.calc = gp.HertzMindlin(balls.calc.state)
+    assert fresh.get_potential_energy() == after
+    balls.get_forces()
+    assert balls.calc.count == 2
+
+
+def test_what_does_not_change_the_energy_is_not():
+    balls = counted()
+    balls.get_potential_energy()
+    balls.arrays["radius"][:] = 3.0
+    balls.set_masses(np.full(9, 2.0))
+    balls.set_momenta(np.ones((9, 3)))
+    balls.info["note"] = 1
+    balls.get_potential_energy()
+    assert balls.calc.count == 1
+
+
+def test_arrays_that_are_absent_are_zero():
+    balls = counted()
+    full = balls.get_potential_energy()
+    for name in ("diameter_deviations", "rotations", "displacements", "radius"):
+        balls.set_array(name, None)
+    assert balls.get_potential_energy() == full
+    assert balls.calc.count == 1, "absent and zero are the same state"
+    assert balls.calc.get_force_constants(balls).shape == (9, 9, 3, 3)
+
+
+def test_torques_follow_the_atoms_they_are_asked_for():
+    balls = counted()
+    balls.arrays["rotations"][0] = 1e-3
+    first = balls.calc.get_torques(balls)
+    assert np.abs(first).max() > 0.0
+    still = balls.copy()
+    still.arrays["rotations"][0] = 0.0
+    np.testing.assert_allclose(balls.calc.get_torques(still), 0.0, atol=1e-17)
+    np.testing.assert_array_equal(balls.calc.get_torques(balls), first)
+    first[:] = 99.0
+    assert balls.calc.get_torques(balls).max() < 1.0, "a copy is handed out"
+
+
+def test_results_are_ase_properties():
+    balls = counted()
+    balls.get_potential_energy()
+    properties = balls.calc.export_properties()
+    assert set(properties) == {"energy", "free_energy", "natoms", "forces", "stress"}
+    assert properties["stress"].shape == (6,)
+    assert properties["forces"].shape == (9, 3)
+    assert set(balls.calc.implemented_properties) == {"energy", "free_energy", "forces", "stress"}
+    for missing in ("stresses", "energies", "magmom", "dipole"):
+        with pytest.raises(PropertyNotImplementedError):
+            balls.calc.get_property(missing, balls)
+    assert balls.calc.get_property("energy", counted(), allow_calculation=False) is not None
+    balls.calc.reset()
+    assert balls.calc.get_property("energy", balls, allow_calculation=False) is None
+
+
+def test_unknown_keywords_and_formats_are_refused():
+    state = at_overlap()
+    with pytest.raises(InputError, match=r"no keyword 'finite_overlp'"):
+        gp.HertzMindlin(state, finite_overlp=True)
+    with pytest.raises(InputError, match="format is 'coo'"):
+        gp.HertzMindlin(state).get_force_constants(gp.atoms(state), format="coo")
+
+
+def test_state_at_several_loads_is_refused():
+    several = gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_force([1.0, 2.0])
+    for make_one in (gp.HertzMindlin, gp.atoms, gp.Phonons):
+        with pytest.raises(InputError, match="the state holds 2 loads"):
+            make_one(several)
+
+
+def test_balls_periodic_across_the_plane_are_refused():
+    balls = counted()
+    balls.pbc = True
+    with pytest.raises(InputError, match="periodic across the plane"):
+        balls.get_potential_energy()
+    with pytest.raises(InputError, match="periodic across the plane"):
+        balls.calc.get_force_constants(balls)
+
+
+def test_stress_needs_a_cell():
+    state = at_overlap()
+    pair = Atoms("Fe2", positions=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1.0])
+    pair.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match="the cell has no area"):
+        pair.get_stress()
+    # force constants need none
+    assert pair.calc.get_force_constants(pair)[0, 1, 0, 0] == -1.0
+
+
+def test_energy_and_forces_need_no_cell():
+    state = at_overlap()
+    pair = Atoms("Fe2", positions=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1.0])
+    pair.calc = gp.HertzMindlin(state)
+    assert pair.get_potential_energy() == pytest.approx(4.0 / 15.0 * SOFT**2, rel=1e-12)
+    assert pair.get_forces()[1, 0] == pytest.approx(2.0 / 3.0 * SOFT, rel=1e-12)
+
+
+def test_separated_balls_have_zero_force_constants():
+    _state, balls, calc = make("3x3")
+    balls.arrays["diameter_deviations"][:] = -2.0 * SOFT
+    assert calc.get_property("energy", balls) == 0.0
+    assert calc.get_force_constants(balls, format="csr").nnz == 0
+    np.testing.assert_array_equal(calc.get_force_constants(balls), 0.0)

@@ -1,0 +1,328 @@
+"""The contact law (equations 1-4), Mindlin's reduction, the free vibrations of a ball, and the limits of validity."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+from scipy.special import spherical_jn
+
+import granphon as gp
+from granphon.contact import contact_radius_ratio, harmonic_diameter
+from granphon.errors import InputError
+
+lengths = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
+loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)
+ratios = st.floats(-0.999, 0.5)
+
+
+def exact_contact(material, first, second, force):
+    """delta, k, kappa and k of equations (1)-(4), term by term, in the present precision of mpmath."""
+    e, s = mpmath.mpf(material.young_modulus), mpmath.mpf(material.poisson_ratio)
+    star = e / (2 * (1 - s**2))
+    d = 1 / ((1 / mpmath.mpf(first) + 1 / mpmath.mpf(second)) / 2)
+    f = mpmath.mpf(force)
+    delta = mpmath.cbrt(9 * f**2 / (4 * d * star**2))
+    k = mpmath.cbrt(mpmath.mpf(3) / 2 * star**2 * d * f)
+    return delta, k, 2 * (1 - s) / (2 - s) * k
+
+
+# -- the law ----------------------------------------------------------------------------------------------------------
+
+
+@given(first=lengths, second=lengths, load=loads, sigma=ratios)
+def test_law_is_that_of_equations_1_to_4(first, second, load, sigma):
+    material = gp.Material(2e11, sigma, 7800.0)
+    force = load * material.young_modulus * min(first, second) ** 2
+    law = gp.HertzLaw.between(material, first, second)
+    with mpmath.workdps(40):
+        delta, k, kappa = exact_contact(material, first, second, force)
+        measured = law.overlap(force)
+        assert abs(measured / delta - 1) < 3e-15
+        assert abs(law.stiffness(measured) / k - 1) < 3e-15
+        assert abs(material.mindlin_ratio * law.stiffness(measured) / kappa - 1) < 3e-15
+        assert abs(law.force(float(delta)) / mpmath.mpf(force) - 1) < 3e-15
+        assert abs(law.overlap_of_stiffness(float(k)) / delta - 1) < 3e-15
+
+
+@given(first=lengths, second=lengths, overlap=st.floats(-12.0, -1.0))
+def test_law_inverts_itself_and_does_not_know_which_ball_is_first(first, second, overlap):
+    material = gp.Material(7e10, 0.2, 2500.0)
+    delta = 10.0**overlap * min(first, second)
+    law, mirrored = gp.HertzLaw.between(material, first, second), gp.HertzLaw.between(material, second, first)
+    assert_allclose(law.overlap(law.force(delta)), delta, rtol=2e-15)
+    assert_allclose(law.overlap_of_stiffness(law.stiffness(delta)), delta, rtol=2e-15)
+    assert_allclose(law.coefficient, mirrored.coefficient, rtol=1e-15)
+
+
+def test_force_and_stiffness_are_the_derivatives_of_the_energy(steel):
+    law = gp.HertzLaw.between(steel, 3e-3, 8e-3)
+    delta = 1.7e-6
+    with mpmath.workdps(40):
+        c = mpmath.mpf(law.coefficient)
+
+        def energy(x):
+            return mpmath.mpf(2) / 5 * c * x ** mpmath.mpf("2.5")
+
+        assert abs(law.energy(delta) / energy(mpmath.mpf(delta)) - 1) < 1e-15
+        assert abs(law.force(delta) / mpmath.diff(energy, mpmath.mpf(delta)) - 1) < 1e-15
+        assert abs(law.stiffness(delta) / mpmath.diff(energy, mpmath.mpf(delta), 2) - 1) < 1e-15
+
+
+def test_contact_of_a_ball_with_a_plane_is_the_limit_of_a_large_second_ball(steel):
+    # Johnson's R is the ball's radius there, and d* = 4R = twice the diameter
+    assert_allclose(harmonic_diameter(8e-3, 1e12), 16e-3, rtol=1e-13)
+    assert_allclose(harmonic_diameter(8e-3, 8e-3), 8e-3, rtol=1e-16)
+    assert_allclose(harmonic_diameter([1e-3, 2e-3], 2e-3), [4e-3 / 3, 2e-3], rtol=1e-15)
+
+
+def test_balls_apart_push_nothing(steel):
+    law = gp.HertzLaw.between(steel, 8e-3)
+    assert law.force(-1e-6) == law.energy(-1e-6) == law.stiffness(-1e-6) == 0.0
+    assert_allclose(law.force([-1.0, 0.0]), [0.0, 0.0], atol=0)
+
+
+def test_scalars_give_floats_and_arrays_give_their_own_shape(steel):
+    law = gp.HertzLaw.between(steel, 8e-3)
+    for method in (law.energy, law.force, law.stiffness, law.overlap, law.overlap_of_stiffness):
+        assert isinstance(method(1e-6), float)
+        assert method(np.full((2, 3), 1e-6)).shape == (2, 3)
+
+
+@pytest.mark.parametrize("bad", [-1.0, math.nan, [1.0, -1e-300]])
+def test_no_overlap_of_a_tensile_force_nor_of_a_negative_stiffness(steel, bad):
+    law = gp.HertzLaw.between(steel, 8e-3)
+    with pytest.raises(InputError, match="negative"):
+        law.overlap(bad)
+    with pytest.raises(InputError, match="negative"):
+        law.overlap_of_stiffness(bad)
+
+
+# -- the material -----------------------------------------------------------------------------------------------------
+
+
+@given(sigma=st.floats(-1.0, 0.5, exclude_min=True))
+def test_mindlin_ratio_over_every_stable_poisson_ratio(sigma):
+    material = gp.Material(1.0, sigma, 1.0)
+    with mpmath.workdps(40):
+        s = mpmath.mpf(sigma)
+        assert abs(material.mindlin_ratio / (2 * (1 - s) / (2 - s)) - 1) < 1e-15
+        assert abs(material.contact_modulus / (1 / (2 * (1 - s**2))) - 1) < 1e-15
+    assert 2.0 / 3.0 <= material.mindlin_ratio <= 4.0 / 3.0
+
+
+@pytest.mark.parametrize("sigma", [-1.0, -1.5, 0.5000001, math.nan, math.inf, "soft", None])
+def test_unstable_poisson_ratio_is_an_error(sigma):
+    with pytest.raises(InputError, match="poisson_ratio"):
+        gp.Material(1.0, sigma, 1.0)
+
+
+@pytest.mark.parametrize("field", ["young_modulus", "density", "yield_strength"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "hard"])
+def test_material_constants_are_finite_and_positive(field, value):
+    constants = {"young_modulus": 1.0, "poisson_ratio": 0.2, "density": 1.0, "yield_strength": 1.0} | {field: value}
+    with pytest.raises(ValueError, match=field):
+        gp.Material(**constants)
+
+
+def test_bulk_velocities_of_the_material(steel):
+    lame = steel.young_modulus * 0.276 / (1.276 * (1 - 2 * 0.276))
+    shear = steel.young_modulus / (2 * 1.276)
+    assert_allclose(steel.shear_modulus, shear, rtol=1e-15)
+    assert_allclose(steel.longitudinal_velocity, math.sqrt((lame + 2 * shear) / 7840.0), rtol=1e-14)
+    assert_allclose(steel.transverse_velocity, math.sqrt(shear / 7840.0), rtol=1e-15)
+    assert gp.Material(1e6, 0.5, 1000.0).longitudinal_velocity == math.inf
+
+
+# -- a static tangential load -----------------------------------------------------------------------------------------
+
+
+@given(part=st.floats(0.0, 0.999999), mu=st.floats(0.05, 2.0), normal=st.floats(1e-9, 1e9))
+def test_reduction_is_the_slope_of_mindlins_displacement(part, mu, normal):
+    tangential = part * mu * normal
+    with mpmath.workdps(40):
+        load, limit = mpmath.mpf(tangential), mpmath.mpf(mu) * mpmath.mpf(normal)
+
+        def displacement(t):  # in units of the inverse stiffness of the unloaded contact
+            return mpmath.mpf(3) / 2 * limit * (1 - (1 - t / limit) ** (mpmath.mpf(2) / 3))
+
+        # dT/d(delta_t) over its value at T = 0, by central differences
+        step = limit * mpmath.mpf("1e-14")
+        slope = 2 * step / (displacement(load + step) - displacement(load - step))
+        # what rounding of T/mu N to double does to the answer is not the formula's doing
+        room = 1e-15 + 4e-16 / max(1.0 - part, 1e-7)
+        assert abs(gp.mindlin_reduction(tangential, normal, mu) / slope - 1) < room
+
+
+def test_reduction_is_even_in_the_load_and_one_without_it():
+    assert gp.mindlin_reduction(0.0, 2.0, 0.3) == 1.0
+    assert_allclose(gp.mindlin_reduction([-0.1, 0.1], 2.0, 0.3), [(1 - 1 / 6) ** (1 / 3)] * 2, rtol=1e-15)
+    assert isinstance(gp.mindlin_reduction(0.1, 2.0, 0.3), float)
+
+
+@pytest.mark.parametrize("tangential", [0.6, -0.6, 0.7, [0.0, 0.6]])
+def test_sliding_contact_is_an_error(tangential):
+    with pytest.raises(InputError, match="friction threshold"):
+        gp.mindlin_reduction(tangential, 2.0, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("tangential", "normal", "mu"), [(math.nan, 1, 1), (0, 0, 1), (0, -1, 1), (0, 1, 0), (0, 1, math.nan)]
+)
+def test_reduction_of_an_impossible_contact_is_an_error(tangential, normal, mu):
+    with pytest.raises(InputError):
+        gp.mindlin_reduction(tangential, normal, mu)
+
+
+# -- the lowest resonance of a ball -----------------------------------------------------------------------------------
+
+
+def torsional(x, order):
+    return (order - 1) * spherical_jn(order, x) - x * spherical_jn(order + 1, x)
+
+
+def spheroidal(x, order, sigma):
+    """Lamb's determinant of the spheroidal modes of a free sphere; x = omega R / v_T."""
+    y = math.sqrt((1 - 2 * sigma) / (2 * (1 - sigma))) * x
+
+    def j(n, z):
+        return spherical_jn(n, z)
+
+    n = order
+    return ((n * n - n - x**2 / 2) * j(n, y) + 2 * y * j(n + 1, y)) * (
+        (n * n - 1 - x**2 / 2) * j(n, x) + x * j(n + 1, x)
+    ) - n * (n + 1) * ((n - 1) * j(n, x) - x * j(n + 1, x)) * ((n - 1) * j(n, y) - y * j(n + 1, y))
+
+
+def breathing(x, sigma):
+    """4 mu u'-type condition of no pressure on the surface, from u = j_1(y r): (lambda + 2 mu) u' + 2 lambda u / r = 0."""
+    c2 = 2 * (1 - sigma) / (1 - 2 * sigma)  # (v_L / v_T)^2 = (lambda + 2 mu)/mu
+    y = x / math.sqrt(c2)
+    return c2 * y * spherical_jn(1, y, derivative=True) + 2 * (c2 - 2) * spherical_jn(1, y)
+
+
+def first_root(function, *parameters):
+    grid = np.linspace(1e-3, 7.0, 14001)
+    values = function(grid, *parameters)
+    crossings = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    if not crossings.size:
+        return math.inf
+    crossing = crossings[0]
+    return brentq(function, grid[crossing], grid[crossing + 1], args=parameters, xtol=1e-14)
+
+
+def resonance_number(sigma):
+    ball = gp.Material(1.0, sigma, 1.0)
+    return ball.lowest_resonance(2.0) * 2 * math.pi / ball.transverse_velocity
+
+
+def test_tables_of_lamb_and_love():
+    # Lamb 1882, Love's Treatise art. 195: 0.7961 pi for torsion of order two, 0.840 pi and 0.8160 pi v_L/v_T at sigma = 1/4
+    assert_allclose(first_root(torsional, 2), 2.5011, atol=5e-5)
+    assert_allclose(first_root(spheroidal, 2, 0.25), 0.840 * math.pi, atol=5e-4 * math.pi)
+    assert_allclose(first_root(breathing, 0.25), 0.8160 * math.pi * math.sqrt(3.0), atol=5e-5 * math.pi * math.sqrt(3.0))
+    # incompressible: 0.848 pi
+    assert_allclose(first_root(spheroidal, 2, 0.4999999), 0.848 * math.pi, atol=5e-4 * math.pi)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.1, 0.25, 0.276, 0.45, 0.4999999])
+def test_torsion_is_lowest_in_ordinary_materials(sigma):
+    lowest = resonance_number(sigma)
+    assert_allclose(lowest, first_root(torsional, 2), rtol=1e-13)
+    others = [first_root(torsional, 3), first_root(breathing, sigma)] + [first_root(spheroidal, n, sigma) for n in (1, 2, 3)]
+    assert lowest < min(others)
+
+
+@pytest.mark.parametrize("sigma", [-0.05, -0.1, -0.13, -0.15, -0.2, -0.3, -0.5, -0.7, -0.9, -0.99])
+def test_lowest_of_all_modes_in_auxetic_materials(sigma):
+    modes = [first_root(torsional, 2), first_root(torsional, 3), first_root(breathing, sigma)]
+    modes += [first_root(spheroidal, n, sigma) for n in (1, 2, 3)]
+    assert_allclose(resonance_number(sigma), min(modes), rtol=1e-12)
+
+
+def test_breathing_falls_to_zero_with_the_bulk_modulus():
+    # a ball strained uniformly: omega^2 R^2 / v_T^2 -> 15 K/G
+    for sigma in (-0.999, -0.99999, -0.9999999):
+        uniform = math.sqrt(10 * (1 + sigma) / (1 - 2 * sigma))
+        assert_allclose(resonance_number(sigma), uniform, rtol=2.0 * (1 + sigma))
+
+
+def test_resonance_scales_with_size_and_velocity(steel):
+    assert_allclose(
+        steel.lowest_resonance(8e-3), 2.5011326204 * steel.transverse_velocity / (2 * math.pi * 4e-3), rtol=1e-10
+    )
+    assert_allclose(steel.lowest_resonance(4e-3), 2 * steel.lowest_resonance(8e-3), rtol=1e-15)
+
+
+# -- where the model holds --------------------------------------------------------------------------------------------
+
+
+def validity_by_hand(packing, force, eta):
+    material, d = packing.material, packing.diameter
+    delta, k, _ = (float(x) for x in exact_contact(material, d, d, force))
+    radius = math.sqrt(delta * d / 4)  # Hertz: a^2 = R delta with R = d/4 for equal balls of diameter d
+    mass = math.pi / 6 * material.density * d**3
+    longitudinal, transverse = d * math.sqrt(9 / 8 * (1 + eta / 3) * k / mass), d * math.sqrt(3 / 8 * (1 + eta) * k / mass)
+    return {
+        "contact_radius": radius / (d / 2),
+        "load": (force / (material.young_modulus * d * d)) ** (1 / 6),
+        "velocity": max(longitudinal / material.longitudinal_velocity, transverse / material.transverse_velocity),
+        "yield": force / (math.pi * radius**2) / material.yield_strength,
+    }, math.sqrt(k / mass) / (2 * math.pi)
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("force", [1e-6, 18.446, 3e5])
+def test_validity_is_computed(twin, friction, force):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0, yield_strength=2e9), 8e-3, friction=friction)
+    eta = packing.mindlin_ratio
+    checks = gp.validity(gp.AveragedLattice(packing).at_force(force))
+    expected, unit = validity_by_hand(packing, force, eta)
+    # the top of the bands on a mesh of the twin
+    cell = 2 * math.pi * np.linalg.inv([[1.0, 0.0], [-0.5, math.sqrt(0.75)]]).T
+    mesh = [np.array([m, n]) / 24 @ cell for m in range(24) for n in range(24)]
+    top = max(twin.frequencies(twin.hexagon(), q, eta)[-1] for q in mesh)
+    expected["resonance"] = top * unit / packing.material.lowest_resonance(8e-3)
+    assert {check.name for check in checks.checks} == set(expected)
+    for name, value in expected.items():
+        assert_allclose(checks[name].value, value, rtol=1e-12)
+        assert checks[name].ok == (value <= checks[name].limit)
+    assert checks.ok == all(value <= checks[name].limit for name, value in expected.items())
+
+
+def test_warnings_say_which_limit_and_by_how_much():
+    hard = gp.Material(211.65e9, 0.276, 7840.0, yield_strength=1e9)
+    medium = gp.AveragedLattice(gp.Packing(hard, 8e-3))
+    assert gp.validity(medium.at_force(1e-3)).warnings == ()
+    checks = gp.validity(medium.at_overlap(8e-4))
+    warnings = checks.warnings
+    assert len(warnings) == 5
+    assert not checks.ok
+    radius = math.sqrt(0.1)
+    assert f"contact radius over ball radius is {radius:.4g}, {radius / 0.1:.4g} times the limit of 0.1" in warnings[0]
+    for check, text in zip(checks.checks, warnings, strict=True):
+        assert check.meaning in text
+        assert f"{float(check.value) / check.limit:.4g} times the limit of {check.limit:g}" in text
+    # and they travel with the velocities and the moduli
+    assert gp.sound_velocities(medium.at_overlap(8e-4)).warnings == warnings
+    assert gp.moduli(medium.at_overlap(8e-4)).warnings == warnings
+
+
+def test_warning_counts_the_loads_that_fail():
+    medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3))
+    checks = gp.validity(medium.at_overlap(np.array([8e-9, 8e-7, 4e-4, 8e-4])))
+    assert_allclose(checks["contact_radius"].ok, [True, True, False, False])
+    assert "(worst of 2 loads out of 4)" in checks["contact_radius"].warning
+    assert_allclose(checks.ok, [True, True, False, False])
+    with pytest.raises(KeyError):
+        checks["colour"]
+
+
+def test_contact_radius_ratio_is_the_square_root_of_the_overlap():
+    assert_allclose(contact_radius_ratio([0.0, 2e-6, 8e-3], 8e-3), [0.0, math.sqrt(2.5e-4), 1.0], rtol=1e-15)

@@ -1,0 +1,201 @@
+"""The table of contacts, lattices given as data, and packings."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.errors import InputError
+from granphon.geometry import KAGOME, SQUARE, TRIANGULAR, as_direction, lattice_named
+
+HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "coordination", "area"),
+    [
+        (TRIANGULAR, 6, math.sqrt(3) / 2),
+        (SQUARE, 4, 1.0),
+        (KAGOME, 4, 2 / math.sqrt(3)),
+        (HONEYCOMB, 3, 3 * math.sqrt(3) / 4),
+    ],
+)
+def test_named_lattices(twin, lattice, coordination, area):
+    assert lattice.coordination == coordination
+    assert_allclose(lattice.area_per_ball, area, rtol=1e-15)
+    table = lattice.contacts
+    assert len(table) == coordination * lattice.n_balls // 2
+    # the twin sees every contact from both ends
+    expected = sorted(
+        (i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in twin.neighbours(lattice.cell, lattice.sites)
+    )
+    rows = list(zip(table.i.tolist(), table.j.tolist(), table.normal.tolist(), strict=True))
+    found = [(i, j, round(x, 9) + 0.0, round(y, 9) + 0.0) for i, j, (x, y) in rows]
+    found += [(j, i, round(-x, 9) + 0.0, round(-y, 9) + 0.0) for i, j, (x, y) in rows]
+    assert sorted(found) == expected
+
+
+def test_rows_of_the_table_agree_with_the_positions():
+    for lattice in (TRIANGULAR, SQUARE, KAGOME, HONEYCOMB):
+        table = lattice.contacts
+        vector = lattice.positions[table.j] + table.shift @ lattice.vectors - lattice.positions[table.i]
+        assert_allclose(table.vector, vector, atol=1e-15)
+        assert_allclose(np.linalg.norm(table.normal, axis=1), 1.0, rtol=1e-15)
+        assert_allclose(np.cross(np.pad(table.normal, ((0, 0), (0, 1))), np.pad(table.tangent, ((0, 0), (0, 1))))[:, 2], 1.0)
+        assert_allclose(table.arm_i + table.arm_j, table.spacing, rtol=1e-15)
+
+
+def test_table_is_read_only_and_scales():
+    table = TRIANGULAR.contacts
+    for field in dataclasses.fields(table):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(table, field.name)[:] = 0
+    small = table.scaled(0.9)
+    assert_allclose(small.vector, 0.9 * table.vector, rtol=1e-15)
+    assert_allclose(small.arm_i, 0.45, rtol=1e-15)
+    assert_allclose(small.normal, table.normal, rtol=0)
+
+
+def test_hexagonal_cell_has_k_at_one_third_one_third():
+    # the corner of the zone is at 4 pi/3 along a1, the middle of an edge at 2 pi/sqrt(3) along y
+    lattice = gp.ContactLattice.of("triangular", 0.0)
+    assert_allclose(lattice.wavevectors([1 / 3, 1 / 3, 0]), [2 * math.pi / 3, 2 * math.pi / math.sqrt(3)], rtol=1e-14)
+    assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 3, 1 / 3])), 4 * math.pi / 3, rtol=1e-14)
+    assert_allclose(np.linalg.norm(lattice.wavevectors([1 / 2, 0])), 2 * math.pi / math.sqrt(3), rtol=1e-14)
+
+
+@pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE, KAGOME, HONEYCOMB])
+def test_pressure_is_minus_energy_over_area(lattice):
+    # E(a) = n_c V(a), V' = -f, area = A a^2: P = -dE/dA
+    contacts, area = len(lattice.contacts), mpmath.mpf(lattice.area)
+    with mpmath.workdps(30):
+
+        def energy(a):
+            return contacts * (mpmath.mpf("1.1") - a) ** mpmath.mpf("2.5")
+
+        force = -mpmath.diff(energy, 1) / contacts
+        pressure = -mpmath.diff(energy, 1) / (2 * area)
+        assert abs(lattice.pressure_factor / (pressure / force) - 1) < 1e-15
+
+
+@given(m=st.integers(-4, 4), n=st.integers(-4, 4), angle=st.floats(0, 7))
+def test_skewed_and_turned_cell_has_the_same_contacts(m, n, angle):
+    skew = np.array([[1, m], [0, 1]]) @ np.array([[1, 0], [n, 1]])
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    cell = skew @ TRIANGULAR.vectors @ turn.T
+    table = gp.Lattice("skewed", cell).contacts
+    both = np.concatenate([table.normal, -table.normal]) @ turn
+    angles = np.sort(np.degrees(np.arctan2(both[:, 1], both[:, 0])) % 60.0 % 60.0)
+    assert len(both) == 6
+    assert_allclose(np.minimum(angles, 60.0 - angles), 0.0, atol=1e-11)
+    sectors = np.sort(np.round(np.degrees(np.arctan2(both[:, 1], both[:, 0])) / 60.0).astype(int) % 6)
+    assert sectors.tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_sites_may_lie_outside_the_cell():
+    moved = gp.Lattice("kagome, scattered", KAGOME.cell, ((2.5, -1.0), (0.0, 3.5), (-0.5, 0.5)))
+    assert len(moved.contacts) == 6
+    assert moved.coordination == 4
+
+
+def test_lattice_keeps_no_hold_of_what_it_was_given():
+    cell = np.array([[1.0, 0.0], [0.0, 1.0]])
+    lattice = gp.Lattice("mine", cell)
+    cell[:] = 0.0
+    assert lattice.area == 1.0
+    assert hash(lattice) == hash(gp.Lattice("mine", [[1, 0], [0, 1]]))
+    assert lattice == gp.Lattice("mine", [[1, 0], [0, 1]])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        lattice.name = "yours"
+
+
+@pytest.mark.parametrize(
+    ("cell", "sites", "text"),
+    [
+        (((1, 0), (1, 0)), ((0, 0),), "too small"),
+        (((1, 0), (0, 1)), ((0, 0), (0.5, 0.5)), "overlap"),
+        (((2, 0), (0, 2)), ((0, 0),), "touches no other"),
+        (((1, 0), (0, 3)), ((0, 0), (0, 0.5)), None),
+        (((3, 0), (0, 3)), ((0, 0), (1 / 3, 0), (0.5, 0.5)), "touches no other"),
+        (((1, 0), (0, math.nan)), ((0, 0),), "not finite"),
+        (((1, 0), (0, 1)), ((0, math.inf),), "not finite"),
+        (((1, 0), (0, 1)), (), "no site"),
+        (((1, 0, 0), (0, 1, 0)), ((0, 0),), "two vectors"),
+        (((1, 0), (0, 1)), ((0, 0, 0),), "two fractions"),
+        ("hexagon", ((0, 0),), "two vectors"),
+    ],
+)
+def test_impossible_lattices(cell, sites, text):
+    if text is None:  # rows that do not touch one another are a lattice, though a floppy one
+        assert gp.Lattice("rows", cell, sites).coordination == 2
+        return
+    with pytest.raises(InputError, match=text):
+        gp.Lattice("odd", cell, sites)
+
+
+def test_unknown_lattice_names_those_known():
+    with pytest.raises(InputError, match="triangular, square, kagome"):
+        lattice_named("hexagonl")
+    assert lattice_named("kagome") is KAGOME
+    assert lattice_named(HONEYCOMB) is HONEYCOMB
+
+
+@given(x=st.floats(-1, 1), y=st.floats(0.1, 1), scale=st.floats(-300, 300))
+def test_direction_is_a_unit_vector_at_any_scale(x, y, scale):
+    factor = 10.0**scale
+    unit = as_direction((x * factor, y * factor))
+    assert_allclose(np.hypot(*unit), 1.0, rtol=1e-15)
+    assert_allclose(unit, np.array([x, y]) / math.hypot(x, y), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("bad", [(0, 0), (1, math.nan), (1, 2, 3), 1.0, (math.inf, 0)])
+def test_no_direction(bad):
+    with pytest.raises(InputError, match="direction"):
+        as_direction(bad)
+
+
+# -- packings ---------------------------------------------------------------------------------------------------------
+
+
+def test_packing_of_equal_balls(packing, smooth):
+    assert_allclose(packing.mass, math.pi / 6 * 7840 * 8e-3**3, rtol=1e-15)
+    assert_allclose(packing.effective_density, math.pi * 7840 / (3 * math.sqrt(3)), rtol=1e-15)
+    assert_allclose(packing.mindlin_ratio, 2 * 0.724 / 1.724, rtol=1e-15)
+    assert smooth.mindlin_ratio == 0.0
+    assert packing.structure is TRIANGULAR
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        packing.diameter = 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"diameter": 0.0}, "diameter"),
+        ({"diameter": -1.0}, "diameter"),
+        ({"diameter": math.nan}, "diameter"),
+        ({"diameter": "8 mm"}, "diameter"),
+        ({"lattice": "cubic"}, "unknown lattice"),
+        ({"friction": 1}, "friction"),
+        ({"friction": "yes"}, "friction"),
+        ({"material": "steel"}, "material"),
+    ],
+)
+def test_impossible_packings(steel, change, text):
+    with pytest.raises(InputError, match=text):
+        gp.Packing(**({"material": steel, "diameter": 8e-3} | change))
+
+
+@given(d=st.floats(-9.0, 2.0))
+def test_mass_at_every_size(steel, d):
+    with mpmath.workdps(40):
+        diameter = 10.0**d
+        mass = mpmath.pi / 6 * mpmath.mpf(steel.density) * mpmath.mpf(diameter) ** 3
+        assert abs(gp.Packing(steel, diameter).mass / mass - 1) < 2e-15

@@ -1,0 +1,361 @@
+"""Bands, eigenvectors and group velocities of lattices of contacts, against explicit sums over the neighbours."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.branches import connect_branches
+from granphon.errors import InputError, InstabilityError, MechanismError
+
+ETA = 2 * (1 - 0.276) / (2 - 0.276)
+HEXAGON = ((1.0, 0.0), (-0.5, math.sqrt(0.75)))
+KAGOME_CELL, KAGOME_SITES = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
+
+wavevectors = st.tuples(st.floats(-7, 7), st.floats(-7, 7))
+ratios = st.one_of(st.just(0.0), st.floats(0.05, 4.0 / 3.0))
+
+
+# -- the dynamical matrix and the bands -------------------------------------------------------------------------------
+
+
+@given(q=wavevectors, eta=ratios)
+def test_dynamical_matrix_is_the_sum_over_six_neighbours(twin, q, eta):
+    matrix = gp.ContactLattice.of("triangular", eta).dynamical_matrix([q])[0]
+    assert_allclose(matrix, twin.matrix(twin.hexagon(), q, eta), atol=3e-14)
+
+
+@given(q=wavevectors, eta=ratios)
+def test_bands_are_the_square_roots_of_dense_eigenvalues(twin, q, eta):
+    lattice = gp.ContactLattice.of("triangular", eta)
+    squares = lattice.frequencies([q])[0] ** 2
+    assert squares.shape == ((3 if eta else 2),)
+    assert_allclose(squares, np.linalg.eigvalsh(lattice.dynamical_matrix([q])[0]), atol=5e-14)
+    assert_allclose(squares, np.linalg.eigvalsh(twin.matrix(twin.hexagon(), q, eta)), atol=5e-14)
+
+
+@given(q=wavevectors)
+def test_modes_solve_the_eigenvalue_problem(twin, q):
+    assume(q != (0.0, 0.0))  # there the modes are a limit along the direction
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    modes = lattice.modes([q], (1.0, 0.0))
+    vectors = modes.eigenvectors[0]
+    matrix = twin.matrix(twin.hexagon(), q, ETA)
+    assert_allclose(matrix @ vectors, vectors * modes.frequencies[0] ** 2, atol=1e-13)
+    assert_allclose(vectors.conj().T @ vectors, np.eye(3), atol=1e-14)
+
+
+@given(q=wavevectors, eta=st.floats(0.1, 4 / 3))
+def test_kagome_with_friction_against_the_sums(twin, q, eta):
+    assume(q != (0.0, 0.0))
+    neighbours = twin.neighbours(KAGOME_CELL, KAGOME_SITES)
+    assert len(neighbours) == 12
+    lattice = gp.ContactLattice.of("kagome", eta)
+    assert lattice.n_branches == 9
+    assert_allclose(lattice.dynamical_matrix([q])[0], twin.matrix(neighbours, q, eta), atol=3e-14)
+    assert_allclose(lattice.frequencies([q])[0] ** 2, np.linalg.eigvalsh(twin.matrix(neighbours, q, eta)), atol=1e-13)
+    modes = lattice.modes([q], (1.0, 0.0))
+    matrix = twin.matrix(neighbours, q, eta)
+    assert_allclose(matrix @ modes.eigenvectors[0], modes.eigenvectors[0] * modes.frequencies[0] ** 2, atol=2e-13)
+
+
+@given(q=wavevectors, eta=st.floats(0.1, 4 / 3))
+def test_square_with_friction_against_the_sums(twin, q, eta):
+    neighbours = twin.neighbours(((1, 0), (0, 1)), ((0, 0),))
+    lattice = gp.ContactLattice.of("square", eta)
+    assert_allclose(lattice.dynamical_matrix([q])[0], twin.matrix(neighbours, q, eta), atol=3e-14)
+    assert_allclose(lattice.frequencies([q])[0] ** 2, np.linalg.eigvalsh(twin.matrix(neighbours, q, eta)), atol=5e-14)
+
+
+@given(q=wavevectors, eta=ratios, overlap=st.floats(1e-6, 0.1))
+def test_finite_overlap_against_the_sums(twin, q, eta, overlap):
+    # f/(k a) = (2/3) delta/(d - delta) for Hertz's law
+    terms = {"spacing": 1 - overlap, "prestress": 2 / 3 * overlap / (1 - overlap)}
+    lattice = gp.ContactLattice.of("triangular", eta, **terms)
+    matrix = twin.matrix(twin.hexagon(), q, eta, **terms)
+    assert_allclose(lattice.dynamical_matrix([q])[0], matrix, atol=3e-14)
+    assert_allclose(lattice.frequencies([q])[0] ** 2, np.linalg.eigvalsh(matrix), atol=1e-13)
+
+
+def test_bands_at_forty_digits(twin):
+    rng = np.random.default_rng(0)
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    with mpmath.workdps(40):
+        for q in rng.uniform(-7, 7, (20, 2)):
+            exact = twin.exact_squares(twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
+            for value, square in zip(lattice.frequencies([q])[0], exact, strict=True):
+                assert abs(value / mpmath.sqrt(square) - 1) < 3e-15
+
+
+def test_points_of_high_symmetry_in_closed_form():
+    # Gamma: 30 eta. K: translations 9/2 (1 + eta) twice, pure rotation 15/2 eta.
+    # M: 6 + 2 eta along q, 2 + 6 eta across it, pure rotation 10 eta
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    gamma, k, m = lattice.frequencies(lattice.wavevectors([[0, 0], [1 / 3, 1 / 3], [1 / 2, 0]])) ** 2
+    assert_allclose(gamma, [0, 0, 30 * ETA], rtol=1e-15)
+    assert_allclose(k, sorted([4.5 * (1 + ETA), 4.5 * (1 + ETA), 7.5 * ETA]), rtol=3e-15)
+    assert_allclose(m, sorted([6 + 2 * ETA, 2 + 6 * ETA, 10 * ETA]), rtol=3e-15)
+
+
+def test_pure_rotation_is_the_top_branch_at_m_and_the_bottom_one_at_k(hexagonal):
+    modes = hexagonal.modes(hexagonal.wavevectors([[1 / 2, 0], [1 / 3, 1 / 3]]))
+    assert_allclose(modes.rotational_fraction, [[0, 0, 1], [1, 0, 0]], atol=1e-15)
+
+
+@given(q=wavevectors, m=st.integers(-2, 2), n=st.integers(-2, 2))
+def test_bands_repeat_in_reciprocal_space_and_do_not_know_the_sign_of_q(q, m, n):
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    moved = np.asarray(q) + lattice.wavevectors([m, n])
+    assert_allclose(lattice.frequencies([moved]) ** 2, lattice.frequencies([q]) ** 2, atol=1e-13)
+    assert_allclose(lattice.frequencies([np.negative(q)]), lattice.frequencies([q]), rtol=1e-14)
+
+
+def test_frictionless_balls_have_two_branches_and_no_rotation():
+    lattice = gp.ContactLattice.of("triangular", 0.0)
+    modes = lattice.modes([[0.3, 0.4]])
+    assert modes.frequencies.shape == (1, 2)
+    assert modes.eigenvectors.shape == (1, 2, 2)
+    assert_allclose(modes.rotational_fraction, 0.0, atol=0)
+
+
+def test_vanishing_friction_tends_to_none():
+    q = [[0.3, 0.4], [2.0, -1.0]]
+    bare = gp.ContactLattice.of("triangular", 0.0).frequencies(q)
+    for eta in (1e-6, 1e-9):
+        # the rotational branch sinks to zero like sqrt(30 eta), below the others
+        assert_allclose(gp.ContactLattice.of("triangular", eta).frequencies(q)[:, 1:], bare, rtol=20 * eta)
+
+
+# -- fractions and polarisation ---------------------------------------------------------------------------------------
+
+
+@given(q=wavevectors)
+def test_fractions_of_the_kinetic_energy_add_up(q):
+    modes = gp.ContactLattice.of("triangular", ETA).modes([q], (0.6, 0.8))
+    parts = np.stack([modes.rotational_fraction, modes.longitudinal_fraction, modes.transverse_fraction])
+    assert_allclose(parts.sum(axis=0), 1.0, atol=3e-15)
+    assert np.all(parts >= 0.0)
+    # each degree of freedom is shared out once over the three branches
+    assert_allclose(parts.sum(axis=2), 1.0, atol=3e-15)
+
+
+@given(q=wavevectors)
+def test_rotational_fraction_from_the_twin_eigenvectors(twin, q):
+    values, vectors = np.linalg.eigh(twin.matrix(twin.hexagon(), q, ETA))
+    if np.min(np.diff(values)) < 1e-3:
+        return  # the eigenvectors themselves are ill-conditioned there
+    modes = gp.ContactLattice.of("triangular", ETA).modes([q], (1, 0))
+    assert_allclose(modes.rotational_fraction[0], np.abs(vectors[2]) ** 2, atol=1e-11)
+    ahead = np.asarray(q) / np.hypot(*q)
+    assert_allclose(modes.longitudinal_fraction[0], np.abs(ahead @ vectors[:2]) ** 2, atol=1e-11)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.5, math.sqrt(0.75)), (math.sqrt(0.75), 0.5)])
+def test_waves_along_mirrors_are_pure(hexagonal, direction):
+    modes = hexagonal.modes(np.linspace(0.1, 3.0, 9)[:, None] * np.asarray(direction))
+    longitudinal = modes.longitudinal_fraction
+    assert_allclose(np.sort(longitudinal, axis=1), np.broadcast_to([0, 0, 1], longitudinal.shape), atol=1e-13)
+
+
+def test_waves_off_the_mirrors_mix(hexagonal):
+    modes = hexagonal.modes([3.0 * np.array([math.cos(0.2), math.sin(0.2)])])
+    assert np.max(np.minimum(modes.longitudinal_fraction, 1 - modes.longitudinal_fraction)) > 1e-3
+
+
+# -- group velocities -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", ["triangular", "smooth", "square", "kagome", "overlap"])
+def test_group_velocities_are_the_gradient_at_second_order(case):
+    lattice = {
+        "triangular": lambda: gp.ContactLattice.of("triangular", ETA),
+        "smooth": lambda: gp.ContactLattice.of("triangular", 0.0),
+        "square": lambda: gp.ContactLattice.of("square", 0.7),
+        "kagome": lambda: gp.ContactLattice.of("kagome", 0.7),
+        "overlap": lambda: gp.ContactLattice.of("triangular", ETA, 0.95, 0.03),
+    }[case]()
+    q = np.array([0.9, 0.37])
+    exact = lattice.modes([q]).group_velocities[0]
+    errors = []
+    for h in (1e-2, 5e-3, 2.5e-3):
+        steps = h * np.eye(2)
+        difference = (lattice.frequencies(q + steps) - lattice.frequencies(q - steps)).T / (2 * h)
+        errors.append(np.linalg.norm(difference - exact))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert_allclose(orders, 2.0, atol=0.03)
+
+
+@given(q=wavevectors, eta=ratios)
+def test_group_velocities_against_the_twin(twin, q, eta):
+    h = 1e-5
+    squares = np.linalg.eigvalsh(twin.matrix(twin.hexagon(), q, eta))
+    if np.min(np.diff(squares)) < 1e-2 or squares[0] < 1e-2:
+        return  # finite differences are blind there; degenerate points have their own tests
+    gradient = [
+        (
+            twin.frequencies(twin.hexagon(), np.add(q, step), eta)
+            - twin.frequencies(twin.hexagon(), np.subtract(q, step), eta)
+        )
+        / (2 * h)
+        for step in ([h, 0], [0, h])
+    ]
+    velocities = gp.ContactLattice.of("triangular", eta).modes([q]).group_velocities[0]
+    assert_allclose(velocities, np.transpose(gradient), atol=3e-7)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (math.cos(0.4), math.sin(0.4)), (0.0, -1.0)])
+@pytest.mark.parametrize("eta", [ETA, 0.0])
+def test_velocities_at_the_corner_of_the_zone_are_limits_along_the_path(eta, direction):
+    # two branches touch at K in a cone; the path meets them with the slopes of its own direction, from either side
+    lattice = gp.ContactLattice.of("triangular", eta)
+    corner = np.array([4 * math.pi / 3, 0.0])
+    along = np.asarray(direction)
+    slopes = lattice.modes([corner], direction).group_velocities[0] @ along
+    assert np.ptp(slopes) > 0.05
+    errors = []
+    for h in (1e-3, 5e-4):
+        before, at, after = lattice.frequencies(corner + np.array([[-h], [0], [h]]) * along)
+        # ascending order is one branch after K and the other before it: compare as sets, each side at first order ...
+        one_sided = [np.sort((after - at) / h) - np.sort(slopes), np.sort((at - before) / h) - np.sort(slopes)]
+        errors.append([np.abs(side).max() for side in one_sided])
+    assert np.max(errors) < 1e-3
+    assert_allclose(np.log2(np.divide(*errors)), 1.0, atol=0.02)
+    # ... and each branch follows through: the eigenvectors at K are those of the path on both sides
+    path = lattice.modes(corner + np.array([[-1e-5], [0], [1e-5]]) * along, direction).eigenvectors
+    order = connect_branches(path)
+    overlaps = [np.abs(np.sum(path[p].conj()[:, order[p]] * path[p + 1][:, order[p + 1]], axis=0)) for p in (0, 1)]
+    assert_allclose(overlaps, 1.0, atol=1e-8)
+
+
+def test_velocities_at_gamma_are_the_sound_velocities_in_any_direction(hexagonal):
+    for angle in (0.0, 0.3, 1.2, 4.0):
+        along = np.array([math.cos(angle), math.sin(angle)])
+        modes = hexagonal.modes([[0.0, 0.0]], along)
+        expected = np.sqrt([3 / 8 * (1 + ETA), 9 / 8 * (1 + ETA / 3), 0.0])[:, None] * along
+        assert_allclose(modes.group_velocities[0], expected, atol=2e-9)
+        assert_allclose(modes.frequencies[0], [0, 0, math.sqrt(30 * ETA)], atol=1e-15)
+        assert_allclose(modes.longitudinal_fraction[0], [0, 1, 0], atol=1e-15)
+        assert_allclose(modes.rotational_fraction[0], [0, 0, 1], atol=1e-15)
+
+
+def test_gamma_needs_a_direction(hexagonal):
+    with pytest.raises(InputError, match="direction"):
+        hexagonal.modes([[0.1, 0.2], [0.0, 0.0]])
+    with pytest.raises(InputError, match="no length"):
+        hexagonal.modes([[0.0, 0.0]], (0.0, 0.0))
+
+
+# -- mechanisms -------------------------------------------------------------------------------------------------------
+
+
+def test_square_without_friction_shears_at_no_cost():
+    with pytest.raises(MechanismError, match=r"square is a mechanism.*2xy\) = \(0, 0, 1\).*friction"):
+        gp.ContactLattice.of("square", 0.0)
+
+
+@pytest.mark.parametrize(("lattice", "eta"), [("kagome", 0.0), (HONEYCOMB, 0.84), (HONEYCOMB, 0.0)])
+def test_other_mechanisms(lattice, eta):
+    with pytest.raises(MechanismError, match="mechanism"):
+        gp.ContactLattice.of(lattice, eta)
+
+
+def test_honeycomb_turns_like_gears(twin):
+    # the twin agrees: opposite rotations of the two balls cost nothing
+    neighbours = twin.neighbours(HONEYCOMB.cell, HONEYCOMB.sites)
+    squares = np.linalg.eigvalsh(twin.matrix(neighbours, (0.0, 0.0), 0.84))
+    assert np.sum(np.abs(squares) < 1e-14) == 3
+    with pytest.raises(MechanismError, match="gears"):
+        gp.ContactLattice.of(HONEYCOMB, 0.84)
+
+
+def test_mechanism_is_an_error_of_the_observables(steel):
+    loose = gp.Packing(steel, 8e-3, lattice="square", friction=False)
+    with pytest.raises(MechanismError):
+        gp.sound_velocities(gp.AveragedLattice(loose).at_force(1.0), direction=(1, 0))
+
+
+def test_buckling_is_an_error():
+    # frictionless, 3/8 - 9/8 p < 0 beyond p = 1/3
+    stable, unstable = (gp.ContactLattice.of("triangular", 0.0, 0.7, p) for p in (0.33, 0.34))
+    assert np.all(stable.frequencies([[1e-3, 0.0]]) > 0.0)
+    with pytest.raises(InstabilityError, match="negative"):
+        unstable.frequencies([[1e-3, 0.0]])
+    with pytest.raises(InstabilityError, match="negative"):
+        unstable.sound_velocities((1, 0))
+    with pytest.raises(RuntimeError):
+        unstable.modes([[1e-3, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("eta", "spacing", "prestress"), [(-0.1, 1, 0), (math.nan, 1, 0), (1, 0, 0), (1, 1.1, 0), (1, 1, -1), (1, 1, math.inf)]
+)
+def test_lattices_that_cannot_be(eta, spacing, prestress):
+    with pytest.raises(InputError):
+        gp.ContactLattice.of("triangular", eta, spacing, prestress)
+
+
+# -- lattices as data -------------------------------------------------------------------------------------------------
+
+
+@given(q=wavevectors, angle=st.floats(0, 7), m=st.integers(-3, 3), n=st.integers(-3, 3), eta=ratios)
+def test_turned_and_skewed_cells_describe_the_same_lattice(q, angle, m, n, eta):
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    cell = np.array([[1, m], [0, 1]]) @ np.array([[1, 0], [n, 1]]) @ np.array(HEXAGON) @ turn.T
+    named, data = gp.ContactLattice.of("triangular", eta), gp.ContactLattice.of(gp.Lattice("mine", cell), eta)
+    assert_allclose(data.frequencies([turn @ q]) ** 2, named.frequencies([q]) ** 2, atol=1e-12)
+    along = np.array([0.6, 0.8])
+    assert_allclose(data.sound_velocities(turn @ along)[0], named.sound_velocities(along)[0], rtol=1e-13)
+    assert_allclose(data.elastic_tensor(), named.elastic_tensor(), atol=1e-13)
+
+
+@given(q=wavevectors, eta=ratios)
+def test_two_ball_supercell_folds_the_bands(q, eta):
+    one = gp.ContactLattice.of("triangular", eta)
+    pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
+    two = gp.ContactLattice.of(pair, eta)
+    folded = np.sort(one.frequencies([q, q + two.reciprocal[0]]).ravel())
+    assert_allclose(two.frequencies([q])[0] ** 2, folded**2, atol=1e-13)
+    assert_allclose(two.sound_velocities((0.6, 0.8))[0], one.sound_velocities((0.6, 0.8))[0], rtol=1e-14)
+    assert_allclose(two.elastic_tensor(), one.elastic_tensor(), atol=1e-14)
+
+
+def test_two_ball_supercell_folds_velocities_and_prestress():
+    pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
+    q = np.array([0.83, 0.41])
+    for terms in ((1.0, 0.0), (0.95, 0.02)):
+        one, two = gp.ContactLattice.of("triangular", ETA, *terms), gp.ContactLattice.of(pair, ETA, *terms)
+        singles = one.modes([q, q + two.reciprocal[0]])
+        order = np.argsort(singles.frequencies.ravel())
+        modes = two.modes([q])
+        assert_allclose(modes.frequencies[0], singles.frequencies.ravel()[order], rtol=1e-13)
+        assert_allclose(modes.group_velocities[0], singles.group_velocities.reshape(-1, 2)[order], atol=1e-12)
+        assert_allclose(modes.rotational_fraction[0], singles.rotational_fraction.ravel()[order], atol=1e-12)
+        assert_allclose(two.gradient_stiffness() / 2, one.gradient_stiffness(), atol=1e-13)
+
+
+def test_cell_of_sixteen_balls_folds_the_bands():
+    # 48 branches, beyond the size that the Jacobi iteration serves
+    one = gp.ContactLattice.of("triangular", ETA)
+    sites = [(m / 4, n / 4) for m in range(4) for n in range(4)]
+    many = gp.ContactLattice.of(gp.Lattice("4 x 4", np.array(HEXAGON) * 4, sites), ETA)
+    for q in np.array([[0.31, 0.17], [0.0, 0.0], [1.0, -0.4]]):
+        shifts = [m * many.reciprocal[0] + n * many.reciprocal[1] for m in range(4) for n in range(4)]
+        folded = np.sort(one.frequencies(q + np.array(shifts)).ravel())
+        assert_allclose(many.frequencies([q])[0], folded, atol=2e-14)
+    modes = many.modes([[0.31, 0.17]])
+    assert_allclose(modes.group_velocities[0, :2], one.modes([[0.31, 0.17]]).group_velocities[0, :2], atol=1e-13)
+    assert_allclose(many.sound_velocities((1, 0))[0], one.sound_velocities((1, 0))[0], rtol=1e-13)
+
+
+def test_modes_at_copies_of_gamma_are_those_at_gamma(hexagonal):
+    along = (0.6, 0.8)
+    home, copy = (hexagonal.modes([q], along) for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1]))
+    assert_allclose(copy.group_velocities, home.group_velocities, atol=1e-8)

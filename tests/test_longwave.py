@@ -1,0 +1,419 @@
+"""Long waves: acoustic tensor, velocities, moduli, the optical branch; the paper's limit and the finite overlap."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.errors import InputError, InstabilityError
+
+ETA = 2 * (1 - 0.276) / (2 - 0.276)
+
+diameters = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
+loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)
+angles = st.floats(0.0, 7.0)
+
+
+# -- equations 13, 14, 16, 17, 49 over every size and load ------------------------------------------------------------
+
+
+def exact_longwave(packing, force):
+    """v_L, v_T, K, G from the printed formulas, in the present precision of mpmath."""
+    material = packing.material
+    e, s, rho, d, f = (
+        mpmath.mpf(x) for x in (material.young_modulus, material.poisson_ratio, material.density, packing.diameter, force)
+    )
+    eta = 2 * (1 - s) / (2 - s) if packing.friction else mpmath.mpf(0)
+    k = mpmath.cbrt(mpmath.mpf(3) / 2 * (e / (2 * (1 - s**2))) ** 2 * d * f)
+    mass = mpmath.pi * rho * d**3 / 6
+    bulk = mpmath.sqrt(3) / 2 * k / d
+    longitudinal = mpmath.sqrt(mpmath.mpf(9) / 8 * (1 + eta / 3) * k / mass) * d
+    transverse = mpmath.sqrt(mpmath.mpf(3) / 8 * (1 + eta) * k / mass) * d
+    return longitudinal, transverse, bulk, (1 + eta) / 2 * bulk, eta
+
+
+@given(diameter=diameters, load=loads, sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
+def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, friction, angle):
+    packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
+    force = load * 7e10 * diameter**2
+    state = gp.AveragedLattice(packing).at_force(force)
+    velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
+    turned = gp.sound_velocities(state, (math.cos(angle), math.sin(angle)))
+    with mpmath.workdps(40):
+        longitudinal, transverse, bulk, shear, eta = exact_longwave(packing, force)
+        density = mpmath.pi * 2500 / (3 * mpmath.sqrt(3))
+        for found, exact in (
+            (velocities.longitudinal, longitudinal),  # equation 13
+            (velocities.transverse, transverse),  # 14
+            (turned.longitudinal, longitudinal),
+            (turned.transverse, transverse),
+            (moduli.bulk, bulk),  # 17
+            (moduli.shear, shear),
+            (velocities.longitudinal, mpmath.sqrt((bulk + shear) / density)),  # 16
+            (velocities.transverse, mpmath.sqrt(shear / density)),
+            (packing.effective_density, density),
+            ((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta)),  # 49
+        ):
+            assert abs(found / exact - 1) < 1e-13
+
+
+@given(exponent=st.floats(-30, -5), eta=st.floats(0.0, 4 / 3))
+def test_velocities_grow_as_the_sixth_root_of_the_load(packing, exponent, eta):
+    medium = gp.AveragedLattice(packing)
+    low, high = (gp.sound_velocities(medium.at_force(factor * 10.0**exponent)) for factor in (1.0, 64.0))
+    assert_allclose(high.longitudinal / low.longitudinal, 2.0, rtol=1e-14)
+    assert_allclose(high.transverse / low.transverse, 2.0, rtol=1e-14)
+
+
+@given(angle=angles, eta=st.floats(0.0, 4 / 3))
+def test_acoustic_tensor_is_isotropic(angle, eta):
+    lattice = gp.ContactLattice.of("triangular", eta)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    expected = 9 / 8 * (1 + eta / 3) * np.outer(along, along) + 3 / 8 * (1 + eta) * (np.eye(2) - np.outer(along, along))
+    assert_allclose(lattice.acoustic_tensor(along), expected, atol=2e-15)
+    velocities, polarisations = lattice.sound_velocities(along)
+    assert_allclose(velocities**2, [9 / 8 * (1 + eta / 3), 3 / 8 * (1 + eta)], rtol=2e-15)
+    assert_allclose(np.abs(along @ polarisations), [1, 0], atol=1e-14)
+
+
+def test_rotation_softens_shear():
+    # held upright the balls would give v_T^2 = 3/8 (1 + 3 eta); free to turn they give back 3/4 eta
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    table = lattice.contacts
+    q = np.array([1e-6, 0.0])
+    held = sum(
+        (q @ n) ** 2 * (np.outer(n, n) + ETA * np.outer(t, t)) for n, t in zip(table.normal, table.tangent, strict=True)
+    ) / (q @ q)
+    assert_allclose(held[1, 1], 3 / 8 * (1 + 3 * ETA), rtol=1e-14)
+    assert_allclose(lattice.acoustic_tensor(q)[1, 1] - held[1, 1], -3 / 4 * ETA, rtol=1e-14)
+
+
+def test_moduli_of_the_layer_in_reduced_units():
+    for eta in (0.0, 0.3, ETA, 4 / 3):
+        bulk, shear = math.sqrt(3) / 2, (1 + eta) / 2 * math.sqrt(3) / 2
+        expected = [[bulk + shear, bulk - shear, 0], [bulk - shear, bulk + shear, 0], [0, 0, shear]]
+        assert_allclose(gp.ContactLattice.of("triangular", eta).elastic_tensor(), expected, atol=1e-15)
+
+
+# -- near Gamma -------------------------------------------------------------------------------------------------------
+
+
+@given(exponent=st.floats(-12.0, -6.0), angle=angles, eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)))
+def test_acoustic_branches_keep_their_digits(exponent, angle, eta):
+    q = 10.0**exponent
+    lattice = gp.ContactLattice.of("triangular", eta)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    modes = lattice.modes([q * along])
+    expected = np.sqrt([3 / 8 * (1 + eta), 9 / 8 * (1 + eta / 3)])
+    # dispersion takes q^2 times less than one
+    assert_allclose(modes.frequencies[0, :2] / q, expected, rtol=4e-15 + q * q)
+    assert_allclose(modes.group_velocities[0, :2] @ along, expected, rtol=1e-14 + 3 * q * q)
+
+
+@pytest.mark.parametrize(
+    "lattice", ["kagome", gp.Lattice("pairs", ((2.0, 0.0), (-0.5, math.sqrt(0.75))), ((0, 0), (0.5, 0)))]
+)
+@pytest.mark.parametrize("q", [1e-12, 1e-10, 1e-8])
+def test_acoustic_branches_of_larger_cells_keep_eight_digits(lattice, q):
+    contacts = gp.ContactLattice.of(lattice, ETA)
+    along = np.array([0.6, 0.8])
+    modes = contacts.modes([q * along])
+    expected = np.sort(contacts.sound_velocities(along)[0])
+    assert_allclose(modes.frequencies[0, :2] / q, expected, rtol=1e-12)
+    assert_allclose(modes.group_velocities[0, :2] @ along, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("eta", [ETA, 0.0])
+@pytest.mark.parametrize("q", [1e-12, 1e-9, 1e-6])
+def test_acoustic_branches_at_finite_overlap_keep_eight_digits(eta, q):
+    terms = {"spacing": 0.99, "prestress": 2 / 3 * 0.01 / 0.99}
+    contacts = gp.ContactLattice.of("triangular", eta, **terms)
+    along = np.array([0.6, 0.8])
+    expected = np.sort(contacts.sound_velocities(along)[0])
+    assert_allclose(contacts.frequencies([q * along])[0, :2] / q, expected, rtol=1e-8)
+
+
+def test_dense_eigenvalues_have_no_digit_left_near_gamma(hexagonal):
+    angles = np.linspace(0.1, 1.0, 7)
+    along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    exact = np.sqrt([3 / 8 * (1 + ETA), 9 / 8 * (1 + ETA / 3)])
+    for q in (1e-8, 1e-9):
+        dense = np.sqrt(np.abs(np.linalg.eigvalsh(hexagonal.dynamical_matrix(q * along))[:, :2]))
+        assert np.min(np.max(np.abs(dense / q / exact - 1), axis=1)) > 0.05
+        assert np.max(np.abs(hexagonal.frequencies(q * along)[:, :2] / q / exact - 1)) < 4e-15
+
+
+def test_singular_values_beat_lapack_near_gamma(hexagonal):
+    along = np.array([math.cos(0.3), math.sin(0.3)])
+    rows = hexagonal.compatibility([1e-12 * along])
+    expected = np.sqrt([3 / 8 * (1 + ETA), 9 / 8 * (1 + ETA / 3)])
+    lapack = np.linalg.svd(rows, compute_uv=False)[0, :0:-1] / 1e-12
+    assert np.max(np.abs(lapack / expected - 1)) > 1e-8
+    assert np.max(np.abs(hexagonal.frequencies([1e-12 * along])[0, :2] / 1e-12 / expected - 1)) < 4e-15
+
+
+def test_near_gamma_at_forty_digits(twin, hexagonal):
+    with mpmath.workdps(60):
+        for exponent in (-12, -8, -4, -2):
+            q = [6.0 * 10.0**exponent, 8.0 * 10.0**exponent]
+            exact = twin.exact_squares(twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
+            for value, square in zip(hexagonal.frequencies([q])[0], exact, strict=True):
+                assert abs(value / mpmath.sqrt(square) - 1) < 4e-15
+
+
+# -- the rotational branch --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("eta", [0.4, ETA, 4 / 3])
+@pytest.mark.parametrize("angle", [0.0, 0.4, math.pi / 2])
+def test_optical_branch_is_a_series_with_one_tenth(eta, angle):
+    # omega^2 = 30 eta (1 - q^2/10) + O(q^4): the remainder falls sixteenfold as q halves
+    lattice = gp.ContactLattice.of("triangular", eta)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    q = np.array([0.2, 0.1, 0.05, 0.025])
+    modes = lattice.modes(q[:, None] * along)
+    assert np.all(modes.rotational_fraction[:, 2] > 0.99)
+    remainder = modes.frequencies[:, 2] ** 2 - 30 * eta * (1 - q**2 / 10)
+    assert_allclose(np.log2(remainder[:-1] / remainder[1:]), 4.0, atol=0.02)
+    assert_allclose(lattice.optical_branch(along), [30 * eta, 0.1], rtol=3e-15)
+
+
+@pytest.mark.parametrize(("lattice", "spacing"), [("square", 1.0), ("triangular", 0.9)])
+def test_optical_branch_of_other_lattices(lattice, spacing):
+    contacts = gp.ContactLattice.of(lattice, 0.7, spacing)
+    for angle in (0.0, 0.5):
+        along = np.array([math.cos(angle), math.sin(angle)])
+        squared, narrowing = contacts.optical_branch(along)
+        q = np.array([0.1, 0.05, 0.025])
+        remainder = contacts.frequencies(q[:, None] * along)[:, 2] ** 2 - squared * (1 - narrowing * q**2)
+        assert_allclose(np.log2(remainder[:-1] / remainder[1:]), 4.0, atol=0.02)
+
+
+def test_no_single_optical_branch():
+    for lattice, eta in (("kagome", ETA), ("triangular", 0.0)):
+        with pytest.raises(InputError, match="rotational branch"):
+            gp.ContactLattice.of(lattice, eta).optical_branch()
+
+
+# -- the square and the kagome lattice --------------------------------------------------------------------------------
+
+
+@given(eta=st.floats(0.05, 4 / 3), angle=angles)
+def test_square_lattice_with_friction_in_closed_form(eta, angle):
+    # along an axis the row resists by k alone; in shear the ball turns by half the angle, so half of kappa is left
+    lattice = gp.ContactLattice.of("square", eta)
+    assert_allclose(lattice.sound_velocities((1, 0))[0] ** 2, [1.0, eta / 2], rtol=3e-15)
+    assert_allclose(lattice.sound_velocities((0, -1))[0] ** 2, [1.0, eta / 2], rtol=3e-15)
+    # along a diagonal both rows are pressed and sheared; across it they are only pressed, alternately
+    pair = np.sort(lattice.sound_velocities((1, 1))[0] ** 2)
+    assert_allclose(pair, [0.5, (1 + eta) / 2], rtol=3e-15)
+    # in between: A = [[c^2 + eta s^2/2, eta sc/2], [., s^2 + eta c^2/2]]
+    c, s = math.cos(angle), math.sin(angle)
+    tensor = [[c * c + eta * s * s / 2, eta * s * c / 2], [eta * s * c / 2, s * s + eta * c * c / 2]]
+    assert_allclose(lattice.acoustic_tensor((c, s)), tensor, atol=2e-15)
+
+
+def test_square_moduli_and_velocities_of_a_packing(steel):
+    packing = gp.Packing(steel, 8e-3, lattice="square")
+    state = gp.AveragedLattice(packing).at_force(np.array([1.0, 8.0]))
+    k, d = state.normal_stiffness, 8e-3
+    tensor = gp.moduli(state).tensor
+    expected = (k / d)[:, None, None] * np.diag([1.0, 1.0, ETA / 2])
+    assert_allclose(tensor, expected, rtol=1e-14, atol=1e-6)
+    assert_allclose(gp.sound_velocities(state, (0, 1)).longitudinal, d * np.sqrt(k / packing.mass), rtol=1e-14)
+    assert_allclose(state.pressure, state.force / d, rtol=1e-15)
+    with pytest.raises(InputError, match="direction"):
+        gp.sound_velocities(state)
+    for name in ("bulk", "shear"):
+        with pytest.raises(InputError, match="tensor"):
+            getattr(gp.moduli(state), name)
+
+
+@given(eta=st.floats(0.05, 4 / 3), angle=angles)
+def test_kagome_velocities_against_the_sums_at_fifty_digits(twin, eta, angle):
+    cell, sites = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+    with mpmath.workdps(50):
+        # exact normals in place of the double-precision ones
+        neighbours = []
+        for i, j, (x, y) in twin.neighbours(cell, sites):
+            p = round(math.atan2(y, x) / (math.pi / 3))
+            neighbours.append((i, j, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))))
+        q = mpmath.mpf("1e-12")
+        exact = twin.exact_squares(neighbours, [q * mpmath.cos(angle), q * mpmath.sin(angle)], mpmath.mpf(eta))
+        lattice = gp.ContactLattice.of("kagome", eta)
+        found = np.sort(lattice.sound_velocities((math.cos(angle), math.sin(angle)))[0])
+        for value, square in zip(found, exact[:2], strict=True):
+            assert abs(value / (mpmath.sqrt(square) / q) - 1) < 1e-13
+
+
+# -- finite overlap ---------------------------------------------------------------------------------------------------
+
+
+def hertz_hessian(shape, overlap, digits):
+    """Second derivatives of the exact Hertz energy of a periodic cluster, by central differences at high precision.
+
+    Diameter 1 and stiffness 1: c = 2/3 delta^-1/2. Returns {(m, n): 2x2 d2E/du_00 du_mn} in double precision.
+    """
+    with mpmath.workdps(digits):
+        delta = mpmath.mpf(overlap)
+        a, c = 1 - delta, mpmath.mpf(2) / 3 / mpmath.sqrt(delta)
+        first, second = (a, mpmath.mpf(0)), (-a / 2, a * mpmath.sqrt(3) / 2)
+        bonds = [(1, 0), (0, 1), (1, 1)]
+
+        def energy(moved):
+            total = mpmath.mpf(0)
+            for m in range(shape[0]):
+                for n in range(shape[1]):
+                    for dm, dn in bonds:
+                        one, two = moved.get((m, n)), moved.get(((m + dm) % shape[0], (n + dn) % shape[1]))
+                        if one is None and two is None:
+                            continue  # a bond at rest adds a constant
+                        x, y = dm * first[0] + dn * second[0], dm * first[1] + dn * second[1]
+                        ux, uy = one or (0, 0)
+                        wx, wy = two or (0, 0)
+                        rest = 1 - mpmath.hypot(x + wx - ux, y + wy - uy)
+                        total += mpmath.mpf(2) / 5 * c * rest * rest * mpmath.sqrt(rest) - mpmath.mpf(
+                            2
+                        ) / 5 * c * delta**2 * mpmath.sqrt(delta)
+            return total
+
+        h = delta * mpmath.mpf(10) ** (-digits // 4)
+        out = {}
+        for m in range(shape[0]):
+            for n in range(shape[1]):
+                block = np.zeros((2, 2))
+                for alpha in (0, 1):
+                    for beta in (0, 1):
+                        value = mpmath.mpf(0)
+                        for s in (1, -1):
+                            for t in (1, -1):
+                                moved = {(0, 0): [s * h if c == alpha else mpmath.mpf(0) for c in (0, 1)]}
+                                other = moved.setdefault((m, n), [mpmath.mpf(0), mpmath.mpf(0)])
+                                other[beta] += t * h
+                                value += s * t * energy(moved)
+                        block[alpha, beta] = value / (4 * h * h)
+                out[m, n] = block
+        return out
+
+
+@pytest.mark.parametrize("overlap", [0.2, 1e-2, 1e-5])
+def test_frictionless_matrix_is_the_hessian_of_the_exact_hertz_energy(overlap):
+    shape = (5, 4)
+    hessian = hertz_hessian(shape, overlap, 60)
+    lattice = gp.ContactLattice.of("triangular", 0.0, 1 - overlap, 2 / 3 * overlap / (1 - overlap))
+    cells = np.array(list(hessian))
+    fractions = np.array([[m / shape[0], n / shape[1]] for m in range(shape[0]) for n in range(shape[1])])
+    phases = np.exp(2j * math.pi * fractions @ cells.T)
+    matrices = np.einsum("qc,cab->qab", phases, np.array(list(hessian.values())))
+    assert_allclose(lattice.dynamical_matrix(lattice.wavevectors(fractions)), matrices, atol=2e-14)
+
+
+@given(overlap=st.floats(-12, -0.6), eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)), angle=angles)
+def test_prestressed_velocities_in_closed_form(overlap, eta, angle):
+    delta = 10.0**overlap
+    spacing, p = 1 - delta, 2 / 3 * delta / (1 - delta)
+    lattice = gp.ContactLattice.of("triangular", eta, spacing, p)
+    velocities, _ = lattice.sound_velocities((math.cos(angle), math.sin(angle)))
+    expected = np.array([9 / 8 + 3 / 8 * (eta - p), 3 / 8 * (1 + eta) - 9 / 8 * p]) * spacing**2
+    assert_allclose(velocities**2, expected, rtol=1e-13 / (1 - 3 * p))
+
+
+@given(diameter=diameters, load=loads, friction=st.booleans())
+def test_prestressed_velocities_of_packings(diameter, load, friction):
+    packing = gp.Packing(gp.Material(7e10, 0.2, 2500.0), diameter, friction=friction)
+    state = gp.AveragedLattice(packing).at_force(load * 7e10 * diameter**2)
+    velocities = gp.sound_velocities(state, finite_overlap=True)
+    with mpmath.workdps(40):
+        f, k, d = mpmath.mpf(state.force), mpmath.mpf(state.normal_stiffness), mpmath.mpf(diameter)
+        a = d - mpmath.mpf(state.overlap)
+        p, kappa, mass = f / a, mpmath.mpf(packing.mindlin_ratio) * k, mpmath.mpf(packing.mass)
+        longitudinal = mpmath.sqrt((9 * k / 8 + 3 * (kappa - p) / 8) / mass) * a
+        transverse = mpmath.sqrt((3 * (k + kappa) / 8 - 9 * p / 8) / mass) * a
+        assert abs(velocities.longitudinal / longitudinal - 1) < 1e-13
+        assert abs(velocities.transverse / transverse - 1) < 1e-13
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("overlap", [1e-9, 1e-5, 1e-2, 0.1])
+def test_bulk_modulus_is_minus_area_dp_by_da(steel, friction, overlap):
+    packing = gp.Packing(steel, 8e-3, friction=friction)
+    state = gp.AveragedLattice(packing).at_overlap(overlap * 8e-3)
+    found = gp.moduli(state, finite_overlap=True)
+    with mpmath.workdps(40):
+        c, d = mpmath.mpf(packing.law.coefficient), mpmath.mpf(8e-3)
+
+        def pressure(area):  # per layer one diameter thick: sqrt(3) f / a / d at area sqrt(3)/2 a^2 of a ball
+            a = mpmath.sqrt(2 * area / mpmath.sqrt(3))
+            return mpmath.sqrt(3) * c * (d - a) ** mpmath.mpf("1.5") / a / d
+
+        a = d - mpmath.mpf(state.overlap)
+        area = mpmath.sqrt(3) / 2 * a * a
+        exact = -area * mpmath.diff(pressure, area, h=mpmath.mpf("1e-25"))
+        assert abs(found.bulk / exact - 1) < 1e-13
+        k, p = mpmath.mpf(state.normal_stiffness), mpmath.mpf(state.force) / a
+        assert abs(found.bulk / (mpmath.sqrt(3) / 2 * (k + p) / d) - 1) < 1e-14
+        # and equation 16 holds at the density of the compressed layer
+        velocities = gp.sound_velocities(state, finite_overlap=True)
+        density = mpmath.mpf(packing.mass) / (area * d)
+        difference = mpmath.mpf(velocities.longitudinal) ** 2 - mpmath.mpf(velocities.transverse) ** 2
+        assert abs(found.bulk / (density * difference) - 1) < 1e-13
+        assert abs(found.shear / (density * mpmath.mpf(velocities.transverse) ** 2) - 1) < 1e-13
+
+
+@pytest.mark.parametrize("friction", [True, False])
+def test_finite_overlap_tends_to_the_paper_at_first_order(steel, friction):
+    packing = gp.Packing(steel, 8e-3, friction=friction)
+    overlaps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4]) * 8e-3
+    state = gp.AveragedLattice(packing).at_overlap(overlaps)
+    here, there = gp.sound_velocities(state), gp.sound_velocities(state, finite_overlap=True)
+    for name in ("longitudinal", "transverse"):
+        error = np.abs(getattr(there, name) / getattr(here, name) - 1)
+        assert_allclose(np.log2(error[:-1] / error[1:]), 1.0, atol=2e-3)
+    error = np.abs(gp.moduli(state, finite_overlap=True).bulk / gp.moduli(state).bulk - 1)
+    # sqrt(3)/2 (k + f/a): the difference is (2/3) delta/a
+    assert_allclose(error, 2 / 3 * overlaps / (8e-3 - overlaps), rtol=1e-11)
+
+
+def test_bands_tend_to_the_paper_at_first_order():
+    q = np.array([[0.7, 0.3], [2.0, -1.1]])
+    for eta in (0.0, ETA):
+        limit = gp.ContactLattice.of("triangular", eta).frequencies(q)
+        errors = []
+        for delta in (1e-4, 5e-5, 2.5e-5):
+            # fractions of the zone stay, the cell shrinks
+            lattice = gp.ContactLattice.of("triangular", eta, 1 - delta, 2 / 3 * delta / (1 - delta))
+            errors.append(np.abs(lattice.frequencies(q / (1 - delta)) - limit).max())
+        assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 1.0, atol=1e-3)
+
+
+def test_overlap_that_buckles_the_lattice(smooth, packing):
+    # frictionless: p > k/3 beyond delta = d/3; with friction v_T^2 = 0 at p = (1 + eta)/3, that is delta/d = p/(2/3 + p)
+    gp.sound_velocities(gp.AveragedLattice(smooth).at_overlap(0.333 * 8e-3), finite_overlap=True)
+    with pytest.raises(InstabilityError, match="buckles"):
+        gp.sound_velocities(gp.AveragedLattice(smooth).at_overlap(0.334 * 8e-3), finite_overlap=True)
+    p = (1 + ETA) / 3
+    critical = p / (2 / 3 + p)
+    gp.sound_velocities(gp.AveragedLattice(packing).at_overlap((critical - 1e-3) * 8e-3), finite_overlap=True)
+    with pytest.raises(InstabilityError):
+        gp.sound_velocities(gp.AveragedLattice(packing).at_overlap((critical + 1e-3) * 8e-3), finite_overlap=True)
+
+
+@pytest.mark.parametrize("lattice", ["square", "kagome"])
+def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
+    # the slope of the bands at Gamma is the sound velocity
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_overlap(0.02 * 8e-3)
+    delta = 0.02
+    contacts = gp.ContactLattice.of(lattice, ETA, 1 - delta, 2 / 3 * delta / (1 - delta))
+    unit = 8e-3 * math.sqrt(state.normal_stiffness / state.packing.mass)
+    for angle in (0.0, 0.4, math.pi / 4):
+        along = np.array([math.cos(angle), math.sin(angle)])
+        found = gp.sound_velocities(state, along, finite_overlap=True)
+        slopes = contacts.frequencies([1e-6 * along])[0, :2] / 1e-6 * unit
+        assert_allclose(np.sort([found.longitudinal, found.transverse]), slopes, rtol=1e-8)

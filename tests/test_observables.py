@@ -1,0 +1,244 @@
+"""Pulses of finite frequency, and what the observables refuse."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize_scalar
+
+import granphon as gp
+from granphon.errors import InputError, UnreachableFrequencyError
+
+DIRECTIONS = [(1.0, 0.0), (0.0, 1.0), (0.3, 0.7)]
+NAMES = ("longitudinal", "transverse")
+
+
+def exact_pulse(twin, state, frequency, direction, name, finite_overlap=False):
+    """Wavenumber, phase and group velocity in SI at 30 digits: the root of det(D(q) - omega^2) on the right branch."""
+    packing = state.packing
+    eta, d = mpmath.mpf(packing.mindlin_ratio), mpmath.mpf(packing.diameter)
+    k, mass = mpmath.mpf(state.normal_stiffness), mpmath.mpf(packing.mass)
+    unit = mpmath.sqrt(k / mass)
+    terms = {}
+    if finite_overlap:
+        spacing = 1 - mpmath.mpf(state.overlap) / d
+        terms = {"spacing": spacing, "prestress": mpmath.mpf(state.force) / (k * d * spacing)}
+    length = mpmath.hypot(*(mpmath.mpf(x) for x in direction))
+    along = [mpmath.mpf(x) / length for x in direction]
+    omega = 2 * mpmath.pi * mpmath.mpf(frequency) / unit
+    hexagon = twin.exact_hexagon()
+    branch = {"longitudinal": 1, "transverse": 0}[name]
+
+    def value(q):
+        return mpmath.sqrt(twin.exact_squares(hexagon, [q * x for x in along], eta, **terms)[branch])
+
+    # the root on the branch, from its slope at long waves ...
+    start = omega / (value(mpmath.mpf("1e-8")) * mpmath.mpf("1e8"))
+    q = mpmath.findroot(lambda x: value(x) / omega - 1, (start, 1.01 * start), solver="secant", tol=1e-50)
+
+    # ... where the determinant vanishes: its relative error is below 1e-20 of q
+    def determinant(x):
+        matrix = twin.exact_matrix(hexagon, [x * c for c in along], eta, **terms) - omega**2 * mpmath.eye(2 + bool(eta))
+        a, b, c, d = matrix[0, 0], matrix[0, 1], matrix[1, 0], matrix[1, 1]
+        if not eta:
+            return mpmath.re(a * d - b * c)
+        e, f, g, h, i = matrix[0, 2], matrix[1, 2], matrix[2, 0], matrix[2, 1], matrix[2, 2]
+        return mpmath.re(a * (d * i - f * h) - b * (c * i - f * g) + e * (c * h - d * g))
+
+    step = mpmath.mpf("1e-12")
+    before, after = determinant(q * (1 - step)), determinant(q * (1 + step))
+    assert before * after < 0
+    assert abs(determinant(q) / (after - before)) * step < mpmath.mpf("1e-20")
+    slope = (value(q * (1 + step)) - value(q * (1 - step))) / (2 * step * q)
+    return q / packing.diameter, omega / q * unit * packing.diameter, slope * unit * packing.diameter
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("frequency", [65.0, 6500.0, 15000.0])
+def test_pulses_solve_the_dispersion_relation(twin, steel, friction, direction, frequency):
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction)).at_force(18.446)
+    pulse = gp.pulse_velocities(state, frequency, direction)
+    with mpmath.workdps(40):
+        for row, name in enumerate(NAMES):
+            q, phase, group = exact_pulse(twin, state, frequency, direction, name)
+            assert abs(pulse.wavenumber[row] / q - 1) < 1e-13
+            assert abs(pulse.phase[row] / phase - 1) < 1e-13
+            assert abs(pulse.group[row] / group - 1) < 1e-12
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_pulses_at_finite_overlap(twin, steel, friction, direction):
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction)).at_overlap(0.01 * 8e-3)
+    pulse = gp.pulse_velocities(state, 30000.0, direction, finite_overlap=True)
+    bare = gp.pulse_velocities(state, 30000.0, direction)
+    assert np.all(np.abs(pulse.phase / bare.phase - 1) > 1e-3)
+    with mpmath.workdps(40):
+        for row, name in enumerate(NAMES):
+            q, phase, group = exact_pulse(twin, state, 30000.0, direction, name, finite_overlap=True)
+            assert abs(pulse.wavenumber[row] / q - 1) < 1e-12
+            assert abs(pulse.phase[row] / phase - 1) < 1e-12
+            assert abs(pulse.group[row] / group - 1) < 1e-11
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_pulses_of_the_experiment_are_slower_than_long_waves(state, direction):
+    # 6.5 kHz on the steel array: the limit is not what a pulse shows
+    limit = gp.sound_velocities(state)
+    pulse = gp.pulse_velocities(state, 6500.0, direction)
+    assert np.all(pulse.group < 0.99 * np.array([limit.longitudinal, limit.transverse]))
+    assert np.all(pulse.group < pulse.phase)
+    assert_allclose(2 * math.pi * 6500.0 / pulse.wavenumber, pulse.phase, rtol=1e-15)
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_pulses_tend_to_long_waves_at_second_order(state, direction, finite_overlap):
+    limit = gp.sound_velocities(state, finite_overlap=finite_overlap)
+    limit = np.array([limit.longitudinal, limit.transverse])
+    frequencies = 2000.0 / 2.0 ** np.arange(4)
+    if finite_overlap:
+        pulses = [gp.pulse_velocities(state, f, direction, finite_overlap=True) for f in frequencies]
+        phase, group = (np.stack([getattr(p, name) for p in pulses], axis=1) for name in ("phase", "group"))
+    else:
+        pulses = gp.pulse_velocities(state, frequencies, direction)
+        phase, group = pulses.phase, pulses.group
+    for velocity in (phase, group):
+        error = 1 - velocity / limit[:, None]
+        assert_allclose(np.log2(error[:, :-1] / error[:, 1:]), 2.0, atol=0.01)
+    # omega = v q (1 - c q^2): the group velocity falls three times as fast
+    assert_allclose((limit[:, None] - group)[:, -1] / (limit[:, None] - phase)[:, -1], 3.0, rtol=1e-2)
+
+
+@given(part=st.floats(-12.0, -8.0), angle=st.floats(0.0, 7.0))
+def test_pulses_are_long_waves_down_to_a_trillionth_of_the_top(state, part, angle):
+    limit = gp.sound_velocities(state)
+    top = 5.02 * state.scales.frequency
+    pulse = gp.pulse_velocities(state, 10.0**part * top, (math.cos(angle), math.sin(angle)))
+    expected = [limit.longitudinal, limit.transverse]
+    assert_allclose(pulse.phase, expected, rtol=1e-14)
+    assert_allclose(pulse.group, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("lattice", ["square", "kagome"])
+def test_pulses_on_other_lattices_tend_to_long_waves(steel, lattice):
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(1.0)
+    for direction in DIRECTIONS:
+        limit = gp.sound_velocities(state, direction)
+        pulse = gp.pulse_velocities(state, 1e-6, direction)
+        assert_allclose(pulse.phase, [limit.longitudinal, limit.transverse], rtol=1e-10)
+        assert_allclose(pulse.group, [limit.longitudinal, limit.transverse], rtol=1e-8)
+
+
+def test_arrays_of_loads_and_frequencies_equal_scalars(packing):
+    medium = gp.AveragedLattice(packing)
+    loads = np.array([[1.0, 2.0, 5.0], [10.0, 18.446, 30.0]])
+    many = gp.pulse_velocities(medium.at_force(loads), 6500.0, (0.3, 0.7))
+    assert many.phase.shape == many.group.shape == many.wavenumber.shape == (2, 2, 3)
+    for index in np.ndindex(loads.shape):
+        one = gp.pulse_velocities(medium.at_force(loads[index]), 6500.0, (0.3, 0.7))
+        for name in ("phase", "group", "wavenumber"):
+            assert_allclose(getattr(many, name)[:, *index], getattr(one, name), rtol=1e-13)
+    frequencies = np.array([100.0, 5000.0, 9000.0])
+    both = gp.pulse_velocities(medium.at_force(loads), frequencies)
+    assert both.phase.shape == (2, 2, 3)
+    assert_allclose(both.group[:, 1, 2], gp.pulse_velocities(medium.at_force(30.0), 9000.0).group, rtol=1e-13)
+    velocities = gp.sound_velocities(medium.at_force(loads))
+    assert velocities.longitudinal.shape == (2, 3)
+    assert_allclose(velocities.longitudinal[1, 1], gp.sound_velocities(medium.at_force(18.446)).longitudinal, rtol=1e-15)
+    for overlap in (False, True):
+        moduli = gp.moduli(medium.at_force(loads), finite_overlap=overlap)
+        assert moduli.tensor.shape == (2, 3, 3, 3)
+        assert_allclose(moduli.bulk[0, 1], gp.moduli(medium.at_force(2.0), finite_overlap=overlap).bulk, rtol=1e-14)
+        arrays = gp.sound_velocities(medium.at_force(loads), finite_overlap=overlap)
+        single = gp.sound_velocities(medium.at_force(5.0), finite_overlap=overlap)
+        assert_allclose(arrays.transverse[0, 2], single.transverse, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_frequency_out_of_reach_names_the_top_of_the_branch(twin, state, direction, name):
+    along = np.asarray(direction) / np.hypot(*direction)
+    hexagon = twin.hexagon()
+    # off the mirrors branches do not cross: transverse is the lowest and longitudinal the second; along them they may,
+    # and the longitudinal one is known by its motion
+    mixed = direction == (0.3, 0.7)
+
+    def value(q):
+        squares, vectors = np.linalg.eigh(twin.matrix(hexagon, q * along, state.packing.mindlin_ratio))
+        if mixed:
+            return np.sqrt(squares[1 if name == "longitudinal" else 0])
+        ahead = np.abs(along @ vectors[:2]) ** 2
+        pick = np.argmax(ahead) if name == "longitudinal" else np.flatnonzero(ahead < 0.5)[0]
+        return np.sqrt(squares[pick])
+
+    edge = np.pi * 4 / 3 if direction == (1.0, 0.0) else None
+    if edge is None:
+        # the nearest edge of the hexagon of inner radius 2 pi/sqrt(3)
+        sides = [
+            np.array([math.cos(p * math.pi / 3 + math.pi / 6), math.sin(p * math.pi / 3 + math.pi / 6)]) for p in range(6)
+        ]
+        edge = 2 * math.pi / math.sqrt(3) / max(side @ along for side in sides)
+    grid = np.linspace(1e-3, edge, 400)
+    values = np.array([value(q) for q in grid])
+    first = np.flatnonzero(np.diff(values) < 0.0)
+    if first.size:
+        near = grid[max(first[0] - 1, 0)], grid[first[0] + 1]
+        top = value(minimize_scalar(lambda q: -value(q), bounds=near, method="bounded", options={"xatol": 1e-10}).x)
+    else:
+        top = values[-1]
+    hertz = top * state.scales.frequency
+    with pytest.raises(UnreachableFrequencyError, match=f"the {name} branch does not reach .* ends at {hertz:.6g} Hz"):
+        gp.pulse_velocities(state, 1.001 * hertz, direction, branches=(name,))
+    gp.pulse_velocities(state, 0.999999 * hertz, direction, branches=(name,))
+
+
+def test_branches_that_reach_are_given_in_the_order_asked(state):
+    both = gp.pulse_velocities(state, 6500.0)
+    turned = gp.pulse_velocities(state, 6500.0, branches=("transverse", "longitudinal"))
+    assert_allclose(turned.phase[::-1], both.phase, rtol=1e-14)
+    assert turned.branches == ("transverse", "longitudinal")
+    alone = gp.pulse_velocities(state, 6500.0, branches=("transverse",))
+    assert alone.phase.shape == (1,)
+    # 35 kHz is above the transverse branch, and below the longitudinal one
+    assert gp.pulse_velocities(state, 35000.0, branches=("longitudinal",)).phase.shape == (1,)
+    with pytest.raises(UnreachableFrequencyError, match="transverse"):
+        gp.pulse_velocities(state, 35000.0)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, [6500.0, 0.0]])
+def test_frequencies_that_cannot_be(state, bad):
+    with pytest.raises(InputError, match="frequency"):
+        gp.pulse_velocities(state, bad)
+
+
+@pytest.mark.parametrize("bad", [("rotational",), (), ("longitudinal", "shear")])
+def test_branches_that_cannot_be(state, bad):
+    with pytest.raises(InputError, match="branch"):
+        gp.pulse_velocities(state, 6500.0, branches=bad)
+
+
+def test_finite_overlap_pulses_over_loads_and_frequencies(packing):
+    medium = gp.AveragedLattice(packing)
+    loads, frequencies = np.array([[5.0], [5000.0]]), np.array([3000.0, 6500.0, 9000.0])
+    many = gp.pulse_velocities(medium.at_force(loads), frequencies, (0.3, 0.7), finite_overlap=True)
+    assert many.phase.shape == (2, 2, 3)
+    for row, column in np.ndindex(2, 3):
+        state = medium.at_force(loads[row, 0])
+        one = gp.pulse_velocities(state, frequencies[column], (0.3, 0.7), finite_overlap=True)
+        for name in ("phase", "group", "wavenumber"):
+            assert_allclose(getattr(many, name)[:, row, column], getattr(one, name), rtol=1e-13)
+
+
+def test_finite_overlap_of_the_experiment_is_small(state):
+    here, there = gp.pulse_velocities(state, 6500.0), gp.pulse_velocities(state, 6500.0, finite_overlap=True)
+    change = np.abs(there.phase / here.phase - 1)
+    assert np.all(change < 3 * state.relative_overlap)
+    assert np.all(change > 0.1 * state.relative_overlap)
