@@ -32,12 +32,33 @@ _QUANTA = "it takes frequencies for THz and the third coordinate for a displacem
 _VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
 _FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
 _CHARGE = "balls carry no charge"
+_FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
 _UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
 
+#: what reads the result of a method that is refused
+_READERS = {
+    "run_irreps": ("show_irreps", "write_yaml_irreps"),
+    "run_modulations": (
+        "get_modulated_supercells", "get_modulations_and_supercell", "write_modulations", "write_yaml_modulations",
+    ),
+    "run_moment": ("get_moment",),
+    "run_dynamic_structure_factor": ("get_dynamic_structure_factor",),
+    "run_thermal_properties": (
+        "get_thermal_properties_dict", "plot_thermal_properties", "write_yaml_thermal_properties",
+    ),
+    "run_thermal_displacements": (
+        "get_thermal_displacements_dict", "plot_thermal_displacements", "write_yaml_thermal_displacements",
+    ),
+    "run_thermal_displacement_matrices": (
+        "get_thermal_displacement_matrices_dict", "write_thermal_displacement_matrix_to_cif",
+        "write_yaml_thermal_displacement_matrices",
+    ),
+}  # fmt: skip
 #: methods of phonopy.Phonopy that would give a wrong answer, and why
 REFUSED: dict[str, str] = {
-    **dict.fromkeys(("symmetrize_force_constants", "symmetrize_force_constants_by_space_group"), _SYMMETRY),
-    **dict.fromkeys(("set_irreps", "run_irreps"), _SYMMETRY),
+    **dict.fromkeys(
+        ("symmetrize_force_constants", "symmetrize_force_constants_by_space_group", "set_irreps", "run_irreps"), _SYMMETRY
+    ),
     **dict.fromkeys(
         ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
         _DATASET,
@@ -51,8 +72,12 @@ REFUSED: dict[str, str] = {
         _QUANTA,
     ),
     **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
+    **dict.fromkeys(("save", "to_phonopy_yaml"), _FILE),
+    "get_Debye_frequency": "it belongs to a density of states quadratic in frequency, and that of a layer is linear",
+    "run_moment": "it drops modes of negative frequency, so that modes at zero count or not as rounding has it",
     "set_force_constants_zero_with_radius": _FIXED,
     **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
+    **{reader: f"it reads the result of {run}, which is refused" for run, readers in _READERS.items() for reader in readers},
 }  # fmt: skip
 #: attributes that may be read, and not set
 READ_ONLY: dict[str, str] = {
@@ -82,8 +107,9 @@ class ContactPhonopy(Phonopy):  # type: ignore[misc]
     """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
 
     def give_force_constants(self, force_constants: Array) -> None:
-        """Set the force constants, once, by the calculator that knows them."""
+        """Set the force constants, once, by the calculator that knows them; they are read-only from then on."""
         Phonopy.force_constants.fset(self, force_constants)
+        self.force_constants.setflags(write=False)
 
 
 for _name, _reason in REFUSED.items():
@@ -146,18 +172,23 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     """
     import phonopy
     from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
 
     text = Path(path).read_text(encoding="utf-8")
-    head = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0]) if text.startswith("granphon:") else None
-    if not isinstance(head, dict):
-        raise InputError(message(f"{path} is not a phonopy_params.yaml written by granphon"))
-    own = head["granphon"]
-    loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
+    try:
+        own = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0])["granphon"]
+        scales, scale = Units.from_info(own), float(own["force_constants_scale"])
+        masses = [float(m) for m in own["masses"]]
+        loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
+    except (YAMLError, TypeError, KeyError, ValueError, RuntimeError) as error:
+        raise InputError(
+            message(f"{path} is not a phonopy_params.yaml written by granphon", f"{type(error).__name__}: {error}")
+        ) from None
     n = len(loaded.primitive) - 1
     matrix = np.asarray(loaded.supercell_matrix)
     cells = len(loaded.supercell) // len(loaded.unitcell)
     cell = PhonopyAtoms(
-        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=[float(m) for m in own["masses"]],
+        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=masses,
         scaled_positions=loaded.unitcell.scaled_positions[:n],
     )  # fmt: skip
     bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
@@ -165,5 +196,5 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     constants = loaded.force_constants
     if constants.shape[0] != n + 1:
         constants = constants[loaded.primitive.p2s_map]
-    bridge.give_force_constants(constants[:n, : n * cells] / float(own["force_constants_scale"]))
-    return bridge, Units.from_info(own)
+    bridge.give_force_constants(constants[:n, : n * cells] / scale)
+    return bridge, scales

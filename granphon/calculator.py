@@ -103,9 +103,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     discard_results_on_any_change = True
 
     def __init__(self, state: ContactState, finite_overlap: bool = False, **unknown: Any) -> None:
-        if unknown:
-            raise InputError(message(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}"))
-        super().__init__()
+        super().__init__(**unknown)
         self.state = state
         self.finite_overlap = bool(finite_overlap)
         self.scales: Units = state.scales
@@ -114,6 +112,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._spacing = 1.0 - self._overlap if finite_overlap else 1.0
         table = state.packing.structure.contacts
         self._directions = np.concatenate([table.normal, -table.normal])
+
+    def set(self, **unknown: Any) -> dict[str, Any]:
+        """Refuse parameters: what this calculator needs is its state."""
+        if unknown:
+            raise InputError(message(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}"))
+        return {}
 
     # -- ASE's protocol ---------------------------------------------------------------------------------------------
 

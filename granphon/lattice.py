@@ -26,8 +26,8 @@ __all__ = ["ContactLattice", "Modes"]
 Array = NDArray[np.float64]
 #: branches nearer than this part of their frequency are treated as one degenerate set
 _DEGENERATE = 1e-9
-#: |q|d at which limits at Gamma are taken; its square is below rounding
-_NEAR_GAMMA = 1e-9
+#: |q|d at which limits at Gamma are taken: as near as the iteration likes, and as LAPACK, which needs a gap, can
+_NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
 #: columns beyond which the Jacobi iteration, whose cost grows with their square, gives way to LAPACK
 _MANY = 36
 #: softest over stiffest strain, below which a lattice is called a mechanism
@@ -111,7 +111,8 @@ class ContactLattice(Compatibility):
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
         # what is left of a copy of Gamma is the rounding of the reciprocal vector
-        near[np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)] = 0.0
+        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
+        near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
         return near, taken
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
@@ -140,7 +141,8 @@ class ContactLattice(Compatibility):
         q, taken = self._folded(asked)
         # at Gamma itself everything is its limit along the direction
         at_gamma = np.all(q == 0.0, axis=1)
-        near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
+        small = _NEAR_GAMMA if self.n_branches <= _MANY else _NEAR_GAMMA_LAPACK
+        near = np.where(at_gamma[:, None], small * along, q)
         parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         if np.any(at_gamma):

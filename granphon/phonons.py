@@ -166,7 +166,7 @@ class Phonons:
 
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
-        return validity(self.state).warnings
+        return validity(self.state, self.calculator.finite_overlap).warnings
 
     # -- spectra ----------------------------------------------------------------------------------------------------
 
