@@ -723,6 +723,8 @@ def test_unknown_keywords_and_formats_are_refused():
     state = at_overlap()
     with pytest.raises(InputError, match=r"no keyword 'finite_overlp'"):
         gp.HertzMindlin(state, finite_overlp=True)
+    with pytest.raises(InputError, match=r"no keyword 'label'"):
+        gp.HertzMindlin(state).set(label="x")
     with pytest.raises(InputError, match="format is 'coo'"):
         gp.HertzMindlin(state).get_force_constants(gp.atoms(state), format="coo")
 
