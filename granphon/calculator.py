@@ -83,7 +83,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the kappa it has there. Balls that
     are apart exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
 
-    By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed; with ``finite_overlap`` it is ``d - |r|``.
+    By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed;
+    with ``finite_overlap`` it is ``d - |r|``.
 
     Force constants come from the state (and the arrays ``displacements`` and ``diameter_deviations``), never from positions:
     these only tell which balls touch.
