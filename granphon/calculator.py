@@ -276,10 +276,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if self.finite_overlap:
             prestress = law.force(overlap * d) / (k * d) / self._spacing
         diameters = 1.0 + _scalar(atoms, "diameter_deviations")
+        arms = 0.5 * self._spacing * diameters
         table = ContactTable(
-            read_only(i), read_only(j), read_only(shift), read_only(normal),
-            read_only(np.full(len(i), self._spacing)),
-            read_only(0.5 * self._spacing * diameters[i]), read_only(0.5 * self._spacing * diameters[j]),
+            read_only(i), read_only(j), read_only(shift), read_only(normal), read_only(vector[closed]),
+            read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
         return ContactLattice(
             np.asarray(atoms.cell)[:2, :2], sites.positions[:, :2], table, self._eta,

@@ -32,8 +32,9 @@ class ContactTable:
     ----------
     i, j : (n_c,) indices of the balls.
     shift : (n_c, 2) whole cells between them.
-    normal : (n_c, 2) unit vector from i to j.
-    spacing : (n_c,) distance of the centres, in mean diameters.
+    normal : (n_c, 2) unit vector in which the contact is compressed, from i to j.
+    vector : (n_c, 2) from the centre of i to that of j, in mean diameters. It carries the phase of a wave, and adds up to
+        the periods of the cell; where balls sit off their sites it is not along the normal.
     arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
     """
 
@@ -41,7 +42,7 @@ class ContactTable:
     j: NDArray[np.intp]
     shift: NDArray[np.intp]
     normal: Array
-    spacing: Array
+    vector: Array
     arm_i: Array
     arm_j: Array
 
@@ -53,16 +54,11 @@ class ContactTable:
         """(n_c, 2): t = z x n."""
         return read_only(np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=1))
 
-    @cached_property
-    def vector(self) -> Array:
-        """(n_c, 2): from the centre of i to the centre of j, in mean diameters."""
-        return read_only(self.spacing[:, None] * self.normal)
-
     def scaled(self, factor: float) -> ContactTable:
         """The same contacts with every length multiplied by ``factor``."""
         return ContactTable(
             self.i, self.j, self.shift, self.normal,
-            read_only(self.spacing * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
+            read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
         )  # fmt: skip
 
 
@@ -150,10 +146,10 @@ class Lattice:
             raise InputError(message(f"a ball of lattice {self.name!r} touches no other", "Sites that touch are 1 apart"))
         i, j, s = i[first], j[first], s[first]
         normal = delta[i, j, s] / distance[i, j, s][:, None]
-        ones = np.ones(len(i))
+        arm = np.full(len(i), 0.5)
         return ContactTable(
-            read_only(i), read_only(j), read_only(shifts[s]), read_only(normal),
-            read_only(ones), read_only(ones / 2.0), read_only(ones / 2.0),
+            read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
+            read_only(arm),
         )  # fmt: skip
 
     @property

@@ -78,7 +78,7 @@ class Phonons:
         self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
 
     def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
-        contact = float(self.lattice.contacts.spacing.max())
+        contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
         # an axis without periods has no images
         periodic = np.asarray(self.atoms.pbc)[:2]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)

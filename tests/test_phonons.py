@@ -370,3 +370,19 @@ def test_group_velocities_are_phonopys(lattice, friction):
     n = 0 if friction else len(ph.atoms)
     np.testing.assert_allclose(ours, theirs[:, n:, :2], atol=1e-6)
     np.testing.assert_allclose(theirs[..., 2], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [True, False])
+def test_where_the_balls_sit_changes_phases_and_nothing_else(friction):
+    """Force constants come from the state: rattled balls and a strained cell have the frequencies of the lattice."""
+    state = at_overlap(friction=friction)
+    balls = gp.atoms(state).repeat((3, 4, 1))
+    expected = gp.Phonons(state, balls).frequencies(QS := np.random.default_rng(4).random((6, 2)))
+    rattled, strained = balls.copy(), balls.copy()
+    rattled.positions[:, :2] += 0.02 * np.random.default_rng(5).normal(size=(12, 2))
+    strained.set_cell(np.asarray(balls.cell) * [[1.01], [0.985], [1.0]], scale_atoms=True)
+    for cell in (rattled, strained):
+        ph = gp.Phonons(state, cell)
+        np.testing.assert_allclose(ph.frequencies(QS), expected, rtol=1e-12)
+        direct = ph.lattice.frequencies(ph.lattice.wavevectors(QS)) * ph.scales.frequency
+        np.testing.assert_allclose(direct, expected, rtol=1e-12)
