@@ -191,26 +191,28 @@ class Compatibility:
                 rows[:, b, ..., 2] = -root[:, None] * turning
         return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
 
-    def _frame_matrices(self, wavevectors: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-        """D(q) and its gradient (n_q, 2, ...) in the frame, prestress included."""
-        rows, slope = self._rows(wavevectors), self._rows(wavevectors, derivative=True)
-        parts: list[tuple[Any, NDArray[Any], NDArray[Any]]] = [(1.0, rows, slope)]
+    def _frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
+        """D(q) in the frame, prestress included."""
+        rows = self._rows(wavevectors)
+        matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
-            signs = -np.sign(self.prestress)[:, None]
-            parts.append(
-                (
-                    signs,
-                    self._rows(wavevectors, prestress=True),
-                    self._rows(wavevectors, derivative=True, prestress=True),
-                )
-            )
-        matrix: Any = 0.0
-        gradient: Any = 0.0
-        for sign, value, change in parts:
-            matrix = matrix + np.einsum("qrm,qrn->qmn", value.conj(), sign * value)
-            half = np.einsum("qrm,ra,qrn->qamn", value.conj(), self._half_vectors(value), sign * change)
-            gradient = gradient + half + half.swapaxes(-1, -2).conj()
-        return matrix, gradient
+            across = self._rows(wavevectors, prestress=True)
+            matrix = matrix - across.conj().swapaxes(1, 2) @ (np.sign(self.prestress)[:, None] * across)
+        return np.asarray(matrix)
+
+    def _frame_gradient(self, wavevectors: ArrayLike) -> NDArray[Any]:
+        """Gradient of D(q) in the frame, (n_q, 2, n_branches, n_branches), prestress included."""
+        signs: list[Any] = [1.0, -np.sign(self.prestress)[:, None]]
+        total: Any = 0.0
+        for sign, prestress in zip(signs, (False, True), strict=True):
+            if prestress and not self.is_prestressed:
+                continue
+            value = self._rows(wavevectors, prestress=prestress)
+            change = sign * self._rows(wavevectors, derivative=True, prestress=prestress)
+            half = self._half_vectors(value).T[None, :, :, None] * change[:, None]
+            product = value.conj().swapaxes(1, 2)[:, None] @ half
+            total = total + product + product.conj().swapaxes(-1, -2)
+        return np.asarray(total)
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
@@ -223,5 +225,4 @@ class Compatibility:
         Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
         (n_q, 2) in 1/d.
         """
-        matrix, _ = self._frame_matrices(wavevectors)
-        return np.asarray(self._to_balls @ matrix @ self._to_balls.conj().T)
+        return np.asarray(self._to_balls @ self._frame_matrix(wavevectors) @ self._to_balls.conj().T)

@@ -74,7 +74,8 @@ class Lattice:
 
     Raises
     ------
-    InputError : the cell has no area, balls overlap, or a ball touches no other.
+    InputError : the cell has no area, balls overlap, a ball touches no other, or equal contact forces leave a ball out of
+        balance.
     """
 
     name: str
@@ -97,7 +98,18 @@ class Lattice:
         object.__setattr__(self, "sites", tuple((float(x), float(y)) for x, y in sites))
         if abs(np.linalg.det(cell)) < 0.1:
             raise InputError(message(f"the cell of lattice {self.name!r} is too small for a ball of diameter one"))
-        _ = self.contacts
+        table, pull = self.contacts, np.zeros((self.n_balls, 2))
+        np.add.at(pull, table.j, table.normal)
+        np.add.at(pull, table.i, -table.normal)
+        if np.max(np.abs(pull)) > _TOUCH:
+            raise InputError(
+                message(
+                    f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
+                    f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
+                    "All contacts of equal balls under load carry the same force here",
+                    "Use a lattice in which the directions of each ball's contacts add up to zero",
+                )
+            )
 
     @property
     def n_balls(self) -> int:
@@ -159,8 +171,20 @@ class Lattice:
 
     @property
     def pressure_factor(self) -> float:
-        """P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one."""
-        return len(self.contacts) / (2.0 * self.area)
+        """P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one.
+
+        Raises :class:`InputError` if equal contact forces make a stress that is no pressure.
+        """
+        stress = self.contacts.normal.T @ self.contacts.normal / self.area
+        if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > _TOUCH:
+            raise InputError(
+                message(
+                    f"lattice {self.name!r} has no pressure",
+                    f"Equal contact forces stress it by {stress[0, 0]:.6g}, {stress[1, 1]:.6g}, {stress[0, 1]:.6g} f/d (xx, yy, xy)",
+                    "Load it by force or overlap",
+                )
+            )
+        return float(np.trace(stress)) / 2.0
 
     @property
     def area_per_ball(self) -> float:

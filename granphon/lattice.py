@@ -30,6 +30,8 @@ _DEGENERATE = 1e-9
 _NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
 #: columns beyond which the Jacobi iteration, whose cost grows with their square, gives way to LAPACK
 _MANY = 36
+#: |dq|d at which branches that touch with one slope are told apart
+_STEP = 1e-3
 #: softest over stiffest strain, below which a lattice is called a mechanism
 _SOFT = 1e-12
 
@@ -102,6 +104,16 @@ class ContactLattice(Compatibility):
         q, _ = self._folded(wavevectors)
         return np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
 
+    @cached_property
+    def top_frequency(self) -> float:
+        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
+
+        In a large cell the mesh is coarser: those points of its sublattice fold onto it.
+        """
+        fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        grid = np.stack(np.meshgrid(fractions, fractions), axis=-1).reshape(-1, 2)
+        return float(self.frequencies(self.wavevectors(grid)).max())
+
     def _folded(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
         """Wave vectors (n_q, 2) near Gamma, and the reciprocal vectors that were taken off them.
 
@@ -159,16 +171,18 @@ class ContactLattice(Compatibility):
 
     def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
         """Frequencies and eigenvectors in the frame."""
-        if not self.is_prestressed:
-            rows = self._rows(wavevectors)
-            if self.n_branches > _MANY:
-                _, values, adjoint = np.linalg.svd(rows, full_matrices=False)
-                return values[:, ::-1], adjoint[:, ::-1].swapaxes(1, 2).conj()
-            values, right, _ = jacobi_svd(rows)
-            return values, right
-        matrix, _ = self._frame_matrices(wavevectors)
+        factor = self._factor(wavevectors) if self.is_prestressed else self._rows(wavevectors)
+        if self.n_branches > _MANY:
+            _, values, adjoint = np.linalg.svd(factor, full_matrices=False)
+            return values[:, ::-1], adjoint[:, ::-1].swapaxes(1, 2).conj()
+        values, right, _ = jacobi_svd(factor)
+        return values, right
+
+    def _factor(self, wavevectors: ArrayLike) -> NDArray[Any]:
+        """L^H of D = L L^H, which takes the place of K^1/2 C M^-1/2 where prestress makes K indefinite."""
+        matrix = self._frame_matrix(wavevectors)
         try:
-            factor = cholesky_factor(matrix)
+            return cholesky_factor(matrix)
         except np.linalg.LinAlgError:
             lowest = float(np.linalg.eigvalsh(matrix).min())
             raise InstabilityError(
@@ -178,21 +192,23 @@ class ContactLattice(Compatibility):
                     "Lower the load, or leave finite_overlap off",
                 )
             ) from None
-        values, right, _ = jacobi_svd(factor)
-        return values, right
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
         values, vectors = self._solve(q)
         slopes = self._slopes_of_dynamical_matrix(q) if self.is_prestressed else self._slopes_of_compatibility(q)
-        close = np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]
-        for point in np.flatnonzero(close.any(axis=1)):
-            edges = np.flatnonzero(~np.concatenate([[False], close[point], [False]]))
-            for start, stop in itertools.pairwise(edges):
-                if stop - start > 1:
-                    block = vectors[point][:, start:stop]
-                    turn = np.einsum("abc,a->bc", slopes(point, block), along[point])
-                    vectors[point][:, start:stop] = block @ np.linalg.eigh(turn)[1]
+        further: dict[int, NDArray[Any]] = {}
+        for point, start, stop in _runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
+            block = vectors[point][:, start:stop]
+            slope, turn = np.linalg.eigh(np.einsum("abc,a->bc", slopes(point, block), along[point]))
+            vectors[point][:, start:stop] = block @ turn
+            # branches of one slope part at second order only: take what they are a step further on
+            for _, first, last in _runs((np.diff(slope) <= 1e-9)[None]):
+                part = slice(start + first, start + last)
+                if point not in further:
+                    further[point] = self._solve(q[point] + _STEP * along[point])[1][0]
+                u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[point][:, part])
+                vectors[point][:, part] = vectors[point][:, part] @ u @ vh
         # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         diagonal = slopes(slice(None), vectors, diagonal=True)
@@ -214,7 +230,7 @@ class ContactLattice(Compatibility):
 
     def _slopes_of_dynamical_matrix(self, q: Array) -> Callable[..., NDArray[Any]]:
         """<v_b| dD/dq_a |v_c>, prestress included."""
-        _, gradient = self._frame_matrices(q)
+        gradient = self._frame_gradient(q)
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
             turned = gradient[point] @ v[..., None, :, :]
@@ -404,6 +420,15 @@ class ContactLattice(Compatibility):
         narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
         coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+
+
+def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """(row, start, stop) of each run of neighbours: ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
+    found = []
+    for row in np.flatnonzero(joined.any(axis=1)):
+        edges = np.flatnonzero(~np.concatenate([[False], joined[row], [False]]))
+        found += [(int(row), int(a), int(b)) for a, b in itertools.pairwise(edges) if b - a > 1]
+    return found
 
 
 #: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)

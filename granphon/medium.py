@@ -35,6 +35,7 @@ class ContactState(Result):
     force : f, mean contact force, N.
     overlap : delta = d - a, m. The state variable: the spacing a would lose every digit of it.
     normal_stiffness : k = df/d(delta), N/m.
+    finite_overlap : whether the boundary follows the balls, so that pressure and density are those at spacing d - delta.
     """
 
     units = {
@@ -48,11 +49,12 @@ class ContactState(Result):
     force: Values
     overlap: Values
     normal_stiffness: Values
+    finite_overlap: bool = False
 
     def __getitem__(self, index: Any) -> ContactState:
         """The state at some of the loads, as arrays are indexed."""
-        parts = [np.asarray(values)[index] for values in (self.force, self.overlap, self.normal_stiffness)]
-        return ContactState(self.packing, self.medium, self.law, *parts)
+        force, overlap, stiffness = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
+        return ContactState(self.packing, self.medium, self.law, force, overlap, stiffness, self.finite_overlap)
 
     @property
     def shear_stiffness(self) -> Values:
@@ -61,8 +63,21 @@ class ContactState(Result):
 
     @property
     def pressure(self) -> Values:
-        """P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20)."""
-        return self.packing.structure.pressure_factor * self.force / self.packing.diameter
+        """P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
+
+        With finite overlap sqrt(3) f / a. :class:`~granphon.errors.InputError` if the lattice's stress is no pressure.
+        """
+        return self.packing.structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage)
+
+    @property
+    def effective_density(self) -> Values:
+        """rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
+        return self.packing.effective_density / self._shrinkage**2
+
+    @property
+    def _shrinkage(self) -> Values:
+        """a/d where the boundary follows the balls, else one."""
+        return 1.0 - self.relative_overlap if self.finite_overlap else self._constant(1.0)
 
     @property
     def relative_overlap(self) -> Values:
@@ -135,7 +150,7 @@ class Medium(Protocol):
         """The balls under load."""
         ...
 
-    def at_force(self, force: ArrayLike) -> ContactState:
+    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the mean contact force f, N."""
         ...
 
@@ -143,7 +158,7 @@ class Medium(Protocol):
         """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
         ...
 
-    def at_overlap(self, overlap: ArrayLike) -> ContactState:
+    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m."""
         ...
 
@@ -153,23 +168,24 @@ class AveragedLattice:
     """Balls of the mean diameter on the lattice: f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
 
     Exact for equal balls. ``at_*`` take scalars or arrays and raise :class:`~granphon.errors.InputError` for a load
-    that is not finite, tensile or zero, or that presses balls together by their whole diameter.
+    that is not finite, tensile or zero, or that presses balls together by their whole diameter. With ``finite_overlap`` the
+    state's pressure and density are those of a boundary that follows the balls.
     """
 
     packing: Packing
 
-    def at_force(self, force: ArrayLike) -> ContactState:
+    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the contact force f, N."""
         load = _loads("force", force)
         law = self.packing.law
-        return self._state(load, law.overlap(load), "force", force)
+        return self._state(load, law.overlap(load), "force", force, finite_overlap)
 
-    def at_overlap(self, overlap: ArrayLike) -> ContactState:
+    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m."""
         delta = _loads("overlap", overlap)
         with np.errstate(over="ignore"):  # an overlap that large is refused below
             force = self.packing.law.force(delta)
-        return self._state(force, delta, "overlap", overlap)
+        return self._state(force, delta, "overlap", overlap, finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
@@ -189,10 +205,10 @@ class AveragedLattice:
                 x = x - step
                 if np.all(np.abs(step) <= 4e-16 * x):
                     break
-            return self._state(force * ((1.0 - x) * (1.0 + x)), packing.diameter * x**2, "pressure", pressure)
-        return self._state(force, law.overlap(force), "pressure", pressure)
+            return self._state(force * ((1.0 - x) * (1.0 + x)), packing.diameter * x**2, "pressure", pressure, True)
+        return self._state(force, law.overlap(force), "pressure", pressure, False)
 
-    def _state(self, force: Values, overlap: Values, name: str, given: ArrayLike) -> ContactState:
+    def _state(self, force: Values, overlap: Values, name: str, given: ArrayLike, finite: bool) -> ContactState:
         law, diameter = self.packing.law, self.packing.diameter
         stiffness = law.stiffness(overlap)
         if not (np.all(force > 0.0) and np.all(stiffness > 0.0) and np.all(np.isfinite(force))):
@@ -205,7 +221,7 @@ class AveragedLattice:
                     "Lower the load",
                 )
             )
-        return ContactState(self.packing, "ala", law, force[()], overlap[()], stiffness)
+        return ContactState(self.packing, "ala", law, force[()], overlap[()], stiffness, finite)
 
 
 def _loads(name: str, values: ArrayLike) -> Array:

@@ -155,15 +155,13 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
     lattice = contact_lattice(state)
     direction = (1.0, 0.0)
     v = _raw_velocities(state, direction, finite_overlap)
-    grid = np.stack(np.meshgrid(*[np.arange(12) / 12.0] * 2), axis=-1).reshape(-1, 2)
-    top = float(lattice.frequencies(lattice.wavevectors(grid)).max())
     radius = np.asarray(contact_radius_ratio(state.overlap, d))
     values = {
         "contact_radius": radius,
         # roots before products: f and E d^2 may each be near the ends of the floating range
         "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
         "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
-        "resonance": top * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
+        "resonance": lattice.top_frequency * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
     if material.yield_strength is not None:
         values["yield"] = state.force / (np.pi * (radius * d / 2.0) ** 2) / material.yield_strength
@@ -341,8 +339,10 @@ def pulse_velocities(
     # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
     parts: list[tuple[ContactState, tuple[Any, ...]]] = [(state, (...,))]
     if finite_overlap and state.shape:
-        ones, loads = np.ones(target.shape), (state.force, state.overlap, state.normal_stiffness)
-        every = ContactState(state.packing, state.medium, state.law, *(ones * x for x in loads))
+        force, overlap, stiffness = (
+            np.broadcast_to(x, target.shape) for x in (state.force, state.overlap, state.normal_stiffness)
+        )
+        every = ContactState(state.packing, state.medium, state.law, force, overlap, stiffness, True)
         parts = [(every[index], index) for index in np.ndindex(target.shape)]
     for part, index in parts:
         found = acoustic_branches(contact_lattice(part, finite_overlap), direction)

@@ -147,7 +147,7 @@ class Phonons:
         else:
             squared, modes = np.linalg.eigvalsh(matrices), None
         # judged against the top of all branches, not of those asked for: a frequency does not depend on its company
-        if squared.min() < -1e-12 * self._top**2:
+        if squared.min() < -1e-12 * self.lattice.top_frequency**2:
             raise InstabilityError(
                 message(
                     f"a squared frequency is negative ({squared.min():.3g} k/M)",
@@ -157,7 +157,7 @@ class Phonons:
             )
         values = np.sqrt(np.maximum(squared, 0.0))
         # an eigenvalue is exact to rounding of the largest; C(q) keeps the digits that phonopy's D(q) has lost
-        faint = values < _RESOLVED * self._top
+        faint = values < _RESOLVED * self.lattice.top_frequency
         rows = np.flatnonzero(faint.any(axis=1))
         if rows.size:
             exact = self.lattice.frequencies(self.lattice.wavevectors(qpoints[rows]))
@@ -321,15 +321,7 @@ class Phonons:
         :func:`load_phonopy` reads it back without the auxiliary atom.
         """
         flat = 3 if self.lattice.rotates else 3 + len(self.atoms)
-        write_phonopy(self.phonopy, path, self.scales, self._top * self.scales.frequency, flat)
-
-    @cached_property
-    def _top(self) -> float:
-        """Highest reduced frequency on a coarse mesh that holds Gamma, K and M."""
-        grid = np.stack(np.meshgrid(*[np.arange(12) / 12.0] * 2), axis=-1).reshape(-1, 2)
-        if len(self.atoms) > 8:
-            grid = grid[:1]  # the top of a large cell is folded back to Gamma
-        return float(self.lattice.frequencies(self.lattice.wavevectors(grid)).max())
+        write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
 
 
 def _contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:

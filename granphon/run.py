@@ -77,8 +77,7 @@ class RunResult:
         out: dict[str, Any] = {"medium": state.medium}
         for name in ("force", "pressure", "overlap", "relative_overlap", "normal_stiffness", "shear_stiffness"):
             out[name] = getattr(state, name)
-        for name in ("mindlin_ratio", "mass", "effective_density"):
-            out[name] = getattr(packing, name)
+        out |= {"effective_density": state.effective_density, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
         if self.velocities is not None and self.moduli is not None:
             out |= {"longitudinal": self.velocities.longitudinal, "transverse": self.velocities.transverse}
             if self.moduli.isotropic:

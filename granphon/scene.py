@@ -343,13 +343,13 @@ class Scene:
         load, medium = self.load, AveragedLattice(self.packing)
         with np.errstate(all="ignore"):
             if load.kind == "overlap":
-                state = medium.at_overlap(load.value)
+                state = medium.at_overlap(load.value, self.finite_overlap)
             elif load.kind == "pressure":
-                state = medium.at_pressure(load.value, finite_overlap=self.finite_overlap)
+                state = medium.at_pressure(load.value, self.finite_overlap)
             elif load.balls_per_side is not None:
-                state = medium.at_force(force_of_frame(load.value, load.balls_per_side))
+                state = medium.at_force(force_of_frame(load.value, load.balls_per_side), self.finite_overlap)
             else:
-                state = medium.at_force(load.value)
+                state = medium.at_force(load.value, self.finite_overlap)
             scale = state.scales
             if not (0.0 < scale.frequency < math.inf and 0.0 < scale.velocity < math.inf):
                 raise InputError("the frequencies or velocities are beyond double precision.")
