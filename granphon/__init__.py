@@ -28,6 +28,7 @@ _HOME = {
     "Scene": "scene",
     "Units": "units",
     "atoms": "calculator",
+    "load_phonopy": "bridge",
     "mindlin_reduction": "contact",
     "moduli": "observables",
     "pulse_velocities": "observables",
@@ -53,6 +54,7 @@ __all__ = [
     "Scene",
     "Units",
     "atoms",
+    "load_phonopy",
     "mindlin_reduction",
     "moduli",
     "pulse_velocities",
@@ -61,6 +63,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from granphon.bridge import load_phonopy
     from granphon.calculator import HertzMindlin, atoms
     from granphon.contact import HertzLaw, Material, mindlin_reduction
     from granphon.errors import GranphonError
@@ -75,12 +78,14 @@ if TYPE_CHECKING:
     from granphon.units import Units
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'granphon' has no attribute {name!r}")
-    value = getattr(import_module(f"granphon.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+else:
+    # hidden from type checkers, which would take any misspelt name for one of ours
+    def __getattr__(name: str) -> Any:
+        if name not in _HOME:
+            raise AttributeError(f"module 'granphon' has no attribute {name!r}")
+        value = getattr(import_module(f"granphon.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -162,12 +162,14 @@ def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:
     reference = branch.vectors[falling][None]
     low = branch.wavenumbers[falling - 1] if falling else 0.0
     high = branch.wavenumbers[falling]
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if branch.at(np.array([middle]), reference)[1][0] > 0.0:
-            low = middle
-        else:
-            high = middle
+    while high - low > 4e-16 * high:
+        points = np.linspace(low, high, 34)[1:-1]
+        rising = branch.at(points, np.broadcast_to(reference, (32, reference.shape[1])))[1] > 0.0
+        first = int(np.argmin(np.append(rising, False)))
+        edges = np.concatenate([[low], points, [high]])
+        if (edges[first], edges[first + 1]) == (low, high):
+            break
+        low, high = float(edges[first]), float(edges[first + 1])
     top = branch.at(np.array([low]), reference)[0]
     return AcousticBranch(
         branch.lattice, branch.direction, branch.name,

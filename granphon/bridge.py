@@ -20,6 +20,7 @@ from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.calculator import BALL
 from granphon.errors import InputError, UnsupportedError, message
+from granphon.files import write_text
 from granphon.units import HertzPrefix, Units
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
@@ -145,7 +146,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
     text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
-    Path(path).write_text(text, encoding="utf-8")
+    write_text(path, text, force=True)
 
 
 def _with_auxiliary(own: Array, export: Phonopy) -> Array:

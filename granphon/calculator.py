@@ -42,6 +42,8 @@ BALL = "Fe"
 _LEAST_OVERLAP = 1e-10
 #: how far, in spacings, a pair may be from the lattice's contact vector
 _CATCH = 0.25
+#: entry of ``Atoms.info``: whether the cell is that of finite overlap
+_FINITE = "granphon_finite_overlap"
 #: arrays of its own that the energy depends on; what is absent is zero
 _WATCHED = ("diameter_deviations", "rotations", "displacements")
 
@@ -67,7 +69,7 @@ def atoms(state: ContactState, finite_overlap: bool = False) -> Atoms:
         pbc=(True, True, False),
         masses=np.ones(lattice.n_balls),
     )
-    balls.info.update(scales.to_info())
+    balls.info.update(scales.to_info(), **{_FINITE: finite_overlap})
     balls.set_array("diameter_deviations", np.zeros(lattice.n_balls))
     balls.set_array("displacements", np.zeros((lattice.n_balls, 3)))
     balls.set_array("rotations", np.zeros(lattice.n_balls))
@@ -105,6 +107,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def __init__(self, state: ContactState, finite_overlap: bool = False, **unknown: Any) -> None:
         super().__init__(**unknown)
+        if not isinstance(state, ContactState):
+            raise InputError(message(f"state is {state!r}", mend="Give what medium.at_force(...) returns"))
         self.state = state
         self.finite_overlap = bool(finite_overlap)
         self.scales: Units = state.scales
@@ -189,9 +193,27 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     )
                 )
 
+    def _check_overlap_mode(self, balls: Atoms) -> None:
+        if bool(balls.info.get(_FINITE, self.finite_overlap)) != self.finite_overlap:
+            ours, theirs = ("with", "without") if self.finite_overlap else ("without", "with")
+            raise InputError(
+                message(
+                    f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
+                    "Their cells differ by the overlap",
+                    f"Say finite_overlap={not self.finite_overlap}, or make the Atoms anew",
+                )
+            )
+
     def _pairs(self, balls: Atoms) -> tuple[Any, Any, Any, Array]:
         """Each neighbouring pair once: i, j, shift (n, 2), vector (n, 2)."""
         self._check_scales(balls)
+        self._check_overlap_mode(balls)
+        cell = np.asarray(balls.cell)
+        own = (balls.arrays[name] for name in _WATCHED if name in balls.arrays)
+        if not all(np.all(np.isfinite(values)) for values in (balls.positions, cell, *own)):
+            raise InputError(message("the Atoms hold a number that is not finite, in positions, cell or an array of ours"))
+        if np.any(np.abs(cell[:2, 2]) > 1e-3):
+            raise InputError(message("the cell is tilted out of the plane", "The array is one layer in x and y"))
         if balls.pbc[2]:
             raise InputError(
                 message("the balls are periodic across the plane", "The array is one layer", "Set pbc = (True, True, False)")

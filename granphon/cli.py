@@ -87,6 +87,7 @@ def init(
                 mend=f"Did you mean {meant!r}" if meant else "",
             )
         )
+    _named("PATH", path)
     write_text(path, (files("granphon") / "data" / f"{preset}.yaml").read_text(encoding="utf-8"), force)
     _say(f"Wrote {path}. Next: granphon check {path}")
 
@@ -108,7 +109,7 @@ def check(scene: _SceneFile) -> None:
     read = Scene.from_yaml(scene)
     state = read.state()
     report = validity(state, finite_overlap=read.finite_overlap)
-    _say(f"{scene} is right.")
+    _say(f"{scene} can be run.")
     _table(_described(read, state))
     _table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
     _warn(report.warnings)
@@ -136,6 +137,7 @@ def run(
     from granphon.progress import on_stderr
     from granphon.scene import Scene
 
+    _named("--out", out)
     result = Scene.from_yaml(scene).run(out, force=force, progress=on_stderr(quiet), figures=figures)
     _warn(result.warnings)
     if not quiet:
@@ -164,7 +166,13 @@ def plot(
     """
     from granphon.run import redraw
 
+    _named("--out", out)
     _say(f"Wrote {redraw(folder, out, force, asymptotes)}")
+
+
+def _named(option: str, path: str | None) -> None:
+    if path == "":
+        raise InputError(message(f"{option} is empty", mend="Name a file or folder; was a shell variable not set"))
 
 
 # -- what is printed ------------------------------------------------------------------------------------------------
@@ -246,7 +254,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code, listed in ``granphon --help``. Raises nothing but bugs."""
     try:
         code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed before we started
+            sys.stdout.flush()
         if code == 130:  # typer has caught the interruption
             raise KeyboardInterrupt
         return int(code or 0)

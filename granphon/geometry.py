@@ -180,7 +180,7 @@ class Lattice:
             raise InputError(
                 message(
                     f"lattice {self.name!r} has no pressure",
-                    f"Equal contact forces stress it by {stress[0, 0]:.6g}, {stress[1, 1]:.6g}, {stress[0, 1]:.6g} f/d (xx, yy, xy)",
+                    f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d",
                     "Load it by force or overlap",
                 )
             )
@@ -211,7 +211,10 @@ def lattice_named(lattice: str | Lattice) -> Lattice:
 
 def as_direction(direction: ArrayLike) -> Array:
     """``direction`` as unit vector(s), last axis x and y; :class:`InputError` if it has no length."""
-    vector: Any = np.asarray(direction, float)
+    try:
+        vector: Any = np.asarray(direction, float)
+    except (TypeError, ValueError):
+        vector = np.array(np.nan)
     if vector.shape[-1:] != (2,) or not np.all(np.isfinite(vector)):
         raise InputError(message(f"a direction is two finite numbers (x, y), not {direction!r}"))
     largest = np.max(np.abs(vector), axis=-1, keepdims=True)
@@ -219,3 +222,13 @@ def as_direction(direction: ArrayLike) -> Array:
         raise InputError(message("a direction has no length"))
     vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+
+
+def contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
+    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
+
+    A period longer than twice the contact makes its other images longer ways round.
+    """
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    periods = steps[np.any(steps != 0, axis=1)] @ (cell * np.array(dim)[:, None])
+    return bool(np.linalg.norm(periods, axis=1).min() > 2.0 * (1.0 + 1e-6) * contact)

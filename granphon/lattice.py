@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ _STEP = 1e-3
 _SOFT = 1e-12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Modes(Result):
     """Vibrations at a list of wave vectors, branches in ascending frequency; reduced units.
 
@@ -84,9 +84,14 @@ class ContactLattice(Compatibility):
 
         Raises :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
         """
-        structure = lattice_named(lattice)
         if not (0.0 < spacing <= 1.0 and 0.0 <= prestress < np.inf):
             raise InputError(message(f"spacing {spacing!r} or prestress {prestress!r} cannot be"))
+        return cls._equal_balls(lattice_named(lattice), float(mindlin_ratio), float(spacing), float(prestress))
+
+    @classmethod
+    @lru_cache(maxsize=128)
+    def _equal_balls(cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float) -> ContactLattice:
+        # kept, because velocities, moduli and validity of one state all start from it; nothing in it changes
         built = cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scaled(spacing),
             mindlin_ratio, prestress=prestress,
@@ -120,6 +125,8 @@ class ContactLattice(Compatibility):
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
         q = np.asarray(wavevectors, float).reshape(-1, 2)
+        if not np.all(np.isfinite(q)):
+            raise InputError(message("a wave vector is not finite"))
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
         # what is left of a copy of Gamma is the rounding of the reciprocal vector
@@ -345,7 +352,7 @@ class ContactLattice(Compatibility):
         Its eigenvalues are the squared sound velocities. ``direction`` (2,); ``prestress`` as in
         :meth:`gradient_stiffness`.
         """
-        along = as_direction(direction)
+        along = _one_direction(direction)
         tensor = np.einsum("...ijkl,j,l->...ik", self.gradient_stiffness(prestress), along, along)
         return np.asarray(tensor / self.masses.sum())
 
@@ -361,7 +368,7 @@ class ContactLattice(Compatibility):
         ------
         InstabilityError : the prestress makes a squared velocity negative.
         """
-        along = as_direction(direction)
+        along = _one_direction(direction)
         if prestress is None and not self.is_prestressed:
             factor = self._relaxed_rows.reshape(-1, 2, 2) @ along / np.sqrt(self.masses.sum())
         else:
@@ -420,6 +427,13 @@ class ContactLattice(Compatibility):
         narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
         coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+
+
+def _one_direction(direction: ArrayLike) -> Array:
+    along = as_direction(direction)
+    if along.shape != (2,):
+        raise InputError(message("sound goes in one direction", mend="Give two numbers (x, y)"))
+    return along
 
 
 def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

@@ -37,7 +37,7 @@ _TOLERANCE = 1e-9
 _HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class LocalField(Result):
     """The local-field factor and what it is made of; pure numbers.
 

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Values = Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ContactState(Result):
     """The contacts of a packing under load. Every attribute has the shape of the load.
 
@@ -226,9 +226,12 @@ class AveragedLattice:
 
 def _loads(name: str, values: ArrayLike) -> Array:
     try:
-        array = np.asarray(values, dtype=float)
+        given = np.asarray(values)
+        array = np.asarray(given, dtype=float) if given.dtype.kind in "iuf" else None
     except (TypeError, ValueError):
-        raise InputError(message(f"{name} is {values!r}", "It must be a number or an array of numbers")) from None
+        array = None
+    if array is None or isinstance(values, np.ma.MaskedArray):
+        raise InputError(message(f"{name} is {values!r}", "It must be a real number or an array of them"))
     if array.size == 0 or not np.all(np.isfinite(array)):
         raise InputError(message(f"{name} is {values!r}", "Every load must be a finite number"))
     if np.any(array < 0.0):

@@ -91,7 +91,7 @@ def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: b
 # -- validity -------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Check(Result):
     """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``.
 
@@ -121,7 +121,7 @@ class Check(Result):
         return f"{self.meaning} is {worst:.4g}{where}, {excess}: {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Validity(Result):
     """The conditions under which the model holds, and how far each is fulfilled."""
 
@@ -176,7 +176,7 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
 # -- velocities and moduli ------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
     """Velocities of long waves, m/s, with the shape of the load, and the warnings that go with them."""
 
@@ -218,7 +218,7 @@ def sound_velocities(
     return SoundVelocities(v[..., 0], v[..., 1], as_direction(direction), validity(state, finite_overlap).warnings)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Moduli(Result):
     """Elastic constants of the layer taken one diameter thick, Pa.
 
@@ -276,7 +276,7 @@ def _on_branch(branch: AcousticBranch, target: Array, scale: Array) -> tuple[Arr
     return q.reshape(target.shape), slope.reshape(target.shape)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PulseVelocities(Result):
     """Phase and group velocity of a pulse of given frequency.
 
@@ -305,7 +305,7 @@ def pulse_velocities(
     frequency: ArrayLike,
     direction: ArrayLike = (1.0, 0.0),
     finite_overlap: bool = False,
-    branches: Sequence[str] = ("longitudinal", "transverse"),
+    branches: str | Sequence[str] = ("longitudinal", "transverse"),
 ) -> PulseVelocities:
     """Phase and group velocity of the acoustic branches at a given frequency, which lie below the long-wave velocity.
 
@@ -326,15 +326,23 @@ def pulse_velocities(
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
     InputError : a frequency that is not finite and above zero, an unknown branch.
     """
-    hertz = np.asarray(frequency, float)
-    if not (np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
+    try:
+        hertz = np.asarray(frequency, float)
+    except (TypeError, ValueError):
+        hertz = np.array(np.nan)
+    if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
         raise InputError(message(f"frequency is {frequency!r}", "It must be finite and above zero (Hz)"))
-    names = tuple(branches)
+    names = (branches,) if isinstance(branches, str) else tuple(branches)
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:
         raise InputError(message(f"unknown branch {unknown}", mend="Use longitudinal, transverse or both"))
     scale, d = _velocity_scale(state), state.packing.diameter
-    target, scale = np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale)
+    try:
+        target, scale = np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale)
+    except ValueError:
+        raise InputError(
+            message(f"frequencies of shape {hertz.shape} do not go with loads of shape {state.shape}")
+        ) from None
     wavenumber, group = np.empty((2, len(names), *target.shape))
     # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
     parts: list[tuple[ContactState, tuple[Any, ...]]] = [(state, (...,))]

@@ -21,6 +21,7 @@ from granphon.calculator import BALL, HertzMindlin
 from granphon.calculator import atoms as lattice_atoms
 from granphon.contact import positive
 from granphon.errors import InputError, InstabilityError, message
+from granphon.geometry import contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.observables import validity
@@ -68,10 +69,18 @@ class Phonons:
         self.state = state
         self.scales: Units = state.scales
         self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
+        if not isinstance(atoms, Atoms | None):
+            raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
         self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
+        if not self.lattice.area > 0.0:
+            raise InputError(
+                message("the Atoms have no cell", "Wave vectors are fractions of one", "Give them one of any size")
+            )
         if not len(self.lattice.contacts):
-            raise InputError(message("no two of these balls touch", "They do not vibrate: they fly"))
+            raise InputError(
+                message("no two of these balls touch", "They fly, or are turned against the lattice of the state")
+            )
         if atoms is None:
             self.lattice.require_rigid(state.packing.structure.name)
         self.dim = self._dim(dim)
@@ -84,7 +93,9 @@ class Phonons:
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
             dim = grid_numbers("dim", given)
-            if not _contacts_apart(cell, dim, contact):
+            if np.any((np.array(dim) > 1) & ~periodic):
+                raise InputError(message(f"dim is {given!r}", "An axis without periods has one cell", "Give 1 there"))
+            if not contacts_apart(cell, dim, contact):
                 raise InputError(
                     message(
                         f"a supercell of {dim[0]} x {dim[1]} cells is too small",
@@ -94,13 +105,13 @@ class Phonons:
                 )
             return dim
         n1 = n2 = 1
-        while not _contacts_apart(cell, (n1, n2), contact):
+        while not contacts_apart(cell, (n1, n2), contact):
             # lengthen the shorter side, so that the supercell stays as round as the cell allows
             if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
                 n1 += 1
             else:
                 n2 += 1
-        return (max(n1, n2),) * 2 if len(self.atoms) == 1 else (n1, n2)
+        return (max(n1, n2),) * 2 if len(self.atoms) == 1 and np.all(periodic) else (n1, n2)
 
     # -- phonopy ----------------------------------------------------------------------------------------------------
 
@@ -119,10 +130,13 @@ class Phonons:
         return bridge
 
     def _phonopy_cell(self) -> PhonopyAtoms:
+        cell, extent = np.array(self.atoms.cell), float(np.ptp(self.atoms.positions[:, :2], axis=0).sum())
+        for axis in np.flatnonzero(~np.asarray(self.atoms.pbc)[:2]):
+            # phonopy knows no open edge: an image must be too far to share a pair's weight
+            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / np.linalg.norm(cell[axis]))
         return PhonopyAtoms(
-            symbols=[BALL] * len(self.atoms), cell=np.asarray(self.atoms.cell), masses=self.atoms.get_masses(),
-            scaled_positions=self.atoms.get_scaled_positions(wrap=False),
-        )  # fmt: skip
+            symbols=[BALL] * len(self.atoms), cell=cell, masses=self.atoms.get_masses(), positions=self.atoms.positions
+        )
 
     def _force_constants(self, bridge: Phonopy) -> Array:
         """(n, n_supercell, 3, 3): the calculator's, of the supercell in phonopy's order."""
@@ -193,7 +207,7 @@ class Phonons:
 
     def bands(
         self,
-        path: str | ArrayLike | Sequence[ArrayLike] = "GKMG",
+        path: str | ArrayLike | Sequence[ArrayLike] | None = None,
         npoints: int = 101,
         labels: Sequence[str] | None = None,
     ) -> Bands:
@@ -202,10 +216,15 @@ class Phonons:
         Parameters
         ----------
         path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
-            reciprocal cell.
+            reciprocal cell; by default around the irreducible zone (GKMG on a hexagonal cell, GXMG on a square one).
         npoints : points in each segment, both ends counted.
-        labels : of the corners, when they are given in numbers.
+        labels : of the corners; by default the letters, or the coordinates.
         """
+        if path is None:
+            known = self.special_points
+            if "K" not in known and not {"X", "M"} <= set(known):
+                raise InputError(message("this cell has no path of its own", mend=f"Name one of {', '.join(known)}"))
+            path = "GKMG" if "K" in known else "GXMG"
         letters = self.special_points if isinstance(path, str) else {}
         segments, ticks = band_path(path, npoints, letters, labels)
         s, p, _ = segments.shape
@@ -250,7 +269,7 @@ class Phonons:
         per_ball = motion.reshape(len(values), len(self.atoms), self.lattice.dofs_per_ball, -1)
         rotation = per_ball[:, :, 2].sum(axis=1) if self.lattice.rotates else np.zeros_like(values)
         parts = np.stack([per_ball[:, :, :2].sum(axis=(1, 2)), rotation])  # (2, n_q, n_branches)
-        top = float(values.max())
+        top = self.lattice.top_frequency
         at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
             if sigma is not None:
@@ -262,6 +281,7 @@ class Phonons:
                 values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
                 ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=edges,
             ).result.cumulative[0].T  # fmt: skip
+            integrated[:, 0] = 0.0  # modes at zero belong to the first interval
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
             width = max(0.01, 1.0 / (count - 7)) * top
@@ -270,9 +290,13 @@ class Phonons:
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
                 raise InputError(message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points"))
-            density = SmearingDOSAccumulator(
-                values, grid.weights, mode_property=parts, sigma=width, sampling_points=at
-            ).result.density
+            # what a Gaussian has below zero is reflected, so that no mode is lost
+            density = sum(
+                SmearingDOSAccumulator(
+                    side, grid.weights, mode_property=parts, sigma=width, sampling_points=at
+                ).result.density
+                for side in (values, -values)
+            )
         density = density / (len(self.atoms) * self.scales.frequency)
         return DensityOfStates(
             at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]), self._warnings
@@ -322,16 +346,6 @@ class Phonons:
         """
         flat = 3 if self.lattice.rotates else 3 + len(self.atoms)
         write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
-
-
-def _contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
-    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
-
-    A period longer than twice the contact makes its other images longer ways round.
-    """
-    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    periods = steps[np.any(steps != 0, axis=1)] @ (cell * np.array(dim)[:, None])
-    return bool(np.linalg.norm(periods, axis=1).min() > 2.0 * (1.0 + 1e-6) * contact)
 
 
 def _qpoints(qpoints: ArrayLike) -> Array:

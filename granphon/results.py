@@ -20,12 +20,13 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
     return array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """Base of the frozen result classes.
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one) and, when the meaning
-    of a field changes, a higher ``schema``. Arrays are made read-only; scalars stay floats.
+    of a field changes, a higher ``schema``. Arrays are made read-only; scalars stay floats. Two results are equal if all
+    their fields are, array by array; ``repr`` gives large arrays by their shape.
     """
 
     schema: ClassVar[int] = 1
@@ -39,8 +40,25 @@ class Result:
             elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
                     object.__setattr__(self, field.name, value.item())
-                elif value.flags.writeable:
+                elif value.flags.writeable or value.base is not None:  # a view would show changes of what it views
                     object.__setattr__(self, field.name, read_only(value))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # made anew, so that copies and pickles are read-only too
+        return type(self), tuple(getattr(self, f.name) for f in fields(self))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        values = ((f.name, getattr(self, f.name)) for f in fields(self) if f.repr)
+        shown = (f"{n}=<array {v.shape}>" if isinstance(v, np.ndarray) and v.size > 8 else f"{n}={v!r}" for n, v in values)
+        return f"{type(self).__name__}({', '.join(shown)})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: the class's name, its schema, the unit of each field, and the fields.

@@ -24,7 +24,7 @@ from granphon import quantities as q
 from granphon.contact import Material, positive
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import Document, closest, parse_yaml, read_text, shown
-from granphon.geometry import LATTICES, TRIANGULAR
+from granphon.geometry import LATTICES, TRIANGULAR, contacts_apart
 from granphon.medium import AveragedLattice, ContactState
 from granphon.observables import contact_lattice
 from granphon.packing import Packing
@@ -234,10 +234,10 @@ def _as_fraction(x: float) -> str:
 
 
 def _check_supercell(packing: Packing, dim: tuple[int, int] | None) -> None:
-    """Raise if two balls of the supercell would touch through two images: each side must be longer than two contacts."""
-    least = [math.floor(2.0 / math.hypot(*vector) + 1e-6) + 1 for vector in packing.structure.cell]
-    if dim is not None and (dim[0] < least[0] or dim[1] < least[1]):
-        raise InputError(f"found {dim[0]} {dim[1]} 1; allowed: {least[0]} {least[1]} 1 or more.")
+    """Raise if two balls of the supercell would touch through two images."""
+    if dim is not None and not contacts_apart(packing.structure.vectors, dim, 1.0):
+        least = next(n for n in range(1, 100) if contacts_apart(packing.structure.vectors, (n, n), 1.0))
+        raise InputError(f"found {dim[0]} {dim[1]} 1; allowed: {least} {least} 1 or more.")
 
 
 def _ruled(name: str, rule: Any, value: Any) -> Any:

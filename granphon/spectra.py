@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import operator
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.branches import connect_branches
 from granphon.errors import InputError, message
+from granphon.files import write_text
 from granphon.lattice import Modes
 from granphon.results import Result
 from granphon.units import HertzPrefix, Units
@@ -27,7 +27,7 @@ __all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PhononModes(Modes):
     """:class:`~granphon.lattice.Modes` in SI units, eigenvectors as they are."""
 
@@ -78,7 +78,7 @@ def band_path(
         reciprocal cell, or a list of such arrays.
     npoints : points in each segment, both ends counted; at least 2.
     special_points : what the letters mean.
-    labels : one for each corner, when the path is given in numbers; by default their coordinates.
+    labels : one for each corner; by default the letters, or the coordinates.
 
     Returns
     -------
@@ -102,6 +102,8 @@ def band_path(
                 )
             pieces.append(np.array([special_points[letter] for letter in letters], float))
             names.append(list(letters))
+        if labels is not None:
+            names = _split_labels(labels, pieces)
     else:
         given: Any = path
         try:
@@ -117,12 +119,7 @@ def band_path(
             if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
                 raise InputError(message("a path is a list of corners of two or three finite numbers"))
             pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-        flat = list(labels) if labels is not None else [_name(q) for piece in pieces for q in piece]
-        if len(flat) != sum(map(len, pieces)):
-            raise InputError(message(f"{len(flat)} labels for {sum(map(len, pieces))} corners of the path"))
-        for piece in pieces:
-            names.append(flat[: len(piece)])
-            flat = flat[len(piece) :]
+        names = _split_labels([_name(q) for piece in pieces for q in piece] if labels is None else labels, pieces)
     segments: list[Array] = []
     ticks: list[str] = []
     for piece, name in zip(pieces, names, strict=True):
@@ -143,11 +140,19 @@ def band_path(
     return np.array(segments), tuple(ticks)
 
 
+def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
+    flat, count = [str(label) for label in labels], sum(map(len, pieces))
+    if len(flat) != count:
+        raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
+    ends = np.cumsum([len(piece) for piece in pieces]).tolist()
+    return [flat[end - len(piece) : end] for end, piece in zip(ends, pieces, strict=True)]
+
+
 def _name(q: Array) -> str:
     return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Bands(Result):
     """A band structure. Arrays run over segments, points in a segment (ends repeated, as in phonopy) and branches.
 
@@ -271,7 +276,7 @@ class Bands(Result):
                     lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_text(path, "\n".join(lines) + "\n", force=True)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -329,11 +334,12 @@ def _row(values: Any) -> str:
     return f"- [ {_numbers(values)} ]"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class DensityOfStates(Result):
-    """Density of states per ball and hertz; its integral is the number of branches of a ball.
+    """Density of states per ball and hertz; it integrates to the number of branches of a ball.
 
-    With the tetrahedron method each value is the mean over the interval around its frequency.
+    With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
+    that number exactly. Of a smeared density the tails below zero are reflected.
 
     Attributes
     ----------
@@ -360,14 +366,15 @@ class DensityOfStates(Result):
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the columns frequency, total, translational, rotational with all digits, and their units in the head."""
-        with open(path, "w", encoding="utf-8", newline="") as stream:
-            stream.write(f"# granphon density of states, schema {self.schema}, per ball\n")
-            stream.write(f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}\n")
-            stream.writelines(f"# warning: {warning}\n" for warning in self.warnings)
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(["frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz"])
-            columns = (self.frequencies, self.total, self.translational, self.rotational)
-            writer.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
+        columns = (self.frequencies, self.total, self.translational, self.rotational)
+        lines = [
+            f"# granphon density of states, schema {self.schema}, per ball",
+            f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
+            *(f"# warning: {warning}" for warning in self.warnings),
+            "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz",
+            *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
+        ]
+        write_text(path, "\n".join(lines) + "\n", force=True)
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:

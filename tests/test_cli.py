@@ -476,7 +476,7 @@ def test_init_writes_a_scene_that_check_accepts(tmp_path, monkeypatch, capsys, p
     assert "granphon check scene.yaml" in capsys.readouterr().out
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("scene.yaml is right.")
+    assert out.startswith("scene.yaml can be run.")
     assert err == ""
     assert tree(tmp_path) == {"scene.yaml"}
 
@@ -643,3 +643,16 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     assert b"density of states" in seen
     assert b"\x1b" not in out
     assert b"longitudinal velocity" in out
+
+
+def test_an_empty_name_is_wrong(work, capsys):
+    for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""]):
+        assert main(words) == 2
+        assert "is empty" in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+
+
+def test_a_closed_stdout_is_no_failure(work):
+    code = "import sys; sys.stdout = None\nfrom granphon.cli import main\nsys.exit(main(['check', 'scene.yaml']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -199,3 +199,19 @@ def test_mass_at_every_size(steel, d):
         diameter = 10.0**d
         mass = mpmath.pi / 6 * mpmath.mpf(steel.density) * mpmath.mpf(diameter) ** 3
         assert abs(gp.Packing(steel, diameter).mass / mass - 1) < 2e-15
+
+
+def test_a_lattice_must_be_in_equilibrium():
+    height = 1.0 + math.sqrt(3.0) / 2.0
+    with pytest.raises(InputError, match="not in equilibrium"):
+        gp.Lattice("elongated", ((1, 0), (0.5, height)), ((0, 0), (-0.5 / height, 1 / height)))
+
+
+def test_an_anisotropic_stress_is_no_pressure():
+    rhombic = gp.Lattice("rhombic", ((1, 0), (math.cos(1.3), math.sin(1.3))))
+    medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice=rhombic))
+    with pytest.raises(InputError, match="has no pressure"):
+        medium.at_pressure(400.0)
+    with pytest.raises(InputError, match="has no pressure"):
+        _ = medium.at_force(1.0).pressure
+    assert gp.sound_velocities(medium.at_force(1.0), (1, 0)).longitudinal > 0

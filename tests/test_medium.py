@@ -263,3 +263,31 @@ def test_loads_below_double_precision(packing, name):
 def test_loads_beyond_double_precision(packing, name):
     with pytest.raises(InputError):
         getattr(gp.AveragedLattice(packing), f"at_{name}")(1e308)
+
+
+@pytest.mark.parametrize("pressure", [20.0, 4e3, [1.0, 1e5]])
+def test_pressure_and_density_of_a_boundary_that_follows_the_balls(packing, pressure):
+    state = gp.AveragedLattice(packing).at_pressure(pressure, finite_overlap=True)
+    assert_allclose(state.pressure, pressure, rtol=1e-14)
+    v, m = gp.sound_velocities(state, finite_overlap=True), gp.moduli(state, finite_overlap=True)
+    assert_allclose(m.bulk + m.shear, state.effective_density * v.longitudinal**2, rtol=1e-13)
+    again = gp.AveragedLattice(packing).at_force(state.force, finite_overlap=True)
+    assert_allclose(again.pressure, pressure, rtol=1e-14)
+    assert gp.AveragedLattice(packing).at_force(1.0).effective_density == packing.effective_density
+
+
+@pytest.mark.parametrize(
+    "load", [True, "18.4", 1 + 2j, np.ma.masked_array([1.0, 5.0], mask=[0, 1]), np.datetime64("2020-01-01")]
+)
+def test_loads_of_the_wrong_kind(packing, load):
+    with pytest.raises(InputError, match="real number"):
+        gp.AveragedLattice(packing).at_force(load)
+
+
+def test_a_state_does_not_share_the_callers_memory(packing):
+    load = np.array([1.0, 2.0])
+    view = load.view()
+    view.flags.writeable = False
+    state = gp.AveragedLattice(packing).at_force(view)
+    load[0] = -5.0
+    assert_allclose(state.force, [1.0, 2.0])

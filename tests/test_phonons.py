@@ -386,3 +386,85 @@ def test_where_the_balls_sit_changes_phases_and_nothing_else(friction):
         np.testing.assert_allclose(ph.frequencies(QS), expected, rtol=1e-12)
         direct = ph.lattice.frequencies(ph.lattice.wavevectors(QS)) * ph.scales.frequency
         np.testing.assert_allclose(direct, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("repeat", "pbc"), [((1, 2, 1), (True, False, False)), ((1, 1, 1), (True, False, False)), ((2, 2, 1), False)]
+)
+def test_open_edges_have_no_images(repeat, pbc):
+    """A strip or a cluster: q across an open edge changes nothing, and phonopy agrees with C(q)."""
+    state = at_overlap()
+    balls = gp.atoms(state).repeat(repeat)
+    balls.pbc = pbc
+    ph = gp.Phonons(state, balls)
+    q = np.array([[0.2, 0.5], [0.2, 0.0], [0.2, 0.37]])
+    values = ph.frequencies(q)
+    np.testing.assert_allclose(values, ph.modes(q, (1, 0)).frequencies, atol=1e-10 * values.max())
+    np.testing.assert_allclose(values[1:], values[[0, 0]], atol=1e-10 * values.max())
+    with pytest.raises(InputError, match="one cell"):
+        gp.Phonons(state, balls, dim=(5, 5))
+
+
+def test_atoms_that_cannot_be():
+    state = at_overlap()
+    lost, turned, tilted = gp.atoms(state), gp.atoms(state), gp.atoms(state)
+    lost.pbc = False
+    lost.set_cell(np.zeros((3, 3)))
+    with pytest.raises(InputError, match="no cell"):
+        gp.Phonons(state, lost)
+    turned.rotate(30, "z", rotate_cell=True)
+    with pytest.raises(InputError, match="turned against the lattice"):
+        gp.Phonons(state, turned)
+    tilted.rotate(30, "x", rotate_cell=True)
+    with pytest.raises(InputError, match="tilted out of the plane"):
+        tilted.get_potential_energy()
+    for name in ("positions", "rotations", "diameter_deviations", "displacements"):
+        sick = gp.atoms(state)
+        sick.arrays[name][:] = np.nan
+        with pytest.raises(InputError, match="not finite"):
+            sick.get_potential_energy()
+    with pytest.raises(InputError, match=r"ase\.Atoms"):
+        gp.Phonons(state, "atoms")
+    with pytest.raises(InputError, match="at_force"):
+        gp.HertzMindlin(3.0)
+
+
+def test_atoms_of_the_other_overlap_are_refused():
+    state = at_overlap()
+    finite = gp.atoms(state, finite_overlap=True)
+    with pytest.raises(InputError, match="made with finite overlap"):
+        gp.Phonons(state, finite)
+    finite.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match="Say finite_overlap=True"):
+        finite.get_potential_energy()
+    assert gp.Phonons(state, finite, finite_overlap=True).frequencies([[0.1, 0.2]]).shape == (1, 3)
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
+def test_the_coarsest_mesh_still_counts_every_mode(friction, method):
+    dos = gp.Phonons(at_overlap(friction=friction)).dos((1, 1), method=method)
+    assert np.trapezoid(dos.total, dos.frequencies) == pytest.approx(3 if friction else 2, abs=1e-6)
+
+
+def test_the_lattices_own_path_and_labels():
+    hexagonal, square = gp.Phonons(at_overlap()), gp.Phonons(at_overlap(lattice="square"))
+    assert hexagonal.bands(npoints=2).labels == ("G", "K", "M", "G")
+    assert square.bands(npoints=2).labels == ("G", "X", "M", "G")
+    assert hexagonal.bands("GM", 2, labels=["a", "b"]).labels == ("a", "b")
+
+
+def test_branches_that_touch_at_gamma_are_those_of_the_path():
+    bands = gp.Phonons(at_overlap(lattice="kagome")).bands("GKMG", npoints=201)
+    overlap = np.abs(np.einsum("spma,spmb->spab", bands.eigenvectors[:, :-1].conj(), bands.eigenvectors[:, 1:])) ** 2
+    assert overlap.max(axis=3).min() > 0.99
+
+
+def test_prestressed_modes_of_a_large_cell_are_those_of_a_small_one():
+    state = at_overlap()
+    large = gp.Phonons(state, gp.atoms(state, finite_overlap=True).repeat((4, 4, 1)), finite_overlap=True)
+    small = gp.Phonons(state, finite_overlap=True)
+    assert large.lattice.n_branches == 48
+    folded = [(0.1 + i) / 4 for i in range(4)]
+    expected = np.sort(small.frequencies([[a, b] for a in folded for b in folded]).ravel())
+    np.testing.assert_allclose(large.modes([[0.1, 0.1]]).frequencies[0], expected, rtol=1e-10)

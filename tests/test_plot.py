@@ -242,8 +242,7 @@ def test_the_drawn_density_integrates_to_the_branches_of_a_ball(ax, friction, st
     assert plot.plot_dos(dos, ax, horizontal=horizontal) is ax
     drawn = {line.get_label(): line.get_data()[:: -1 if horizontal else 1] for line in ax.lines}
     frequency, density = drawn["total"]
-    # as closely as 501 frequencies resolve the logarithmic peaks
-    assert np.trapezoid(density, frequency) == pytest.approx(states, rel=1e-2)
+    assert np.trapezoid(density, frequency) == pytest.approx(states, rel=1e-12)
     assert_allclose(frequency, dos.frequencies / 1e3, rtol=1e-15)
     if friction:
         assert_allclose(drawn["translation"][1] + drawn["rotation"][1], density, rtol=1e-12)

@@ -158,3 +158,17 @@ def test_read_only_copies():
     assert kept.tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="read-only"):
         kept[0] = 0.0
+
+
+def test_copies_and_pickles_are_equal_and_read_only():
+    import copy
+    import pickle
+
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 2.0])
+    for other in (copy.deepcopy(state), pickle.loads(pickle.dumps(state))):
+        assert other == state
+        assert not other.force.flags.writeable
+    assert state != gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 3.0])
+    assert state != 3
+    assert len(repr(gp.Phonons(state[0]).bands(npoints=51))) < 1000

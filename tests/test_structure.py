@@ -15,8 +15,10 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "units", "results", "progress", "files", "contact", "geometry", "packing", "jacobi", "compatibility",
-    "lattice", "branches", "medium", "observables", "calculator", "spectra", "bridge", "phonons",
+    "errors", "units", "results", "progress", "files",
+    "contact", "shapes", "diameters", "geometry", "packing", "jacobi", "compatibility", "lattice", "local_field",
+    "branches", "medium", "observables",
+    "calculator", "spectra", "bridge", "phonons",
     "quantities", "scene", "plot", "run", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these

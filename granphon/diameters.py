@@ -1,0 +1,299 @@
+"""How the diameters of the balls differ: distributions in metres, and samples.
+
+Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the mean diameter; the width
+is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.contact import positive
+from granphon.errors import InputError, message
+from granphon.shapes import GRAIN, NormalShape, PointShape, Shape, UniformShape, condensed, cut_rms, merged, passed
+
+__all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
+
+Array = NDArray[np.float64]
+#: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
+TOLERANCE = 1e-9
+
+
+def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
+    """Numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of each index in turn.
+
+    Integer arithmetic: the same on every machine. A site keeps its number when the array grows along any axis, so that a
+    longer sample begins with a shorter one. :class:`InputError` for lengths that are not whole numbers >= 0, or a seed that
+    is not one of 0 ... 2^64 - 1.
+    """
+    lengths = tuple(np.atleast_1d(np.asarray(shape, dtype=object)).tolist())
+    if not lengths or not all(_is_whole(length) for length in lengths):
+        raise InputError(
+            message(f"the shape of the sample is {shape!r}", mend="Give one or more whole numbers, none negative")
+        )
+    if not _is_whole(seed) or seed >= 2**64:
+        raise InputError(message(f"seed is {seed!r}", mend="Give a whole number from 0 to 2^64 - 1"))
+    state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
+    for length in lengths:
+        index: NDArray[np.uint64] = np.arange(1, int(length) + 1, dtype=np.uint64)
+        state = state[..., np.newaxis] + index * np.uint64(0x9E3779B97F4A7C15)
+        state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        state = state ^ (state >> np.uint64(31))
+    return ((state >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
+
+
+@dataclass(frozen=True)
+class Spread(ABC):
+    """A distribution of ball diameters: :class:`Uniform`, :class:`Normal`, :class:`Discrete` or :class:`Measured`."""
+
+    @property
+    @abstractmethod
+    def rms(self) -> float:
+        """Delta_rms, m (equation 19)."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> Shape:
+        """The distribution of x = Delta/W."""
+
+    @cached_property
+    def width(self) -> float:
+        """W = sqrt(12) Delta_rms, m; 0 for equal balls."""
+        return math.sqrt(12.0) * self.rms
+
+    @property
+    def mean(self) -> float | None:
+        """Mean diameter, m; None for a distribution of deviations only."""
+        return None
+
+    @property
+    def smallest(self) -> float:
+        """Smallest deviation, m."""
+        return self.width * self.shape.bounds[0]
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation, m."""
+        return self.width * self.shape.bounds[1]
+
+    def check_sizes(self, diameter: float) -> None:
+        """:class:`InputError` if a ball about this mean diameter (m) has a size at or below zero."""
+        least = positive("diameter", diameter, "m") + self.smallest
+        if not least > 0.0:
+            why = f"The smallest deviation from the mean is {self.smallest:g} m"
+            raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
+
+    def check_mean(self, diameter: float) -> None:
+        """:class:`InputError` if the mean is not the packing's ``diameter`` (m) to 1e-9 of it.
+
+        What passes has no effect: deviations are from the distribution's own mean.
+        """
+        if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > TOLERANCE * diameter:
+            what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
+            raise InputError(message(what, "Deviations are from the mean", f"Give diameter={self.mean!r}"))
+
+    def sample(self, shape: int | Sequence[int], seed: int) -> Array:
+        """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
+
+        A larger sample keeps the balls of a smaller one. The mean is the sample's own, about zero: it is not shifted here.
+        """
+        return self._deviations(uniform_numbers(shape, seed))
+
+    def _deviations(self, probability: Array) -> Array:
+        return self.width * np.asarray(self.shape.quantile(probability), float)
+
+
+@dataclass(frozen=True)
+class Uniform(Spread):
+    """Deviations spread evenly over ``width``, the full width W in m; zero for equal balls.
+
+    :class:`InputError` if it is negative or not finite.
+    """
+
+    width: float = field()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "width", _at_least_zero("width", self.width))
+
+    @property
+    def rms(self) -> float:
+        """W / sqrt(12), m."""
+        return self.width / math.sqrt(12.0)
+
+    @property
+    def shape(self) -> UniformShape:
+        """The same for every width."""
+        return UniformShape()
+
+
+@dataclass(frozen=True)
+class Normal(Spread):
+    """Normal deviations, cut where they exceed ``cutoff`` times ``std``.
+
+    ``std`` (m) is that of the uncut distribution, ``rms`` that of what is left. :class:`InputError` for a std that is
+    negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to 1e-6; above, nothing is cut).
+    """
+
+    std: float
+    cutoff: float = 3.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "std", _at_least_zero("std", self.std))
+        object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
+        if not 1e-3 <= self.cutoff <= 10.0:
+            raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give a number of std from 0.001 to 10, such as 3"))
+
+    @property
+    def rms(self) -> float:
+        """Delta_rms of the cut distribution, m."""
+        return self.std * cut_rms(self.cutoff)
+
+    @property
+    def shape(self) -> NormalShape:
+        """A function of the cutoff alone."""
+        return NormalShape(self.cutoff)
+
+
+class _Listed(Spread):
+    """Diameters given one by one."""
+
+    diameters: tuple[float, ...]
+
+    def _shares(self) -> Array:
+        return np.full(len(self.diameters), 1.0 / len(self.diameters))
+
+    @cached_property
+    def _table(self) -> tuple[float, Array, Array]:
+        """Mean diameter, deviations of different diameters, their probabilities."""
+        places, weights = merged(np.array(self.diameters), self._shares())
+        off = places - places[0]  # exact within a factor of 2: equal balls have no width at all
+        mean = math.fsum(weights * off)
+        return float(places[0]) + mean, off - mean, weights
+
+    def _deviations(self, probability: Array) -> Array:
+        return self._table[1][passed(self._table[2], probability)]
+
+    @property
+    def mean(self) -> float:
+        """Mean diameter, m."""
+        return self._table[0]
+
+    @cached_property
+    def rms(self) -> float:
+        """Delta_rms, m."""
+        return math.sqrt(math.fsum(self._table[2] * self._table[1] ** 2))
+
+    @cached_property
+    def shape(self) -> PointShape:
+        """Each different diameter, to 2^-40 W; more than 512 of them are condensed to as many or fewer."""
+        x = np.round(self._table[1] / ((self.width or 1.0) * GRAIN)) * GRAIN
+        positions, weights = condensed(*merged(x, self._table[2]))
+        return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
+
+
+@dataclass(frozen=True)
+class Discrete(_Listed):
+    """Kinds of balls: ``diameters`` d^Q, m, with ``fractions`` c^Q (equation 18), which sum to 1 within 1e-9.
+
+    :class:`InputError` for a diameter that is not finite and above zero, a negative fraction, another sum, unequal lengths.
+    """
+
+    diameters: tuple[float, ...]
+    fractions: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
+        object.__setattr__(self, "fractions", _numbers("fractions", self.fractions, zero=True))
+        if len(self.fractions) != len(self.diameters):
+            what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
+            raise InputError(message(what, mend="Give one fraction for each diameter"))
+        over = math.fsum(self.fractions) - 1.0
+        if abs(over) > TOLERANCE:
+            what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
+            raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
+
+    def _shares(self) -> Array:
+        return np.array(self.fractions) / math.fsum(self.fractions)
+
+
+@dataclass(frozen=True)
+class Measured(_Listed):
+    """The ``diameters`` of a lot of balls, m, each as likely as any other; their order does not matter.
+
+    :class:`InputError` if there are none, or one is not finite and above zero.
+    """
+
+    diameters: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
+
+    @classmethod
+    def from_csv(cls, path: str | Path, column: str | None = None) -> Self:
+        """Read a column of a table whose first line has names and, in brackets, units: ``ball,diameter (mm)``.
+
+        ``column`` is a name without its unit; left out, it is "diameter", or the only one. Units are m (where none is
+        given), cm, mm, um, nm; columns are parted by tab, semicolon or comma, the first of these in the first line. Lines
+        from # are skipped. :class:`InputError` names the line that cannot be read.
+        """
+        try:
+            lines = Path(path).read_text(encoding="utf-8-sig").replace('"', "").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(message(f"{path} cannot be read", str(error))) from error
+        kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
+        mark = next((mark for mark in "\t;" if kept and mark in kept[0][1]), ",")
+        rows = [(n, [cell.strip() for cell in line.split(mark)]) for n, line in kept]
+        titles = [re.fullmatch(r"(.*?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?", title) for title in (rows[0][1] if rows else [])]
+        names, units = [title[1].lower() for title in titles if title], [title[2] or "m" for title in titles if title]
+        wanted = names[0] if column is None and len(names) == 1 else (column or "diameter").lower()
+        if names.count(wanted) != 1 or re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", wanted):
+            what = f"{path} has no single column named {column or 'diameter'!r} in its first line"
+            raise InputError(message(what, f"It has {names}", "Head the columns by their names, and choose one by column="))
+        where = names.index(wanted)
+        scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}.get(units[where])
+        if scale is None:
+            raise InputError(message(f"{path}: the unit {units[where]!r} is not known", mend="Use m, cm, mm, um or nm"))
+        values = []
+        for n, cells in rows[1:]:
+            cell: Any = cells[where] if where < len(cells) <= len(names) else ", ".join(cells[where:])
+            values.append(positive(f"{path}, line {n}: the diameter", cell, units[where]) * scale)
+        return cls(tuple(values))
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
+
+
+def _at_least_zero(name: str, value: Any) -> float:
+    """``value`` as a float, or :class:`InputError` if it is not a finite number, zero or above."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not 0.0 <= number < math.inf:
+        raise InputError(message(f"{name} is {value!r}", "It must be a finite number, zero or above (in m)"))
+    return number
+
+
+def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
+    """A list of finite numbers above zero, or at least ``zero``; else :class:`InputError`."""
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+        raise InputError(message(f"{name}: {values!r:.80}", "One or more finite numbers belong here"))
+    if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
+        raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))
+    return tuple(array.tolist())
