@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -250,10 +253,28 @@ def _fail(text: str, code: int) -> int:
 _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
 
 
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM (a batch system's time limit, ``kill``) clean up as an interruption does."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code, listed in ``granphon --help``. Raises nothing but bugs."""
     try:
-        code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
+        with _terminated_like_interrupted():
+            code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
         if sys.stdout is not None:  # closed before we started
             sys.stdout.flush()
         if code == 130:  # typer has caught the interruption

@@ -656,3 +656,20 @@ def test_a_closed_stdout_is_no_failure(work):
     code = "import sys; sys.stdout = None\nfrom granphon.cli import main\nsys.exit(main(['check', 'scene.yaml']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_termination_cleans_up_like_an_interruption(work, capsys, monkeypatch):
+    import os
+    import signal
+
+    before = signal.getsignal(signal.SIGTERM)
+
+    def write(self, *args, **kwargs):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError("the signal came too late")
+
+    monkeypatch.setattr("granphon.files.os.fsync", write)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    assert "interrupted" in one_error(capsys)
+    assert tree(work) == {"scene.yaml"}
+    assert signal.getsignal(signal.SIGTERM) is before
