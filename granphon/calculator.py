@@ -14,7 +14,7 @@ which is measured from the reference sites, does not depend on where the lattice
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from ase import Atoms
@@ -307,6 +307,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             np.asarray(atoms.cell)[:2, :2], sites.positions[:, :2], table, self._eta,
             stiffness=stiffness, prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
         )  # fmt: skip
+
+    @overload
+    def get_force_constants(self, atoms: Atoms, format: Literal["dense"] = "dense") -> NDArray[np.float64]: ...
+
+    @overload
+    def get_force_constants(self, atoms: Atoms, format: Literal["csr"]) -> csr_array[Any]: ...
 
     def get_force_constants(
         self, atoms: Atoms, format: Literal["dense", "csr"] = "dense"

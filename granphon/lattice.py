@@ -180,6 +180,9 @@ class ContactLattice(Compatibility):
         """Frequencies and eigenvectors in the frame."""
         factor = self._factor(wavevectors) if self.is_prestressed else self._rows(wavevectors)
         if self.n_branches > _MANY:
+            # fewer contacts than motions leave free ones: a row of zeros for each
+            lacking = max(0, self.n_branches - factor.shape[1])
+            factor = np.pad(factor, ((0, 0), (0, lacking), (0, 0)))
             _, values, adjoint = np.linalg.svd(factor, full_matrices=False)
             return values[:, ::-1], adjoint[:, ::-1].swapaxes(1, 2).conj()
         values, right, _ = jacobi_svd(factor)

@@ -468,3 +468,16 @@ def test_prestressed_modes_of_a_large_cell_are_those_of_a_small_one():
     folded = [(0.1 + i) / 4 for i in range(4)]
     expected = np.sort(small.frequencies([[a, b] for a in folded for b in folded]).ravel())
     np.testing.assert_allclose(large.modes([[0.1, 0.1]]).frequencies[0], expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("length", [5, 40])
+def test_fewer_contacts_than_motions_leave_free_ones(length):
+    """A frictionless row of balls: longitudinal waves along it, and nothing resists the motion across it."""
+    state = at_overlap(friction=False)
+    row = gp.atoms(state).repeat((length, 1, 1))
+    row.pbc = (True, False, False)
+    ph = gp.Phonons(state, row)
+    folded = (0.1 + np.arange(length)) / length
+    chain = np.sort(np.concatenate([np.zeros(length), 2.0 * np.abs(np.sin(np.pi * folded))])) * ph.scales.frequency
+    np.testing.assert_allclose(ph.frequencies([[0.1, 0.0]])[0], chain, atol=1e-9 * chain.max())
+    np.testing.assert_allclose(ph.modes([[0.1, 0.0]]).frequencies[0], chain, atol=1e-9 * chain.max())
