@@ -234,6 +234,7 @@ class Phonons:
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
         values, _ = self._eigen(segments.reshape(-1, 3))
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
+        along[p - 1 :: p] *= -1.0  # the last point of a segment is reached from behind
         modes = self.lattice.modes(q.reshape(-1, 2), along)
         b = self.lattice.n_branches
         return Bands(

@@ -233,7 +233,6 @@ def test_database_rows_carry_the_arrays_as_data(tmp_path):
 # ASE warns that the height of a cell that is not periodic has no place in this format
 @pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
 def test_netcdf_keeps_named_arrays(tmp_path, arrays):
-    pytest.importorskip("netCDF4")
     from ase.io.netcdftrajectory import NetCDFTrajectory
 
     balls = marked(at_overlap())
