@@ -233,7 +233,6 @@ print(json.dumps(theirs / get_physical_units().DefaultToTHz))
 
 @pytest.mark.parametrize("case", ["rough", "smooth", "finite overlap", "micrometre balls", "vacancy"])
 def test_euphonic_reads_the_force_constants(case, tmp_path):
-    pytest.importorskip("euphonic")
     ph = CASES[case]()
     ph.save(tmp_path / "phonopy_params.yaml")
     q = [[0.11, 0.23, 0.0], [1 / 3, 1 / 3, 0.0], [0.4, -0.3, 0.0]]
@@ -258,13 +257,11 @@ print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({q}), asr=N
 
 
 def test_the_difference_of_constants_is_as_said(tmp_path):
-    pytest.importorskip("euphonic")
     assert abs(constant_ratio(tmp_path) - 1.0) < 2e-7
 
 
 @pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome"])
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
-    pytest.importorskip("euphonic")
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
     bands.write(tmp_path / "band.yaml")
     found = script(
@@ -292,7 +289,6 @@ print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real
 
 def test_euphonic_reads_frictionless_bands(tmp_path):
     # two branches a ball: there is no third for Euphonic's modes, its frequencies are right
-    pytest.importorskip("euphonic")
     bands = CASES["smooth"]().bands("GKMG", npoints=5)
     bands.write(tmp_path / "band.yaml")
     found = script(
