@@ -8,7 +8,6 @@ translation of the lattice, so whatever symmetrises force constants, or enforces
 from __future__ import annotations
 
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,9 +17,10 @@ from phonopy import Phonopy
 from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
-from granphon.calculator import BALL
 from granphon.errors import InputError, UnsupportedError, message
-from granphon.files import write_text
+from granphon.files import versions, write_text
+from granphon.geometry import BALL
+from granphon.spectra import file_header
 from granphon.units import HertzPrefix, Units
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
@@ -139,9 +139,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
     # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
-        "granphon:", "  schema: 1", f"  version: {version('granphon')}", f"  frequency_unit: {unit.name}",
-        f"  hertz: {unit.hertz!r}", "  coordinates: [x, y, w = R_g phi]",
-        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+        *file_header(unit, scales), f"  version: {versions()['granphon']}",
         f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from granphon.compatibility import GYRATION
 from granphon.errors import InputError, PrecisionError, message
-from granphon.geometry import ContactTable
+from granphon.geometry import BALL, ContactTable
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.results import read_only
@@ -33,11 +33,9 @@ from granphon.units import Units
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["BALL", "HertzMindlin", "atoms"]
+__all__ = ["HertzMindlin", "atoms"]
 
 Array = NDArray[np.float64]
-#: chemical symbol that stands for a ball; its mass is always given
-BALL = "Fe"
 #: least delta/d at which positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
 #: how far, in spacings, a pair may be from the lattice's contact vector

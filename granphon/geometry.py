@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.errors import InputError, message
 from granphon.results import read_only
 
-__all__ = ["KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "lattice_named"]
+__all__ = ["BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "lattice_named"]
 
 Array = NDArray[np.float64]
+#: chemical symbol that stands for a ball in Atoms and files; its mass is always given
+BALL = "Fe"
 #: two sites touch if their distance is one within this
 _TOUCH = 1e-6
 

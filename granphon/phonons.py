@@ -17,11 +17,11 @@ from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumu
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
-from granphon.calculator import BALL, HertzMindlin
+from granphon.calculator import HertzMindlin
 from granphon.calculator import atoms as lattice_atoms
 from granphon.contact import positive
 from granphon.errors import InputError, InstabilityError, message
-from granphon.geometry import contacts_apart
+from granphon.geometry import BALL, contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.observables import validity

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.branches import connect_branches
 from granphon.errors import InputError, message
 from granphon.files import write_text
+from granphon.geometry import BALL
 from granphon.lattice import Modes
 from granphon.results import Result
 from granphon.units import HertzPrefix, Units
@@ -237,9 +238,7 @@ class Bands(Result):
         s, p, b = self.frequencies.shape
         n = len(self.masses)
         lines = [
-            "granphon:", "  schema: 1", f"  frequency_unit: {unit.name}", f"  hertz: {unit.hertz!r}",
-            "  coordinates: [x, y, w = R_g phi]",
-            *(f"  {key}: {value!r}" for key, value in self.scales.to_info().items()),
+            *file_header(unit, self.scales),
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
@@ -256,7 +255,7 @@ class Bands(Result):
             "points:",
         ]
         for place, mass in zip(self.positions, self.masses, strict=True):
-            lines += ["- symbol: Fe", f"  coordinates: [ {_numbers(place)} ]", f"  mass: {float(mass)!r}"]
+            lines += [f"- symbol: {BALL}", f"  coordinates: [ {_numbers(place)} ]", f"  mass: {float(mass)!r}"]
         lines.append("phonon:")
         velocity = self.scales.length * unit.hertz
         motion = np.zeros((s, p, n, 3, b), complex)
@@ -319,6 +318,18 @@ class Bands(Result):
             raise InputError(
                 message(f"{path} is not a band.yaml written by granphon", f"{type(error).__name__}: {error}")
             ) from None
+
+
+def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
+    """Lines of the block ``granphon`` at the head of files for phonopy: unit of frequency, coordinates, scales."""
+    return [
+        "granphon:",
+        "  schema: 1",
+        f"  frequency_unit: {unit.name}",
+        f"  hertz: {unit.hertz!r}",
+        "  coordinates: [x, y, w = R_g phi]",
+        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+    ]
 
 
 def _numbers(values: Any) -> str:

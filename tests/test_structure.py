@@ -16,8 +16,8 @@ PACKAGE = Path(granphon.__file__).parent
 #: each module imports only from those before it
 ORDER = [
     "errors", "units", "results", "progress", "files",
-    "contact", "shapes", "diameters", "geometry", "packing", "jacobi", "compatibility", "lattice", "local_field",
-    "branches", "medium", "observables",
+    "contact", "shapes", "diameters", "geometry", "packing", "jacobi", "compatibility", "longwave", "lattice",
+    "local_field", "branches", "medium", "observables",
     "calculator", "spectra", "bridge", "phonons",
     "quantities", "scene", "plot", "run", "cli", "__main__",
 ]  # fmt: skip
