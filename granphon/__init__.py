@@ -17,15 +17,19 @@ _HOME = {
     "ContactLattice": "lattice",
     "ContactState": "medium",
     "DensityOfStates": "spectra",
+    "Discrete": "diameters",
     "GranphonError": "errors",
     "HertzLaw": "contact",
     "HertzMindlin": "calculator",
     "Lattice": "geometry",
     "Material": "contact",
+    "Measured": "diameters",
     "Medium": "medium",
+    "Normal": "diameters",
     "Packing": "packing",
     "Phonons": "phonons",
     "Scene": "scene",
+    "Uniform": "diameters",
     "Units": "units",
     "atoms": "calculator",
     "load_phonopy": "bridge",
@@ -43,15 +47,19 @@ __all__ = [
     "ContactLattice",
     "ContactState",
     "DensityOfStates",
+    "Discrete",
     "GranphonError",
     "HertzLaw",
     "HertzMindlin",
     "Lattice",
     "Material",
+    "Measured",
     "Medium",
+    "Normal",
     "Packing",
     "Phonons",
     "Scene",
+    "Uniform",
     "Units",
     "atoms",
     "load_phonopy",
@@ -66,6 +74,7 @@ if TYPE_CHECKING:
     from granphon.bridge import load_phonopy
     from granphon.calculator import HertzMindlin, atoms
     from granphon.contact import HertzLaw, Material, mindlin_reduction
+    from granphon.diameters import Discrete, Measured, Normal, Uniform
     from granphon.errors import GranphonError
     from granphon.geometry import Lattice
     from granphon.lattice import ContactLattice

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from granphon.contact import HertzLaw, Material, positive
+from granphon.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.errors import InputError, message
 from granphon.geometry import Lattice, lattice_named
 
@@ -19,19 +20,22 @@ class Packing:
     Parameters
     ----------
     material : what the balls are made of.
-    diameter : d, m.
-    spread : None, equal balls. (No distribution of diameters is known to this version.)
+    diameter : d, the mean diameter, m.
+    spread : how diameters differ: :class:`~granphon.diameters.Uniform`, :class:`~granphon.diameters.Normal`,
+        :class:`~granphon.diameters.Discrete` or :class:`~granphon.diameters.Measured`; None for equal balls, which is the
+        limit of width zero.
     lattice : "triangular", "square", "kagome", or a :class:`~granphon.geometry.Lattice`.
     friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
 
     Raises
     ------
-    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread.
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread that has another mean or a
+        ball of no size.
     """
 
     material: Material
     diameter: float
-    spread: None = None
+    spread: Uniform | Normal | Discrete | Measured | None = None
     lattice: str | Lattice = "triangular"
     friction: bool = True
 
@@ -41,7 +45,10 @@ class Packing:
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
         lattice_named(self.lattice)
         if self.spread is not None:
-            raise InputError(message("spread is given", "This version knows equal balls only", "Leave spread out"))
+            if not isinstance(self.spread, Spread):
+                raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, Discrete, ..."))
+            self.spread.check_mean(self.diameter)
+            self.spread.check_sizes(self.diameter)
         if not (0.0 < self.mass < math.inf and 0.0 < self.law.coefficient < math.inf):
             raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision"))
         if not isinstance(self.friction, bool):
@@ -51,6 +58,11 @@ class Packing:
     def structure(self) -> Lattice:
         """The lattice itself, whether it was given by name or not."""
         return lattice_named(self.lattice)
+
+    @property
+    def width(self) -> float:
+        """W = sqrt(12) Delta_rms, m, the width of the distribution of diameters; 0 for equal balls."""
+        return 0.0 if self.spread is None else self.spread.width
 
     @property
     def mindlin_ratio(self) -> float:
