@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "AveragedForce": "medium",
     "AveragedLattice": "medium",
     "Bands": "spectra",
     "ContactLattice": "lattice",
     "ContactState": "medium",
     "DensityOfStates": "spectra",
     "Discrete": "diameters",
+    "EffectiveMedium": "medium",
     "GranphonError": "errors",
     "HertzLaw": "contact",
     "HertzMindlin": "calculator",
@@ -33,6 +35,7 @@ _HOME = {
     "Units": "units",
     "atoms": "calculator",
     "load_phonopy": "bridge",
+    "local_exponent": "observables",
     "mindlin_reduction": "contact",
     "moduli": "observables",
     "pulse_velocities": "observables",
@@ -42,12 +45,14 @@ _HOME = {
 
 __all__ = [
     "__version__",
+    "AveragedForce",
     "AveragedLattice",
     "Bands",
     "ContactLattice",
     "ContactState",
     "DensityOfStates",
     "Discrete",
+    "EffectiveMedium",
     "GranphonError",
     "HertzLaw",
     "HertzMindlin",
@@ -63,6 +68,7 @@ __all__ = [
     "Units",
     "atoms",
     "load_phonopy",
+    "local_exponent",
     "mindlin_reduction",
     "moduli",
     "pulse_velocities",
@@ -78,8 +84,8 @@ if TYPE_CHECKING:
     from granphon.errors import GranphonError
     from granphon.geometry import Lattice
     from granphon.lattice import ContactLattice
-    from granphon.medium import AveragedLattice, ContactState, Medium
-    from granphon.observables import moduli, pulse_velocities, sound_velocities, validity
+    from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium
+    from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities, validity
     from granphon.packing import Packing
     from granphon.phonons import Phonons
     from granphon.scene import Scene

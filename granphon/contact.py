@@ -191,6 +191,11 @@ class HertzLaw:
 
     coefficient: float
 
+    @property
+    def least_overlap(self) -> float:
+        """The overlap up to which balls are apart, m."""
+        return 0.0
+
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """The law of two balls of the given diameters (m); of equal balls if only one is given."""
@@ -212,6 +217,11 @@ class HertzLaw:
         """(3/2) c delta_+^(1/2), N/m (equation 2)."""
         return (1.5 * self.coefficient * np.sqrt(np.maximum(np.asarray(overlap, float), 0.0)))[()]
 
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """(3/4) c delta^(-1/2), N/m^2, the derivative of the stiffness; zero where the balls are apart."""
+        root = np.sqrt(np.maximum(np.asarray(overlap, float), 0.0))
+        return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
+
     def overlap(self, force: ArrayLike) -> Any:
         """delta = (f/c)^(2/3), m, of a compressive force (equation 1); :class:`InputError` if one is negative."""
         load = np.asarray(force, float)
@@ -227,3 +237,11 @@ class HertzLaw:
         if not np.all(value >= 0.0):
             raise InputError(message("the stiffness of a contact is negative"))
         return ((value / (1.5 * self.coefficient)) ** 2)[()]
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f: equal balls share the load evenly."""
+        return np.zeros(np.shape(overlap))[()]
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """The part of the contacts that carries load."""
+        return np.asarray(np.asarray(overlap, float) > 0.0, float)[()]

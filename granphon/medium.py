@@ -1,28 +1,41 @@
 """From a load to the stiffness of the contacts.
 
-A medium turns a packing and a load into a :class:`ContactState`. Equal balls need only the averaged lattice
-(equations 23 and 24), which is then exact.
+A medium turns a packing and a load into a :class:`ContactState`: the accuracy ladder of Section III, from the averaged
+lattice (equations 23 and 24) by the averaged force (25) to the effective medium (28-46). They differ in their contact law
+alone; for equal balls all are the averaged lattice, which is then exact.
 """
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from functools import cached_property
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.contact import HertzLaw
+from granphon.effective import VALID_FORCE, EffectiveLaw
 from granphon.errors import InputError, message
+from granphon.geometry import TRIANGULAR
+from granphon.laws import AveragedLaw
+from granphon.local_field import LocalField, local_field, paper_local_field
 from granphon.packing import Packing
 from granphon.results import Result
 from granphon.units import Units
 
-__all__ = ["AveragedLattice", "ContactState", "Medium"]
+__all__ = ["MEDIA", "AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium", "MediumChoice"]
 
 Array = NDArray[np.float64]
 #: scalar in, scalar out; array in, array out
 Values = Any
+#: the contact law of a medium
+Law = HertzLaw | AveragedLaw | EffectiveLaw
+#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
+_MUCH = math.sqrt(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,12 +53,13 @@ class ContactState(Result):
 
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
-        "reduced_force": "1", "reduced_spacing": "1", "force_fluctuation": "1", "contact_fraction": "1",
+        "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
+        "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
     }  # fmt: skip
 
     packing: Packing
     medium: str
-    law: HertzLaw = field(repr=False)
+    law: Law = field(repr=False)
     force: Values
     overlap: Values
     normal_stiffness: Values
@@ -86,33 +100,61 @@ class ContactState(Result):
 
     @property
     def reduced_force(self) -> Values:
-        """f* of Section IV, f in units of the force at an overlap of the width; +inf for equal balls."""
-        return self._constant(np.inf)
+        """f* of Section IV, f in units of the force c W^(3/2) of equal balls at an overlap of W; +inf for equal balls."""
+        width = self.packing.width
+        if not width:
+            return self._constant(np.inf)
+        # W may be so small that its force is below the floating range: f* is then beyond it
+        with np.errstate(over="ignore", divide="ignore"):
+            return _plain(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
 
     @property
     def reduced_spacing(self) -> Values:
         """a* of Section IV, (d + W/2 - a)/W; +inf for equal balls."""
-        return self._constant(np.inf)
+        return self._per_width(self.overlap) + 0.5
 
     @property
     def force_fluctuation(self) -> Values:
-        """rms contact force over the mean, Delta f / f; 0 for equal balls."""
-        return self._constant(0.0)
+        """Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean; 0 for equal balls."""
+        return _plain(self.law.force_fluctuation(self.overlap))
 
     @property
     def contact_fraction(self) -> Values:
         """N_c / 6, the fraction of contacts that carry load; 1 for equal balls."""
-        return self._constant(1.0)
+        return _plain(self.law.contact_fraction(self.overlap))
+
+    @property
+    def stiffness_ratio(self) -> Values:
+        """k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
+        ideal = self.packing.law
+        return _plain(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
 
     @property
     def valid(self) -> Values:
-        """Whether the load is inside the medium's range; always, for equal balls."""
-        return self._constant(True)
+        """Whether the load is inside the medium's range; always, for equal balls.
+
+        That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
+        and hold at high pressure (:attr:`regime`).
+        """
+        if self.medium == EffectiveMedium.name:
+            return _plain(np.asarray(self.reduced_force) >= VALID_FORCE)
+        return _plain(np.asarray(self._per_width(self.overlap)) >= _MUCH / math.sqrt(12.0))
 
     @property
     def regime(self) -> Values:
-        """Pressure regime of Section III ("low", "intermediate", "high"); equal balls are in the last."""
-        return self._constant("high")
+        """Pressure regime of Section III: "low", "intermediate" or "high"; equal balls are in the last.
+
+        Which of the overlap and Delta_rms is much larger, taken as sqrt(10) times or more.
+        """
+        ratio = math.sqrt(12.0) * np.asarray(self._per_width(self.overlap))
+        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / _MUCH).astype(int) + (ratio >= _MUCH)]
+        return words if self.shape else str(words)
+
+    def _per_width(self, length: Values) -> Values:
+        if not self.packing.width:
+            return self._constant(np.inf)
+        with np.errstate(over="ignore"):
+            return length / self.packing.width
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -164,27 +206,46 @@ class Medium(Protocol):
 
 
 @dataclass(frozen=True)
-class AveragedLattice:
-    """Balls of the mean diameter on the lattice: f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
+class _ByLaw(ABC):
+    """A medium that is a contact law: ``at_*`` take scalars or arrays, in SI.
 
-    Exact for equal balls. ``at_*`` take scalars or arrays and raise :class:`~granphon.errors.InputError` for a load
-    that is not finite, tensile or zero, or that presses balls together by their whole diameter. With ``finite_overlap`` the
-    state's pressure and density are those of a boundary that follows the balls.
+    They raise :class:`~granphon.errors.InputError` for a load that is not finite, not compressive, or presses balls together
+    by their whole diameter, and :class:`~granphon.errors.PrecisionError` for one so low that the law is not known there.
+    With ``finite_overlap`` the state's pressure and density are those of a boundary that follows the balls.
     """
 
+    name: ClassVar[str]
     packing: Packing
 
+    @property
+    def law(self) -> Law:
+        """The medium's contact law; Hertz's for equal balls, in every medium."""
+        return self._law if self.packing.width else self.packing.law
+
+    @property
+    @abstractmethod
+    def _law(self) -> Law:
+        """The law of balls that differ."""
+
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
-        """State at the contact force f, N."""
-        load = _loads("force", force)
-        law = self.packing.law
-        return self._state(load, law.overlap(load), "force", force, finite_overlap)
+        """State at the mean contact force f, N."""
+        load = _compressive("force", force)
+        return self._state(load, np.asarray(self.law.overlap(load)), "force", force, finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
-        """State at the overlap delta = d - a, m."""
-        delta = _loads("overlap", overlap)
+        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
+        law = self.law
+        delta = _compressive("overlap", overlap) if law.least_overlap == 0.0 else _finite("overlap", overlap)
+        if np.any(delta <= law.least_overlap):
+            raise InputError(
+                message(
+                    f"overlap = {overlap!r}: no balls touch",
+                    f"The largest are {-law.least_overlap:g} m wider than the mean",
+                    f"Give an overlap above {law.least_overlap:g} m",
+                )
+            )
         with np.errstate(over="ignore"):  # an overlap that large is refused below
-            force = self.packing.law.force(delta)
+            force = np.asarray(law.force(delta))
         return self._state(force, delta, "overlap", overlap, finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
@@ -192,25 +253,23 @@ class AveragedLattice:
 
         With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
         """
-        load = _loads("pressure", pressure)
-        packing, law = self.packing, self.packing.law
-        force = load * (packing.diameter / packing.structure.pressure_factor)
+        load, law, d = _compressive("pressure", pressure), self.law, self.packing.diameter
+        slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
+        force = slope * d
+        delta = np.asarray(law.overlap(force))
         if finite_overlap:
-            # x = (delta/d)^(1/2) solves x^3 = y^3 (1 - x^2), with y its value at a fixed boundary. The left side over
-            # the right rises monotonically, and Newton from y, which is too large, comes down to the root.
-            y = np.sqrt(law.overlap(force) / packing.diameter)
-            x = np.array(np.minimum(y, 1.0))
+            # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
             for _ in range(100):
-                step = (x**3 - y**3 * (1.0 - x) * (1.0 + x)) / (3.0 * x**2 + 2.0 * y**3 * x)
-                x = x - step
-                if np.all(np.abs(step) <= 4e-16 * x):
+                step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
+                delta = delta - step
+                if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
                     break
-            return self._state(force * ((1.0 - x) * (1.0 + x)), packing.diameter * x**2, "pressure", pressure, True)
-        return self._state(force, law.overlap(force), "pressure", pressure, False)
+            force = np.asarray(law.force(delta))
+        return self._state(force, delta, "pressure", pressure, finite_overlap)
 
-    def _state(self, force: Values, overlap: Values, name: str, given: ArrayLike, finite: bool) -> ContactState:
-        law, diameter = self.packing.law, self.packing.diameter
-        stiffness = law.stiffness(overlap)
+    def _state(self, force: Array, overlap: Array, name: str, given: ArrayLike, finite: bool) -> ContactState:
+        law, diameter = self.law, self.packing.diameter
+        stiffness = np.asarray(law.stiffness(overlap))
         if not (np.all(force > 0.0) and np.all(stiffness > 0.0) and np.all(np.isfinite(force))):
             raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
@@ -221,10 +280,148 @@ class AveragedLattice:
                     "Lower the load",
                 )
             )
-        return ContactState(self.packing, "ala", law, force[()], overlap[()], stiffness, finite)
+        return ContactState(self.packing, self.name, law, force[()], overlap[()], stiffness[()], finite)
 
 
-def _loads(name: str, values: ArrayLike) -> Array:
+@dataclass(frozen=True)
+class AveragedLattice(_ByLaw):
+    """Balls of the mean diameter on the lattice: f = (2/3) E* d^(1/2) delta^(3/2) (equation 23). Exact for equal balls."""
+
+    name = "ala"
+
+    @property
+    def _law(self) -> Law:
+        return self.packing.law
+
+
+@dataclass(frozen=True)
+class AveragedForce(_ByLaw):
+    """Balls that differ, held at the sites of the lattice: f is the mean over pairs (equation 25)."""
+
+    name = "afa"
+
+    @property
+    def _law(self) -> Law:
+        spread = self.packing.spread
+        return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
+
+
+@dataclass(frozen=True, init=False)
+class EffectiveMedium(_ByLaw):
+    """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
+
+    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6.
+
+    Parameters
+    ----------
+    packing : the balls.
+    local_field : "computed"; or "paper" for the printed alpha and beta, which do not satisfy their own definition, and
+        belong to the triangular lattice.
+
+    Raises
+    ------
+    InputError : another word, or "paper" on another lattice.
+    """
+
+    name = "ema"
+    source: str
+
+    def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
+        if local_field not in ("computed", "paper"):
+            raise InputError(message(f"local_field is {local_field!r}", mend="Give 'computed' or 'paper'"))
+        if local_field == "paper" and packing.structure != TRIANGULAR:
+            raise InputError(
+                message(f"the paper has no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
+            )
+        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "source", local_field)
+
+    @cached_property
+    def local_field(self) -> LocalField:
+        """The local-field factor Xi, and alpha and beta, of the packing's lattice and Mindlin ratio."""
+        eta = self.packing.mindlin_ratio
+        return paper_local_field(eta) if self.source == "paper" else local_field(self.packing.structure, eta)
+
+    @property
+    def _law(self) -> Law:
+        spread = self.packing.spread
+        if spread is None:
+            return self.packing.law
+        return EffectiveLaw(self.packing.law.coefficient, spread.width, spread.shape, self.local_field.xi)
+
+
+#: the rungs of the ladder by the names that scenes and sweeps use
+MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium]] = {
+    medium.name: medium for medium in (AveragedLattice, AveragedForce, EffectiveMedium)
+}
+
+
+@dataclass(frozen=True)
+class MediumChoice:
+    """A medium by its name, with the options of its class, for a packing to be given later.
+
+    :class:`~granphon.errors.InputError` for a name that is not in :data:`MEDIA`, or an option that it does not have.
+    """
+
+    name: str
+    options: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.name not in MEDIA:
+            raise InputError(message(f"unknown medium {self.name!r}", mend="Use " + ", ".join(MEDIA)))
+        known: Mapping[str, tuple[str, ...]] = {"local_field": ("computed", "paper")} if self.name == "ema" else {}
+        for option, value in self.options:
+            if option not in known:
+                mend = "It has " + (", ".join(known) or "none")
+                raise InputError(message(f"medium {self.name!r} has no option {option!r}", mend=mend))
+            if value not in known[option]:
+                raise InputError(message(f"{option} is {value!r}", mend="Use " + " or ".join(known[option])))
+
+    @classmethod
+    def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
+        """From "ema", or {"ema": {"local_field": "paper"}}."""
+        if isinstance(value, MediumChoice):
+            return value
+        if isinstance(value, Mapping) and len(value) == 1:
+            name, options = next(iter(value.items()))
+            if options is None or isinstance(options, Mapping):
+                return cls(name, tuple(sorted((options or {}).items())))
+        if isinstance(value, str):
+            return cls(value)
+        raise InputError(message(f"medium is {value!r}", mend="Give a name, or a name and its options"))
+
+    @property
+    def label(self) -> str:
+        """The name, with the options in brackets."""
+        options = ", ".join(f"{option}={value}" for option, value in self.options)
+        return f"{self.name}({options})" if options else self.name
+
+    def of(self, packing: Packing) -> AveragedLattice | AveragedForce | EffectiveMedium:
+        """The medium of this packing."""
+        options: Any = dict(self.options)
+        return MEDIA[self.name](packing, **options)
+
+
+def _plain(values: Any) -> Values:
+    """A float (or bool) for a single load."""
+    return np.asarray(values).item() if np.ndim(values) == 0 else values
+
+
+def _compressive(name: str, values: ArrayLike) -> Array:
+    """Loads as an array; :class:`InputError` if one is not a finite number above zero."""
+    array = _finite(name, values)
+    if np.any(array < 0.0):
+        raise InputError(
+            message(f"{name} is {values!r}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
+        )
+    if np.any(array == 0.0):
+        raise InputError(
+            message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
+        )
+    return array
+
+
+def _finite(name: str, values: ArrayLike) -> Array:
     try:
         given = np.asarray(values)
         array = np.asarray(given, dtype=float) if given.dtype.kind in "iuf" else None
@@ -234,12 +431,4 @@ def _loads(name: str, values: ArrayLike) -> Array:
         raise InputError(message(f"{name} is {values!r}", "It must be a real number or an array of them"))
     if array.size == 0 or not np.all(np.isfinite(array)):
         raise InputError(message(f"{name} is {values!r}", "Every load must be a finite number"))
-    if np.any(array < 0.0):
-        raise InputError(
-            message(f"{name} is {values!r}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
-        )
-    if np.any(array == 0.0):
-        raise InputError(
-            message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
-        )
     return array

@@ -24,6 +24,7 @@ __all__ = [
     "SoundVelocities",
     "Validity",
     "contact_lattice",
+    "local_exponent",
     "moduli",
     "pulse_velocities",
     "sound_velocities",
@@ -155,7 +156,8 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
     lattice = contact_lattice(state)
     direction = (1.0, 0.0)
     v = _raw_velocities(state, direction, finite_overlap)
-    radius = np.asarray(contact_radius_ratio(state.overlap, d))
+    # of the mean force: where balls differ the mean overlap may be negative
+    radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
     values = {
         "contact_radius": radius,
         # roots before products: f and E d^2 may each be near the ends of the floating range
@@ -171,6 +173,16 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
             for name, value in values.items()
         )
     )
+
+
+def local_exponent(state: ContactState) -> Any:
+    """d log v / d log P of both sound velocities, of the shape of the load, where terms of order delta/d are left out.
+
+    v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
+    for equal balls.
+    """
+    slope = state.law.stiffness_slope(state.overlap)
+    return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / state.normal_stiffness))[()]
 
 
 # -- velocities and moduli ------------------------------------------------------------------------------------------

@@ -46,7 +46,7 @@ class Packing:
         lattice_named(self.lattice)
         if self.spread is not None:
             if not isinstance(self.spread, Spread):
-                raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, Discrete, ..."))
+                raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
             self.spread.check_mean(self.diameter)
             self.spread.check_sizes(self.diameter)
         if not (0.0 < self.mass < math.inf and 0.0 < self.law.coefficient < math.inf):

@@ -17,7 +17,7 @@ PACKAGE = Path(granphon.__file__).parent
 ORDER = [
     "errors", "units", "results", "progress", "files",
     "contact", "shapes", "diameters", "geometry", "packing", "jacobi", "compatibility", "longwave", "lattice",
-    "local_field", "branches", "medium", "observables",
+    "local_field", "laws", "effective", "branches", "medium", "observables",
     "calculator", "spectra", "bridge", "phonons",
     "quantities", "scene", "plot", "run", "cli", "__main__",
 ]  # fmt: skip
