@@ -111,6 +111,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self.finite_overlap = bool(finite_overlap)
         self.scales: Units = state.scales
         self._overlap = float(state.relative_overlap)
+        # the overlap up to which balls are apart: below zero where they differ
+        self._apart = state.law.least_overlap / self.scales.length
         self._eta = float(state.packing.mindlin_ratio)
         self._spacing = 1.0 - self._overlap if finite_overlap else 1.0
         table = state.packing.structure.contacts
@@ -142,11 +144,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         """Energy (k d^2), forces (k d) and stress (k/d) of the atoms."""
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
-        if self._overlap < _LEAST_OVERLAP:
+        if self._overlap - self._apart < _LEAST_OVERLAP:
             raise PrecisionError(
                 message(
-                    f"energy, forces and stress need positions, and delta/d is {self._overlap:.3g}",
-                    f"Below {_LEAST_OVERLAP:g} positions hold too few digits of the overlap",
+                    f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d",
+                    f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that",
                     "Use force constants, bands and velocities, which come from the state and stay exact",
                 )
             )
@@ -208,6 +210,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._check_overlap_mode(balls)
         cell = np.asarray(balls.cell)
         own = (balls.arrays[name] for name in _WATCHED if name in balls.arrays)
+        if self._apart < 0.0 and np.any(_scalar(balls, "diameter_deviations")):
+            raise InputError(
+                message(
+                    f"the Atoms have diameters of their own, and the law of medium {self.state.medium!r} is the mean over all",
+                    "Their spread would count twice",
+                    "Use a state of AveragedLattice, whose law is that of two balls",
+                )
+            )
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, cell, *own)):
             raise InputError(message("the Atoms hold a number that is not finite, in positions, cell or an array of ours"))
         if np.any(np.abs(cell[:2, 2]) > 1e-3):
@@ -247,7 +257,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         else:
             axis = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
-        closed = near & (overlap > 0.0)
+        closed = near & (overlap > self._apart)
         i, j, vector, normal, axis = i[closed], j[closed], vector[closed], normal[closed], axis[closed]
         # the law is that of the medium; reduced energy, force and stiffness are in units of k d^2, k d and k
         d, k, law = self.scales.length, self.scales.stiffness, self.state.law
@@ -288,7 +298,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         i, j, shift, vector = self._pairs(sites)
         normal, near = self._reference(vector)
         overlap = self._state_overlap(atoms, i, j, normal)
-        closed = near & (overlap > 0.0)
+        closed = near & (overlap > self._apart)
         i, j, shift, normal, overlap = i[closed], j[closed], shift[closed], normal[closed], overlap[closed]
         d, k, law = self.scales.length, self.scales.stiffness, self.state.law
         stiffness = self._stiffness(overlap)

@@ -177,7 +177,10 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 def _solved(shape: Shape, xi: float, stages: int, order: int, tolerance: float, most: float = np.inf) -> EffectiveCurve:
     """The solution with a given rule; steps in the square root are no longer than ``most``."""
     far = high_pressure_series(shape, xi)
-    ends = [*(float(y) for y in shape.openings if y < far.start), far.start]
+    ends: list[float] = []
+    for opening in [*shape.openings.tolist(), far.start]:  # those that doubles can tell apart
+        if not ends or opening - ends[-1] > 1e-10 * max(1.0, abs(opening)):
+            ends.append(opening)
     stiffness = far.value(far.start, STIFFNESS)
     found: list[tuple[float, float, float, Array]] = []  # origin, middle, half, series of k, descending
     force = far.value(far.start, FORCE)

@@ -25,6 +25,7 @@ from granphon.laws import AveragedLaw
 from granphon.local_field import LocalField, local_field, paper_local_field
 from granphon.packing import Packing
 from granphon.results import Result
+from granphon.shapes import PointShape
 from granphon.units import Units
 
 __all__ = ["MEDIA", "AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium", "MediumChoice"]
@@ -34,6 +35,8 @@ Array = NDArray[np.float64]
 Values = Any
 #: the contact law of a medium
 Law = HertzLaw | AveragedLaw | EffectiveLaw
+#: more different diameters than this are condensed to as many or fewer before the effective medium is solved
+MOST_SPECIES = 64
 #: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
 _MUCH = math.sqrt(10.0)
 
@@ -217,7 +220,7 @@ class _ByLaw(ABC):
     name: ClassVar[str]
     packing: Packing
 
-    @property
+    @cached_property
     def law(self) -> Law:
         """The medium's contact law; Hertz's for equal balls, in every medium."""
         return self._law if self.packing.width else self.packing.law
@@ -310,7 +313,9 @@ class AveragedForce(_ByLaw):
 class EffectiveMedium(_ByLaw):
     """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
 
-    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6.
+    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6. Each pair of listed diameters
+    puts a kink into the law, which is resolved; of more than 64 diameters, like ones are put together (f* to 1e-5, k to 1e-3
+    where the medium is valid, less than by what one lot of so many balls differs from another).
 
     Parameters
     ----------
@@ -347,7 +352,8 @@ class EffectiveMedium(_ByLaw):
         spread = self.packing.spread
         if spread is None:
             return self.packing.law
-        return EffectiveLaw(self.packing.law.coefficient, spread.width, spread.shape, self.local_field.xi)
+        shape = spread.shape.condensed(MOST_SPECIES) if isinstance(spread.shape, PointShape) else spread.shape
+        return EffectiveLaw(self.packing.law.coefficient, spread.width, shape, self.local_field.xi)
 
 
 #: the rungs of the ladder by the names that scenes and sweeps use
