@@ -34,12 +34,15 @@ _HOME = {
     "Uniform": "diameters",
     "Units": "units",
     "atoms": "calculator",
+    "fit_width": "fit",
     "load_phonopy": "bridge",
+    "load_sweep": "sweeps",
     "local_exponent": "observables",
     "mindlin_reduction": "contact",
     "moduli": "observables",
     "pulse_velocities": "observables",
     "sound_velocities": "observables",
+    "sweep": "sweeps",
     "validity": "observables",
 }
 
@@ -67,12 +70,15 @@ __all__ = [
     "Uniform",
     "Units",
     "atoms",
+    "fit_width",
     "load_phonopy",
+    "load_sweep",
     "local_exponent",
     "mindlin_reduction",
     "moduli",
     "pulse_velocities",
     "sound_velocities",
+    "sweep",
     "validity",
 ]
 
@@ -82,6 +88,7 @@ if TYPE_CHECKING:
     from granphon.contact import HertzLaw, Material, mindlin_reduction
     from granphon.diameters import Discrete, Measured, Normal, Uniform
     from granphon.errors import GranphonError
+    from granphon.fit import fit_width
     from granphon.geometry import Lattice
     from granphon.lattice import ContactLattice
     from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium
@@ -90,6 +97,7 @@ if TYPE_CHECKING:
     from granphon.phonons import Phonons
     from granphon.scene import Scene
     from granphon.spectra import Bands, DensityOfStates
+    from granphon.sweeps import load_sweep, sweep
     from granphon.units import Units
 
 

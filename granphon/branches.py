@@ -101,21 +101,23 @@ class AcousticBranch:
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
         low = np.where(right > 0, self.wavenumbers[right - 1], 0.0)
         low_f = np.where(right > 0, self.frequencies[right - 1], 0.0)
-        high = self.wavenumbers[right]
+        high = np.array(self.wavenumbers[right])
         reference = self.vectors[right]
         # the branch is nearly straight below the first point, so that interpolation starts close at any scale
         x = low + (high - low) * (target - low_f) / (self.frequencies[right] - low_f)
         value, slope = self.at(x, reference)
+        going = np.arange(x.size)
         for _ in range(200):
-            high, low = np.where(value >= target, x, high), np.where(value <= target, x, low)
-            step = np.divide(value - target, slope, out=np.full_like(x, np.inf), where=slope > 0.0)
-            newton = x - step
-            inside = (newton >= low) & (newton <= high)
-            following = np.where(inside, newton, 0.5 * (low + high))
-            done = np.abs(following - x) <= 2e-16 * x
-            x = following
-            value, slope = self.at(x, reference)
-            if np.all(done | (np.abs(value - target) <= 2e-16 * target)):
+            goal, here, at = target[going], x[going], value[going]
+            high[going] = np.where(at >= goal, here, high[going])
+            low[going] = np.where(at <= goal, here, low[going])
+            step = np.divide(at - goal, slope[going], out=np.full_like(here, np.inf), where=slope[going] > 0.0)
+            inside = (here - step >= low[going]) & (here - step <= high[going])
+            x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
+            value[going], slope[going] = self.at(x[going], reference[going])
+            # Newton's steps halve their exponents: after one as small as this only rounding is left
+            going = going[np.abs(x[going] - here) > 1e-13 * here]
+            if not going.size:
                 break
         if np.any(np.abs(value - target) > 1e-11 * target):
             raise GranphonError(

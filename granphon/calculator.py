@@ -213,7 +213,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if self._apart < 0.0 and np.any(_scalar(balls, "diameter_deviations")):
             raise InputError(
                 message(
-                    f"the Atoms have diameters of their own, and the law of medium {self.state.medium!r} is the mean over all",
+                    f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all",
                     "Their spread would count twice",
                     "Use a state of AveragedLattice, whose law is that of two balls",
                 )

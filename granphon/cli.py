@@ -8,16 +8,16 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from granphon.errors import GranphonError, InputError, message
+from granphon.wording import described, human, results
 
 if TYPE_CHECKING:
-    from granphon.medium import ContactState
-    from granphon.run import RunResult
-    from granphon.scene import Scene
+    from concurrent.futures import Executor
+
 
 __all__ = ["main"]
 
@@ -57,7 +57,7 @@ def _granphon(
       granphon init                       write scene.yaml, commented
       granphon check scene.yaml           is it right, and what will be computed?
       granphon run scene.yaml -o out      compute, and write the folder out
-      granphon plot out -o figure.pdf     draw the bands and the density of states together
+      granphon plot out -o figure.pdf     draw the results again
     """
 
 
@@ -110,12 +110,15 @@ def check(scene: _SceneFile) -> None:
     from granphon.scene import Scene
 
     read = Scene.from_yaml(scene)
-    state = read.state()
-    report = validity(state, finite_overlap=read.finite_overlap)
+    warnings = [
+        f"{where}: {warning}" if read.is_sweep else warning
+        for where, state in read.states()
+        for warning in validity(state, finite_overlap=read.finite_overlap).warnings
+    ]
     _say(f"{scene} can be run.")
-    _table(_described(read, state))
+    _table(described(read))
     _table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
-    _warn(report.warnings)
+    _warn(warnings)
 
 
 @app.command()
@@ -123,28 +126,34 @@ def run(
     scene: _SceneFile,
     out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.")],
     force: _Force = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was cut off.")] = False,
+    workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the work of a sweep.")] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
     The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
-    phonopy_params.yaml, the density of states adds dos.csv, and each a figure. With --force an earlier result is
-    replaced, its files that the scene does not write included.
+    phonopy_params.yaml, the density of states adds dos.csv, and each a figure. A sweep, with several loads or media or
+    a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is cut off waits in the folder
+    for --resume. With --force an earlier result is replaced, its files that the scene does not write included.
 
     \b
     Examples:
       granphon run scene.yaml -o out
       granphon run scene.yaml -o out --force --no-figures
+      granphon run sweep.yaml -o out --resume --workers 4
     """
     from granphon.progress import on_stderr
     from granphon.scene import Scene
 
     _named("--out", out)
-    result = Scene.from_yaml(scene).run(out, force=force, progress=on_stderr(quiet), figures=figures)
+    read = Scene.from_yaml(scene)
+    with _processes(workers if read.is_sweep else 1) as executor:
+        result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
     _warn(result.warnings)
     if not quiet:
-        _table(_results(result))
+        _table(results(result))
         _say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 
@@ -156,21 +165,132 @@ def plot(
         typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg)."),
     ] = None,
     asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands.")] = False,
+    variable: Annotated[
+        str | None, typer.Option("--variable", metavar="NAME", help="Draw one variable of a sweep, such as bulk.")
+    ] = None,
     force: _Force = False,
 ) -> None:
     """Draw the results of a run again.
 
-    The bands with the density of states beside them: bands.png in the folder, or the file given.
+    The bands with the density of states beside them (bands.png in the folder, or the file given), or the velocities and
+    exponents of a sweep (sweep.png).
 
     \b
     Examples:
       granphon plot out --force
       granphon plot out --asymptotes -o figure.pdf
+      granphon plot out --variable contact_fraction -o contacts.pdf
     """
-    from granphon.run import redraw
+    from granphon.redraw import redraw
 
     _named("--out", out)
-    _say(f"Wrote {redraw(folder, out, force, asymptotes)}")
+    _say(f"Wrote {redraw(folder, out, force, asymptotes, variable)}")
+
+
+@app.command()
+def fit(
+    scene: _SceneFile,
+    data: Annotated[str, typer.Argument(metavar="DATA.csv", help="The table of measured velocities.")],
+    out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Fit this as well as the width: young_modulus, diameter. May be repeated."),
+    ] = None,
+    frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Of the pulses, such as '6.5 kHz'.")] = None,
+    distance: Annotated[str | None, typer.Option(metavar="M", help="How far sound went, such as '0.4 m'.")] = None,
+    sigma: Annotated[str | None, typer.Option(metavar="M/S", help="Standard error of velocities, such as '5 m/s'.")] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND=NAME", help="How a column is headed, such as 'velocity=v (km/s)'. May be repeated."),
+    ] = None,
+    branch: Annotated[str, typer.Option(metavar="NAME", help="longitudinal or transverse.")] = "longitudinal",
+    direction: Annotated[tuple[float, float], typer.Option(metavar="X Y", help="Of propagation.")] = (0.0, 1.0),
+    force: _Force = False,
+) -> None:
+    """Find the width of the distribution of diameters from measured sound velocities.
+
+    The scene gives the balls and the medium; the width of its spread is replaced. The table has columns headed by names and
+    units, 'force (N)' or 'side_force (N)' (the scene then gives balls_per_side), 'velocity (m/s)' or 'time (ms)' and
+    'distance (m)', and perhaps 'sigma (m/s)', 'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are
+    those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+
+    \b
+    Examples:
+      granphon fit scene.yaml data.csv
+      granphon fit scene.yaml data.csv -o fit --frequency "6.5 kHz" --parameter young_modulus
+      granphon fit scene.yaml data.csv --column "force=F (kN)" --column time=t --distance "430 mm"
+    """
+    from functools import partial
+
+    from granphon.files import check_free, staging
+    from granphon.fit import FIT_FILES, fit_width
+    from granphon.load import force_of_frame
+    from granphon.measurements import FREQUENCY, SPEED, Measurements
+    from granphon.parameters import PARAMETERS
+    from granphon.quantities import LENGTH
+    from granphon.rules import ruled
+    from granphon.scene import Scene
+
+    _named("--out", out)
+    if out is not None:
+        check_free(out, FIT_FILES, force)
+    read = Scene.from_yaml(scene)
+    if len(read.media) > 1:
+        raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
+    # the medium of a scene of equal balls says nothing about those that differ
+    medium = read.media[0] if read.packing.width or read.media[0].name != "ala" else "ema"
+    balls = read.load.balls_per_side
+    measured = Measurements.read(
+        data,
+        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
+        None if distance is None else ruled("--distance", LENGTH.read, distance),
+        None if balls is None else partial(force_of_frame, balls_per_side=balls),
+    )
+    found = fit_width(
+        read.packing, measured.force, measured.velocity,
+        measured.sigma if sigma is None else ruled("--sigma", SPEED.read, sigma),
+        measured.frequency if frequency is None else ruled("--frequency", FREQUENCY.read, frequency),
+        medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
+        finite_overlap=read.finite_overlap,
+    )  # fmt: skip
+    if out is not None:
+        from granphon.charts import fit_figure
+
+        with staging(out, FIT_FILES, force) as place:
+            found.write(place)
+            fit_figure(found).savefig(place / "fit.png")
+    _warn(found.warnings)
+    for name, value, error in zip(found.parameters, found.values, found.stderrs, strict=True):
+        unit = PARAMETERS[name] or ""
+        _table([(name.replace("_", " "), f"{human(value, unit)} +/- {human(error, unit)}")])
+    source = "given" if measured.sigma is not None or sigma is not None else "from the scatter"
+    _table(
+        [
+            ("medium", found.medium),
+            ("velocities", f"{found.force.size}, each +/- {float(found.sigma.mean()):.3g} m/s ({source})"),
+            ("chi^2", f"{found.chi2:.4g} for {found.dof} degrees of freedom"),
+        ]
+    )
+    if out is not None:
+        _say(f"Wrote {', '.join(FIT_FILES)} into {out}")
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor | None]:
+    """That many worker processes; None for one, which is this."""
+    if count == 1:
+        yield None
+        return
+    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    try:
+        # spawned, not forked: numerical libraries may have threads by now
+        with ProcessPoolExecutor(count, get_context("spawn")) as executor:
+            yield executor
+    except BrokenExecutor:
+        mend = "Take fewer --workers, and go on with --resume"
+        raise GranphonError(message("a worker process has ended", "It was killed, or ran out of memory", mend)) from None
 
 
 def _named(option: str, path: str | None) -> None:
@@ -179,53 +299,6 @@ def _named(option: str, path: str | None) -> None:
 
 
 # -- what is printed ------------------------------------------------------------------------------------------------
-
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
-
-
-def _human(value: float, unit: str) -> str:
-    """``value`` with five digits and a decimal prefix."""
-    size, prefix = next(((s, p) for s, p in _PREFIXES if abs(value) >= 0.99999999 * s), (1.0, ""))
-    return f"{value / size:.5g} {prefix}{unit}"
-
-
-def _described(scene: Scene, state: ContactState) -> list[tuple[str, str]]:
-    from granphon.quantities import LOADS
-
-    packing, material, load = scene.packing, scene.packing.material, scene.load
-    elastic = f"E = {_human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
-    yields = "" if material.yield_strength is None else f", yields at {_human(material.yield_strength, 'Pa')}"
-    friction = "with friction" if packing.friction else "without friction"
-    pressed = f"{load.kind.replace('_', ' ')} {_human(load.value, LOADS[load.kind].unit)}"
-    rows = [
-        ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
-        ("packing", f"{packing.structure.name}, balls of {_human(packing.diameter, 'm')}, {friction}"),
-        ("load", pressed + ("" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long")),
-        ("contact", f"force {_human(state.force, 'N')}, overlap {_human(state.overlap, 'm')}"),
-        ("stiffness", f"normal {_human(state.normal_stiffness, 'N/m')}, shear {_human(state.shear_stiffness, 'N/m')}"),
-        ("medium", scene.medium + ("" if scene.medium == "ala" else " (for equal balls the same as ala)")),
-    ]
-    if scene.finite_overlap:
-        rows.append(("terms", "of the order of the overlap over the diameter are kept"))
-    if "bands" in scene.observe:
-        labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
-        rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
-    if "dos" in scene.observe:
-        rows.append(("mesh", f"{scene.mesh[0]} x {scene.mesh[1]}"))
-    return rows
-
-
-def _results(result: RunResult) -> list[tuple[str, str]]:
-    numbers: dict[str, Any] = result.summary()
-    rows = [("contact force", _human(numbers["force"], "N")), ("overlap", _human(numbers["overlap"], "m"))]
-    if "longitudinal" in numbers:
-        along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
-        rows += [(f"{name} velocity", f"{numbers[name]:.5g} m/s{along}") for name in ("longitudinal", "transverse")]
-    rows += [(f"{name} modulus", _human(numbers[name], "Pa")) for name in ("bulk", "shear") if name in numbers]
-    if "top_frequency" in numbers:
-        rows.append(("top frequency", _human(numbers["top_frequency"], "Hz")))
-    return rows
-
 
 def _table(rows: Sequence[tuple[str, str]]) -> None:
     for name, text in rows:
@@ -237,8 +310,9 @@ def _say(text: str) -> None:
     print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
-def _warn(warnings: Sequence[str]) -> None:
-    for warning in warnings:
+def _warn(warnings: Sequence[str], most: int = 10) -> None:
+    more = [f"and {len(warnings) - most} more"] if len(warnings) > most else []
+    for warning in (*warnings[:most], *more):
         print(f"granphon: warning: {warning}", file=sys.stderr)
 
 
@@ -285,9 +359,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GranphonError as error:
         return _fail(str(error), 1)
     except MemoryError:
-        return _fail("there is not enough memory for this scene. Take a coarser mesh, or fewer band_points.", 1)
+        return _fail("there is not enough memory for this scene. Take a coarser mesh, or fewer points or loads.", 1)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; nothing was left behind.", 130)
+        return _fail("interrupted; no result was written. A sweep goes on with --resume.", 130)
     except BrokenPipeError:
         # whoever read our output has gone: keep the interpreter from writing into the pipe again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

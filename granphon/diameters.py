@@ -7,7 +7,6 @@ is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19
 from __future__ import annotations
 
 import math
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,7 +19,9 @@ from numpy.typing import NDArray
 
 from granphon.contact import positive
 from granphon.errors import InputError, message
+from granphon.quantities import LENGTH
 from granphon.shapes import GRAIN, NormalShape, PointShape, Shape, UniformShape, condensed, cut_rms, merged, passed
+from granphon.tables import Table
 
 __all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
 
@@ -241,34 +242,14 @@ class Measured(_Listed):
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None) -> Self:
-        """Read a column of a table whose first line has names and, in brackets, units: ``ball,diameter (mm)``.
+        """Read a column of a table, see :mod:`granphon.tables`: ``ball,diameter (mm)``.
 
-        ``column`` is a name without its unit; left out, it is "diameter", or the only one. Units are m (where none is
-        given), cm, mm, um, nm; columns are parted by tab, semicolon or comma, the first of these in the first line. Lines
-        from # are skipped. :class:`InputError` names the line that cannot be read.
+        ``column`` is a name without its unit; left out, it is "diameter", or the only one. Where no unit is given it is m.
+        :class:`InputError` names the line that cannot be read.
         """
-        try:
-            lines = Path(path).read_text(encoding="utf-8-sig").replace('"', "").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(message(f"{path} cannot be read", str(error))) from error
-        kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
-        mark = next((mark for mark in "\t;" if kept and mark in kept[0][1]), ",")
-        rows = [(n, [cell.strip() for cell in line.split(mark)]) for n, line in kept]
-        titles = [re.fullmatch(r"(.*?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?", title) for title in (rows[0][1] if rows else [])]
-        names, units = [title[1].lower() for title in titles if title], [title[2] or "m" for title in titles if title]
-        wanted = names[0] if column is None and len(names) == 1 else (column or "diameter").lower()
-        if names.count(wanted) != 1 or re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", wanted):
-            what = f"{path} has no single column named {column or 'diameter'!r} in its first line"
-            raise InputError(message(what, f"It has {names}", "Head the columns by their names, and choose one by column="))
-        where = names.index(wanted)
-        scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}.get(units[where])
-        if scale is None:
-            raise InputError(message(f"{path}: the unit {units[where]!r} is not known", mend="Use m, cm, mm, um or nm"))
-        values = []
-        for n, cells in rows[1:]:
-            cell: Any = cells[where] if where < len(cells) <= len(names) else ", ".join(cells[where:])
-            values.append(positive(f"{path}, line {n}: the diameter", cell, units[where]) * scale)
-        return cls(tuple(values))
+        table = Table.read(path)
+        only = table.headings[0].name if len(table.headings) == 1 else "diameter"
+        return cls(tuple(table.column(column or only, LENGTH).tolist()))
 
 
 def _is_whole(value: Any) -> bool:

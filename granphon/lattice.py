@@ -81,7 +81,7 @@ class ContactLattice(LongWaves):
 
         Raises :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
         """
-        if not (0.0 < spacing <= 1.0 and 0.0 <= prestress < np.inf):
+        if not (0.0 < spacing < 2.0 and 0.0 <= prestress < np.inf):
             raise InputError(message(f"spacing {spacing!r} or prestress {prestress!r} cannot be"))
         return cls._equal_balls(lattice_named(lattice), float(mindlin_ratio), float(spacing), float(prestress))
 

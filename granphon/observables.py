@@ -35,9 +35,10 @@ Array = NDArray[np.float64]
 #: two elastic constants that should be equal differ by no more than this part
 _ISOTROPIC = 1e-10
 
-#: what is checked, the limit, and what fails beyond it. The first four are reached together, near delta/d = 1 %, which is
-#: also the size of the terms that the contact law leaves out there.
+#: what is checked, the limit, and what fails beyond it. The four after the first are reached together, near delta/d = 1 %,
+#: which is also the size of the terms that the contact law leaves out there.
 _LIMITS = {
+    "medium": (1.0, "least load of the medium's range over the load", "the medium does not describe so much disorder"),
     "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
     "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
@@ -118,7 +119,7 @@ class Check(Result):
         worst = float(np.max(self.value))
         count = int(np.size(self.ok))
         where = "" if np.ndim(self.value) == 0 else f" (worst of {int(count - np.sum(self.ok))} loads out of {count})"
-        excess = f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
+        excess = "above 1" if self.limit == 1.0 else f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
         return f"{self.meaning} is {worst:.4g}{where}, {excess}: {self.reason}"
 
 
@@ -146,10 +147,11 @@ class Validity(Result):
 
 
 def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
-    """Where the state stands against the limits of the contact model (end of Section II).
+    """Where the state stands against the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Computed: contact radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the longitudinal and
-    transverse ratios); the top of the branches over the lowest resonance of a free ball; and, if the material has a
+    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.range_ratio`); contact
+    radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the longitudinal and transverse
+    ratios); the top of the branches over the lowest resonance of a free ball; and, if the material has a
     ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at 1.07).
     """
     material, d = state.packing.material, state.packing.diameter
@@ -165,6 +167,8 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
         "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
         "resonance": lattice.top_frequency * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
+    if state.packing.width:
+        values = {"medium": np.asarray(state.range_ratio), **values}
     if material.yield_strength is not None:
         values["yield"] = state.force / (np.pi * (radius * d / 2.0) ** 2) / material.yield_strength
     return Validity(

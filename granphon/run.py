@@ -9,56 +9,74 @@ band.yaml              bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
+sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; the table without bands
+sweep.png              of a sweep: velocities and exponents over the load
+diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granphon.errors import InputError, message
-from granphon.files import check_free, dump_yaml, staging, versions
-from granphon.medium import ContactState
+from granphon.errors import InputError
+from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
+from granphon.local_field import LocalField
+from granphon.medium import ContactState, EffectiveMedium
 from granphon.observables import (
     Moduli,
     SoundVelocities,
     Validity,
-    contact_lattice,
+    local_exponent,
     moduli,
     sound_velocities,
     validity,
 )
-from granphon.progress import Progress, silent
-from granphon.scene import Scene
+from granphon.progress import Progress, Step, silent
+from granphon.redraw import figure_name
+from granphon.scene import DIAMETERS_FILE, Scene
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from xarray import Dataset
+
     from granphon.phonons import Bands, DensityOfStates, Phonons
 
-__all__ = ["RESULT_FILES", "RunResult", "expected_files", "redraw", "run"]
+__all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "run"]
 
 SCHEMA = 1
 #: every file that a run may write
-RESULT_FILES = ("scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png", "dos.png")
+RESULT_FILES = (
+    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png", "dos.png", "sweep.nc",
+    "sweep.csv", "sweep.png", DIAMETERS_FILE,
+)  # fmt: skip
+#: the folder, inside that of the result, where a sweep is made; what it leaves there when it is cut off is taken up again
+WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
-    "force": "N", "pressure": "N/m", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "mass": "kg",
-    "mindlin_ratio": "1", "relative_overlap": "1", "effective_density": "kg/m^3", "longitudinal": "m/s",
-    "transverse": "m/s", "direction": "1", "bulk": "Pa", "shear": "Pa", "tensor": "Pa", "top_frequency": "Hz",
+    **ContactState.units, **SoundVelocities.units, **Moduli.units, "width": "m", "mindlin_ratio": "1", "mass": "kg",
+    "exponent": "1", "direction": "1", "top_frequency": "Hz",
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a scene gave. What it did not ask for is None.
+    """What a scene of one state gave. What it did not ask for is None.
 
-    ``files`` are the paths written, ``folder`` where they are.
+    ``files`` are the paths written, ``folder`` where they are. ``local_field`` is that of the effective medium; None in
+    another, and for equal balls.
     """
 
     folder: Path
     state: ContactState
+    medium: str
+    local_field: LocalField | None
     validity: Validity
     velocities: SoundVelocities | None
     moduli: Moduli | None
@@ -74,10 +92,13 @@ class RunResult:
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data, under the names of the library's attributes."""
         state, packing = self.state, self.state.packing
-        out: dict[str, Any] = {"medium": state.medium}
-        for name in ("force", "pressure", "overlap", "relative_overlap", "normal_stiffness", "shear_stiffness"):
-            out[name] = getattr(state, name)
-        out |= {"effective_density": state.effective_density, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
+        out: dict[str, Any] = {"medium": self.medium}
+        out |= {name: getattr(state, name) for name in (*ContactState.units, "regime")}
+        if not state.finite_overlap:
+            out["exponent"] = local_exponent(state)
+        out |= {"width": packing.width, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
+        if self.local_field is not None:
+            out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}
         if self.velocities is not None and self.moduli is not None:
             out |= {"longitudinal": self.velocities.longitudinal, "transverse": self.velocities.transverse}
             if self.moduli.isotropic:
@@ -90,20 +111,48 @@ class RunResult:
         return out
 
 
+@dataclass(frozen=True)
+class SweepResult:
+    """What a scene of many states gave: the data set of :func:`granphon.sweeps.sweep`.
+
+    ``files`` are the paths written, ``folder`` where they are.
+    """
+
+    folder: Path
+    dataset: Dataset
+    files: tuple[Path, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each condition of validity that fails, and in which medium at which parameters."""
+        return tuple(json.loads(self.dataset.attrs["warnings"]))
+
+    def summary(self) -> dict[str, Any]:
+        """Sizes of the dimensions, and the least and the greatest velocities and load."""
+        data = self.dataset
+        sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
+        out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
+        for name in ("force", "overlap", "longitudinal", "transverse"):
+            out[name] = [float(data[name].min()), float(data[name].max())]
+        return out | {"valid": bool(data["valid"].all())}
+
+
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     """Names of the files that a run of ``scene`` writes."""
-    names = ["scene.yaml", "summary.yaml"]
-    if "bands" in scene.observe:
-        names += ["band.yaml", "phonopy_params.yaml"]
-    if "dos" in scene.observe:
-        names.append("dos.csv")
-    if figures and names[2:]:
-        names.append(_figure_name("bands" in scene.observe))
-    return tuple(names)
-
-
-def _figure_name(bands: bool) -> str:
-    return "bands.png" if bands else "dos.png"
+    names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
+    drawn = []
+    if scene.is_sweep:
+        names += ["sweep.nc", "sweep.csv"]
+        if sum(len(values) > 1 for _, values in scene.parameters) <= 1:  # more make no figure of lines
+            drawn.append("sweep.png")
+    else:
+        if "bands" in scene.observe:
+            names += ["band.yaml", "phonopy_params.yaml"]
+        if "dos" in scene.observe:
+            names.append("dos.csv")
+        if {"bands", "dos"} & set(scene.observe):
+            drawn.append(figure_name("bands" in scene.observe))
+    return (*names, *(drawn if figures else ()))
 
 
 def run(
@@ -113,56 +162,121 @@ def run(
     force: bool = False,
     progress: Progress = silent,
     figures: bool = True,
-) -> RunResult:
+    resume: bool = False,
+    executor: Executor | None = None,
+) -> RunResult | SweepResult:
     """Compute what ``scene`` observes, and nothing else, and write it into ``folder``.
 
     Parameters
     ----------
     scene : what to compute.
-    folder : made if it is not there; on any failure it is left as it was found.
+    folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished.
     force : replace an earlier result, its files that this scene does not write included.
     progress : told how far the work has come.
-    figures : draw bands.png (dos.png) too.
+    figures : draw bands.png (dos.png, sweep.png) too.
+    resume : go on with a sweep that was cut off; where there is nothing to go on with it starts anew.
+    executor : for a sweep's work side by side; the numbers do not depend on it.
+
+    Returns
+    -------
+    :class:`SweepResult` if the scene is a sweep, else :class:`RunResult`.
 
     Raises
     ------
     FileExistsInRunError : a file would be overwritten and ``force`` is off; found out before anything is computed.
     OutputError : the folder cannot be written.
-    GranphonError : the computation fails; nothing has been written then.
+    GranphonError : the computation fails; no result has been written then.
     """
     names, target = expected_files(scene, figures), Path(folder)
     check_free(target, names, force)
-    state, finite = scene.state(), scene.finite_overlap
+    text = scene.to_yaml()
+    files = tuple(target / name for name in names)
+    result: RunResult | SweepResult
+    if scene.is_sweep:
+        result, packages, write = _swept(scene, files, progress, resume, executor)
+    else:
+        result, packages, write = _single(scene, files, progress)
+    used = versions("numpy", "scipy", *packages)
+    try:
+        with staging(target, names, force, _stale(target, names)) as place:
+            head = "".join(f"# {package} {number}\n" for package, number in used.items())
+            _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
+            _write(place / "summary.yaml", _summary(result, scene, used))
+            if scene.diameters is not None:
+                _write(place / DIAMETERS_FILE, scene.diameters)
+            with progress.step("writing", len(names)) as step:
+                write(place, step)
+    finally:
+        if scene.is_sweep:
+            shutil.rmtree(target / WORK_FOLDER, ignore_errors=True)
+    return result
+
+
+def _stale(target: Path, names: Sequence[str]) -> list[str]:
+    """Files that an earlier run has written, as its summary says, and this one does not."""
+    try:
+        earlier = set(parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["files"])
+    except (InputError, KeyError, TypeError):
+        return []
+    return [name for name in RESULT_FILES if name in earlier.difference(names)]
+
+
+#: writes the result's own files into a place, and tells how many
+_Writer = Callable[[Path, Step], None]
+
+
+def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> tuple[RunResult, tuple[str, ...], _Writer]:
+    """The result of a scene of one state, the packages that it took, and what writes its files."""
+    target, state, finite, (choice,) = files[0].parent, scene.state(), scene.finite_overlap, scene.media
     velocities, constants = None, None
     if "velocities" in scene.observe:
         constants = moduli(state, finite_overlap=finite)
         direction = None if constants.isotropic else (1.0, 0.0)
         velocities = sound_velocities(state, direction, finite_overlap=finite)
     phonons, bands, dos = _spectra(scene, state, progress)
-    result = RunResult(
-        target, state, validity(state, finite_overlap=finite), velocities, constants, bands, dos,
-        tuple(target / name for name in names),
-    )  # fmt: skip
-    stale = [name for name in RESULT_FILES if name not in names] if os.path.lexists(target / "summary.yaml") else []
-    used = versions("numpy", "scipy", *(("ase", "phonopy", "spglib") if phonons is not None else ()))
-    with staging(target, names, force, stale) as place:
-        head = "".join(f"# {package} {number}\n" for package, number in used.items())
-        _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{scene.to_yaml()}")
-        _write(place / "summary.yaml", _summary(result, scene, used))
-        with progress.step("writing", len(names)) as step:
-            if bands is not None and phonons is not None:
-                bands.write(place / "band.yaml")
-                phonons.save(place / "phonopy_params.yaml")
-                step.advance(2)
-            if dos is not None:
-                dos.write_csv(place / "dos.csv")
-                step.advance()
-            if figures and phonons is not None:
-                from granphon.plot import bands_figure
+    medium = choice.of(scene.packing)
+    field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
+    report = validity(state, finite_overlap=finite)
+    result = RunResult(target, state, choice.label, field, report, velocities, constants, bands, dos, files)
 
-                bands_figure(bands=bands, dos=dos).savefig(place / _figure_name(bands is not None))
-                step.advance()
-    return result
+    def write(place: Path, step: Step) -> None:
+        if bands is not None and phonons is not None:
+            bands.write(place / "band.yaml")
+            phonons.save(place / "phonopy_params.yaml")
+            step.advance(2)
+        if dos is not None:
+            dos.write_csv(place / "dos.csv")
+            step.advance()
+        drawn = figure_name(bands is not None)
+        if target / drawn in files:
+            from granphon.plot import bands_figure
+
+            bands_figure(bands=bands, dos=dos).savefig(place / drawn)
+            step.advance()
+
+    return result, () if phonons is None else ("ase", "phonopy", "spglib"), write
+
+
+def _swept(
+    scene: Scene, files: tuple[Path, ...], progress: Progress, resume: bool, executor: Executor | None
+) -> tuple[SweepResult, tuple[str, ...], _Writer]:
+    """The same of a scene of many states. Until it is complete, what is finished lies in :data:`WORK_FOLDER`."""
+    target = files[0].parent
+    kept = {"path": target / WORK_FOLDER / "sweep.nc", "resume": resume, "overwrite": True}
+    dataset = scene.sweep(progress, executor, **kept)
+
+    def write(place: Path, step: Step) -> None:
+        for name in ("sweep.nc", "sweep.csv"):
+            shutil.copyfile(target / WORK_FOLDER / name, place / name)
+            step.advance()
+        if target / "sweep.png" in files:
+            from granphon.charts import sweep_figure
+
+            sweep_figure(dataset).savefig(place / "sweep.png")
+            step.advance()
+
+    packages = ("xarray", "h5netcdf", *(("ase", "phonopy", "spglib") if "bands" in scene.observe else ()))
+    return SweepResult(target, dataset, files), packages, write
 
 
 def _spectra(
@@ -185,12 +299,15 @@ def _spectra(
     return phonons, bands, dos
 
 
-def _summary(result: RunResult, scene: Scene, used: Mapping[str, str]) -> str:
+def _summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
     numbers = result.summary()
-    checks = [
-        {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
-        for c in result.validity.checks
-    ]
+    limits: dict[str, Any] = {}
+    if isinstance(result, RunResult):
+        checks = [
+            {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
+            for c in result.validity.checks
+        ]
+        limits = {"ok": bool(result.validity.ok), "validity": checks}
     return dump_yaml(
         {
             "schema": SCHEMA,
@@ -199,8 +316,7 @@ def _summary(result: RunResult, scene: Scene, used: Mapping[str, str]) -> str:
             "observe": scene.observe,
             "finite_overlap": scene.finite_overlap,
             **numbers,
-            "valid": bool(result.validity.ok),
-            "validity": checks,
+            **limits,
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
             "units": {name: unit for name, unit in _UNITS.items() if name in numbers},
@@ -210,57 +326,3 @@ def _summary(result: RunResult, scene: Scene, used: Mapping[str, str]) -> str:
 
 def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
-
-
-def redraw(
-    folder: str | os.PathLike[str],
-    out: str | os.PathLike[str] | None = None,
-    force: bool = False,
-    asymptotes: bool = False,
-) -> Path:
-    """Draw the results in a run's folder again, in one figure.
-
-    Parameters
-    ----------
-    folder : where band.yaml, dos.csv or both are.
-    out : where to, in the format of its ending; by default bands.png (dos.png without bands) in the folder.
-    force : overwrite.
-    asymptotes : add the long waves (equations 13-15) of the scene that the folder holds.
-
-    Returns
-    -------
-    The path written.
-
-    Raises
-    ------
-    InputError : the folder holds nothing to draw, its files are damaged, or the format is unknown.
-    FileExistsInRunError, OutputError : the figure cannot be written.
-    """
-    source = Path(folder)
-    have = {name: source / file for name, file in (("bands", "band.yaml"), ("dos", "dos.csv")) if (source / file).is_file()}
-    if not have:
-        raise InputError(
-            message(f"{source} holds neither band.yaml nor dos.csv", mend="Give a folder that 'granphon run' wrote")
-        )
-    target = source if out is None else Path(out).parent
-    names = [_figure_name("bands" in have) if out is None else Path(out).name]
-    check_free(target, names, force)
-    from granphon.phonons import Bands, DensityOfStates
-    from granphon.plot import bands_figure
-
-    try:
-        bands = Bands.read(have["bands"]) if "bands" in have else None
-        dos = DensityOfStates.read_csv(have["dos"]) if "dos" in have else None
-    except OSError as error:
-        raise InputError(message(f"{error.filename} cannot be read: {error.strerror}")) from None
-    lattice = None
-    if asymptotes and bands is not None:
-        scene = Scene.from_yaml(source / "scene.yaml")
-        lattice = contact_lattice(scene.state(), scene.finite_overlap)
-    figure = bands_figure(bands=bands, dos=dos, asymptotes=lattice)
-    known, ending = ("pdf", "png", "svg"), Path(names[0]).suffix
-    if ending.removeprefix(".") not in known:
-        raise InputError(message(f"{names[0]} has an ending that names no figure format", mend="Use ." + ", .".join(known)))
-    with staging(target, names, force) as place:
-        figure.savefig(place / names[0])
-    return target / names[0]

@@ -7,186 +7,45 @@ intention.
 
 from __future__ import annotations
 
-import json
+import itertools
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
+from numpy.typing import ArrayLike
 
-from granphon import quantities as q
-from granphon.contact import Material, positive
+from granphon import rules
+from granphon.contact import Material
 from granphon.errors import GranphonError, InputError, message
-from granphon.files import Document, closest, parse_yaml, read_text, shown
-from granphon.geometry import LATTICES, TRIANGULAR, contacts_apart
-from granphon.medium import AveragedLattice, ContactState
+from granphon.files import MAX_BYTES, Document, dump_yaml, parse_yaml, read_text, shown
+from granphon.geometry import TRIANGULAR, contacts_apart
+from granphon.lattice import ContactLattice
+from granphon.load import Load, force_of_frame
+from granphon.medium import ContactState, MediumChoice
 from granphon.observables import contact_lattice
 from granphon.packing import Packing
+from granphon.parameters import Axis, changed, combinations
 from granphon.progress import Progress, silent
+from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS
+from granphon.schema import SceneFile, validated
 
 if TYPE_CHECKING:
-    from granphon.run import RunResult
+    from concurrent.futures import Executor
 
-__all__ = ["BandPath", "Load", "Scene", "force_of_frame"]
+    from xarray import Dataset
 
-# -- the shape of the file ------------------------------------------------------------------------------------------
+    from granphon.run import RunResult, SweepResult
 
+__all__ = ["DIAMETERS_FILE", "BandPath", "Load", "Scene", "force_of_frame"]
 
-class _Block(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class _Material(_Block):
-    young_modulus: Annotated[float, PlainValidator(q.MODULUS.read)]
-    poisson_ratio: Annotated[float, PlainValidator(q.poisson_ratio)]
-    density: Annotated[float, PlainValidator(q.DENSITY.read)]
-    yield_strength: Annotated[float | None, PlainValidator(q.MODULUS.read)] = None
-
-
-class _PackingBlock(_Block):
-    lattice: Annotated[str, PlainValidator(q.lattice_name)] = "triangular"
-    diameter: Annotated[float, PlainValidator(q.LENGTH.read)]
-    spread: Annotated[None, PlainValidator(q.no_spread)] = None
-    friction: Annotated[bool, PlainValidator(q.truth)] = True
-    finite_overlap: Annotated[bool, PlainValidator(q.truth)] = False
-
-
-class _LoadBlock(_Block):
-    force: Annotated[float | None, PlainValidator(q.LOADS["force"].read)] = None
-    pressure: Annotated[float | None, PlainValidator(q.LOADS["pressure"].read)] = None
-    overlap: Annotated[float | None, PlainValidator(q.LOADS["overlap"].read)] = None
-    side_force: Annotated[float | None, PlainValidator(q.LOADS["side_force"].read)] = None
-    balls_per_side: Annotated[int | None, PlainValidator(q.balls_on_side)] = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _exactly_one(cls, value: Any) -> Any:
-        allowed = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
-        if isinstance(value, list) or (isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)):
-            raise q.Refused(f"{shown(value)}, where one load is needed", allowed, q.ONE_LOAD)
-        if not isinstance(value, dict) or not set(value) <= set(cls.model_fields):
-            return value  # reported as the wrong kind, or as unknown keys
-        given = [kind for kind in q.LOADS if kind in value]
-        if not given:
-            raise q.Refused("balls_per_side without side_force" if value else "no load", allowed)
-        if len(given) > 1:
-            raise q.Refused(" and ".join(given), allowed, "Remove all but one.")
-        if ("side_force" in value) != ("balls_per_side" in value):
-            raise q.Refused("side_force alone" if "side_force" in value else f"{given[0]} and balls_per_side", allowed)
-        return value
-
-
-class _PhonopyBlock(_Block):
-    dim: Annotated[tuple[int, int] | None, PlainValidator(q.supercell)] = None
-    band: Annotated[tuple[Any, ...] | None, PlainValidator(q.band_paths)] = None
-    band_labels: Annotated[tuple[str, ...] | None, PlainValidator(q.label_words)] = None
-    band_points: Annotated[int, PlainValidator(q.segment_points)] = 101
-    mesh: Annotated[tuple[int, int], PlainValidator(q.mesh_numbers)] = (64, 64)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _empty(cls, value: Any) -> Any:
-        return {} if value is None else value  # every key below "phonopy:" commented out
-
-
-class _File(_Block):
-    version: Annotated[int, PlainValidator(q.schema_number)] = Field(q.SCHEMA, alias="schema")
-    material: _Material
-    packing: _PackingBlock
-    load: _LoadBlock
-    medium: Annotated[str, PlainValidator(q.medium_name)] = "ala"
-    observe: Annotated[tuple[str, ...], PlainValidator(q.observed)] = ("velocities",)
-    phonopy: _PhonopyBlock = _PhonopyBlock()
-
-
-_BLOCKS: dict[str, type[_Block]] = {
-    "material": _Material, "packing": _PackingBlock, "load": _LoadBlock, "phonopy": _PhonopyBlock,
-}  # fmt: skip
-#: what the keys without a default want
-_NEEDED = {
-    "young_modulus": q.MODULUS.allowed,
-    "poisson_ratio": "a plain number, -1 < poisson_ratio <= 0.5",
-    "density": q.DENSITY.allowed,
-    "diameter": q.LENGTH.allowed,
-}
-
-
-def _keys(block: str | None) -> list[str]:
-    model = _BLOCKS[block] if block else _File
-    return [info.alias or name for name, info in model.model_fields.items()]
-
-
-def _validated(document: Document) -> _File:
-    if not isinstance(document.data, dict):
-        found = "a list" if isinstance(document.data, list) else shown(document.data)
-        raise document.error((), f"found {found}; allowed: a block of keys: {', '.join(_keys(None))}.")
-    try:
-        return _File.model_validate(document.data)
-    except ValidationError as error:
-        # one at a time: an unknown key explains a missing one, and is told first
-        ranks = {"extra_forbidden": 0, "missing": 2}
-        first = min(error.errors(), key=lambda e: (ranks.get(e["type"], 1), document.line(e["loc"])))
-        raise document.error(first["loc"], _told(first)) from None
-
-
-def _told(error: Any) -> str:
-    kind, path = error["type"], error["loc"]
-    block, key = (str(path[0]) if len(path) > 1 else None), str(path[-1])
-    if kind == "extra_forbidden":
-        known, mend = _keys(block), ""
-        home = next((name for name in (None, *_BLOCKS) if key in _keys(name)), block)
-        if home != block:
-            mend = f" It belongs under '{home}'." if home else " It belongs at the top level."
-        elif meant := closest(key, known):
-            mend = f" Did you mean '{meant}'?"
-        return f"found an unknown key; allowed: {', '.join(known)}.{mend}"
-    if kind == "missing":
-        needed = f"a block of keys: {', '.join(_keys(key))}" if key in _BLOCKS else _NEEDED[key]
-        return f"found nothing, and it has no default; allowed: {needed}."
-    if kind == "value_error":
-        return str(error["ctx"]["error"])
-    return f"found {shown(error['input'])}; allowed: a block of keys: {', '.join(_keys(key))}."
-
-
-# -- the scene ------------------------------------------------------------------------------------------------------
-
-
-def force_of_frame(side_force: float, balls_per_side: int) -> float:
-    """Contact force f, N, in a hexagonal frame whose sides are each pressed with ``side_force`` F onto n balls.
-
-    f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P d = sqrt(3) f (equation
-    20). Seen from one ball: it passes F/n on to two contacts at 30 degrees to the push. The overlap drops out.
-
-    Section IV has n = 31 and "~990 N" for f = 18.446 N; the formula gives 18.438 N at 990 N, and 18.446 N at 990.4 N.
-    """
-    return side_force / (balls_per_side * math.sqrt(3.0))
-
-
-@dataclass(frozen=True)
-class Load:
-    """The load of a scene: ``kind`` (force, pressure, overlap, side_force), ``value`` in SI (N, N/m, m, N).
-
-    ``balls_per_side`` belongs to a side force, and to no other.
-    """
-
-    kind: str
-    value: float
-    balls_per_side: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in q.LOADS:
-            raise InputError(message(f"unknown kind of load {self.kind!r}", mend="Use " + ", ".join(q.LOADS)))
-        object.__setattr__(self, "value", positive(self.kind, self.value, q.LOADS[self.kind].unit))
-        if (self.kind == "side_force") != (self.balls_per_side is not None):
-            raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
-        if self.balls_per_side is not None:
-            _ruled("balls_per_side", q.balls_on_side, self.balls_per_side)
+#: where a run writes the diameters of a measured spread that are too many for the scene file
+DIAMETERS_FILE = "diameters.csv"
 
 
 @dataclass(frozen=True)
@@ -207,8 +66,8 @@ class BandPath:
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
         """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
-        named = None if labels is None else _ruled("band_labels", q.label_words, labels)
-        return cls(_ruled("band", q.band_paths, points), named)
+        named = None if labels is None else rules.ruled("band_labels", rules.label_words, labels)
+        return cls(rules.ruled("band", rules.band_paths, points), named)
 
     @classmethod
     def default(cls, packing: Packing) -> Self:
@@ -233,20 +92,6 @@ def _as_fraction(x: float) -> str:
     return str(near) if float(near) == x else repr(x)
 
 
-def _check_supercell(packing: Packing, dim: tuple[int, int] | None) -> None:
-    """Raise if two balls of the supercell would touch through two images."""
-    if dim is not None and not contacts_apart(packing.structure.vectors, dim, 1.0):
-        least = next(n for n in range(1, 100) if contacts_apart(packing.structure.vectors, (n, n), 1.0))
-        raise InputError(f"found {dim[0]} {dim[1]} 1; allowed: {least} {least} 1 or more.")
-
-
-def _ruled(name: str, rule: Any, value: Any) -> Any:
-    try:
-        return rule(value)
-    except q.Refused as refused:
-        raise InputError(f"{name}: {refused}") from None
-
-
 @dataclass(frozen=True)
 class Scene:
     """What to compute, in SI units.
@@ -254,7 +99,9 @@ class Scene:
     Attributes
     ----------
     packing, load : which balls, and how they are pressed.
-    medium : "ala", "afa" or "ema"; for equal balls all are the averaged lattice.
+    media : how a spread of diameters is averaged, one or more; by default "ema" where balls differ, "ala" where they do not.
+        Names ("ala", "afa", "ema") and mappings with options are taken too, alone or in a list.
+    parameters : of the packing that are swept, each with its values; a mapping is taken too.
     finite_overlap : keep the terms of relative order delta/d.
     observe : which of "velocities", "bands", "dos" to compute.
     band, band_points : the path of the bands, and points on each segment of it; None: the lattice's own path.
@@ -270,7 +117,8 @@ class Scene:
     packing: Packing
     load: Load
     _: KW_ONLY
-    medium: str = "ala"
+    media: tuple[MediumChoice, ...] = ()
+    parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     finite_overlap: bool = False
     observe: tuple[str, ...] = ("velocities",)
     band: BandPath | None = None
@@ -280,17 +128,23 @@ class Scene:
     source: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        rules = {
-            "medium": q.medium_name, "finite_overlap": q.truth, "observe": q.observed,
-            "band_points": q.segment_points, "mesh": q.mesh_numbers,
+        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
+        object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
+        if isinstance(self.media, tuple | list) and not self.media:
+            differ = self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
+            object.__setattr__(self, "media", "ema" if differ else "ala")
+        checks: dict[str, Callable[[Any], Any]] = {
+            "media": rules.media, "finite_overlap": rules.truth, "observe": rules.observed,
+            "band_points": rules.segment_points, "mesh": rules.mesh_numbers,
         }  # fmt: skip
         if self.dim is not None:
-            rules["dim"] = q.supercell
-        for name, rule in rules.items():
-            object.__setattr__(self, name, _ruled(name, rule, getattr(self, name)))
+            checks["dim"] = rules.supercell
+        for name, rule in checks.items():
+            object.__setattr__(self, name, rules.ruled(name, rule, getattr(self, name)))
         if self.band is None:
             object.__setattr__(self, "band", BandPath.default(self.packing))
         _check_supercell(self.packing, self.dim)
+        _check_observed(self.observe, len(self.load.values) > 1 or len(self.media) > 1, dict(self.parameters))
         if self.load.kind == "side_force" and self.packing.structure != TRIANGULAR:
             raise InputError("found a side_force; allowed: on the triangular lattice only, whose frame is a hexagon.")
 
@@ -299,6 +153,11 @@ class Scene:
         """The path of the bands."""
         return cast("BandPath", self.band)  # set when the scene was made
 
+    @property
+    def is_sweep(self) -> bool:
+        """Whether there is more than one load or medium, or a parameter is swept."""
+        return len(self.load.values) > 1 or len(self.media) > 1 or bool(self.parameters)
+
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.errors.SceneError` names whatever is wrong with it."""
@@ -306,81 +165,134 @@ class Scene:
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
-        """Read a scene from a text, which messages call ``name``; raises as :meth:`from_yaml`."""
+        """Read a scene from a text, which messages call ``name``; raises as :meth:`from_yaml`.
+
+        Files that it names are looked for in the working folder.
+        """
         return cls._of(parse_yaml(text, name), None)
 
     @classmethod
     def _of(cls, document: Document, source: Path | None) -> Self:
-        file = _validated(document)
-        balls, phonopy = file.packing, file.phonopy
-        kind = next(kind for kind in q.LOADS if getattr(file.load, kind) is not None)
-        given = document.data["load"][kind]
-        size = f"found {shown(document.data['packing']['diameter'])}; allowed: a ball that double precision can hold. "
-        with _located(document, ("packing", "diameter"), size):
-            packing = Packing(
-                Material(**file.material.model_dump()), balls.diameter, lattice=balls.lattice, friction=balls.friction
-            )
+        file = validated(document, source.parent if source else Path())
+        packing, phonopy = _packing_of(document, file), file.phonopy
+        kind, values = next((kind, v) for kind in LOADS if (v := getattr(file.load, kind)) is not None)
         band = None
         if phonopy.band is not None or phonopy.band_labels is not None:
             with _located(document, ("phonopy", "band_labels")):
                 band = BandPath(phonopy.band or BandPath.default(packing).paths, phonopy.band_labels)
         with _located(document, ("phonopy", "dim")):
             _check_supercell(packing, phonopy.dim)
+        with _located(document, ("observe",)):
+            _check_observed(file.observe, len(values) > 1 or len(file.medium) > 1, dict(file.sweep))
         with _located(document, ("load", kind)):
             scene = cls(
-                packing, Load(kind, getattr(file.load, kind), file.load.balls_per_side), medium=file.medium,
-                finite_overlap=balls.finite_overlap, observe=file.observe, band=band, band_points=phonopy.band_points,
+                packing, Load(kind, values, file.load.balls_per_side), media=file.medium, parameters=file.sweep,
+                finite_overlap=file.packing.finite_overlap, observe=file.observe, band=band, band_points=phonopy.band_points,
                 mesh=phonopy.mesh, dim=phonopy.dim, source=source,
             )  # fmt: skip
-        with _located(document, ("load", kind), f"found {shown(given)}; allowed: a load that the balls can carry. "):
-            state = scene.state()
-        with _located(document, ("packing", "lattice"), f"found {balls.lattice!r}; allowed: a lattice that is rigid. "):
-            contact_lattice(state, scene.finite_overlap)
+        scene._require_loads(document)
         return scene
 
-    def state(self) -> ContactState:
-        """The contacts under the load; :class:`~granphon.errors.InputError` if the balls cannot carry it."""
-        load, medium = self.load, AveragedLattice(self.packing)
+    def _require_loads(self, document: Document) -> None:
+        """Raise if a medium cannot carry one of the loads; they can carry all if they carry the least and the greatest."""
+        kind, (_, values) = self.load.kind, self.load.applied
+        for where, packing in self._packings(document):
+            lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
+            with _located(document, lattice, f"found {packing.structure.name!r}; allowed: a lattice that is rigid. {where}"):
+                ContactLattice.of(packing.structure, packing.mindlin_ratio)
+            for choice, index in itertools.product(self.media, {int(np.argmin(values)), int(np.argmax(values))}):
+                path, given = _place(document, "load", kind, index)
+                label = f"{choice.label}: " if len(self.media) > 1 else ""
+                found = f"found {shown(given)}; allowed: a load that the balls can carry. {where}{label}"
+                with _located(document, path, found):
+                    contact_lattice(_finite(self._state(packing, choice, values[index])), self.finite_overlap)
+
+    def _packings(self, document: Document) -> list[tuple[str, Packing]]:
+        """Every packing of the sweep, and which it is in words."""
+        axes = [Axis(name, values) for name, values in self.parameters]
+        for axis in axes:
+            for index, value in enumerate(axis.values):
+                path, given = _place(document, "sweep", axis.name, index)
+                with _located(document, path, f"found {shown(given)}; allowed: a value that the packing can have. "):
+                    changed(self.packing, {axis.name: value})
+        with _located(document, ("sweep",)):
+            return [(f"{where}: " if where else "", packing) for where, packing in combinations(self.packing, axes)]
+
+    def _state(self, packing: Packing, choice: MediumChoice, values: ArrayLike) -> ContactState:
+        at: Callable[..., ContactState] = getattr(choice.of(packing), f"at_{self.load.applied[0]}")
         with np.errstate(all="ignore"):
-            if load.kind == "overlap":
-                state = medium.at_overlap(load.value, self.finite_overlap)
-            elif load.kind == "pressure":
-                state = medium.at_pressure(load.value, self.finite_overlap)
-            elif load.balls_per_side is not None:
-                state = medium.at_force(force_of_frame(load.value, load.balls_per_side), self.finite_overlap)
-            else:
-                state = medium.at_force(load.value, self.finite_overlap)
-            scale = state.scales
-            if not (0.0 < scale.frequency < math.inf and 0.0 < scale.velocity < math.inf):
-                raise InputError("the frequencies or velocities are beyond double precision.")
-        return state
+            return at(values, self.finite_overlap)
+
+    def state(self) -> ContactState:
+        """The contacts under the load.
+
+        :class:`~granphon.errors.InputError` if the balls cannot carry it, or if the scene is a sweep.
+        """
+        if self.is_sweep:
+            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+        return _finite(self._state(self.packing, self.media[0], self.load.applied[1][0]))
+
+    def states(self) -> Iterator[tuple[str, ContactState]]:
+        """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load."""
+        values = np.array(self.load.applied[1])
+        loads = values if len(values) > 1 else values[0]
+        axes = [Axis(name, swept) for name, swept in self.parameters]
+        for (where, packing), choice in itertools.product(combinations(self.packing, axes), self.media):
+            yield ", ".join(filter(None, (choice.label, where))), self._state(packing, choice, loads)
+
+    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **files: Any) -> Dataset:
+        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too."""
+        from granphon.sweeps import sweep
+
+        kind, values = self.load.applied
+        bands = self.path.arrays if "bands" in self.observe else None
+        given: dict[str, Any] = {kind: values, **dict(self.parameters), **files}
+        return sweep(
+            self.packing, media=self.media, finite_overlap=self.finite_overlap, bands=bands, npoints=self.band_points,
+            progress=progress, executor=executor, **given,
+        )  # fmt: skip
 
     def to_yaml(self) -> str:
-        """The scene with every default written out and quantities in SI; read again it is the same scene to the last bit."""
-        packing, material, load = self.packing, self.packing.material, self.load
-        if LATTICES.get(packing.structure.name) != packing.structure:
-            raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))
-        lines = [
-            f"schema: {q.SCHEMA}", "material:", f"  young_modulus: {material.young_modulus!r} Pa",
-            f"  poisson_ratio: {material.poisson_ratio!r}", f"  density: {material.density!r} kg/m^3",
-        ]  # fmt: skip
+        """The scene with every default written out and quantities in SI; read again it is the same scene to the last bit.
+
+        A measured spread of more than 1000 diameters is written as the name of a table, whose text is :attr:`diameters`.
+        :class:`~granphon.errors.InputError` if the lattice is none that a file can name, or the text is too long.
+        """
+        packing, material = self.packing, self.packing.material
+        blocks: dict[str, Any] = {"schema": rules.SCHEMA}
+        blocks["material"] = {
+            "young_modulus": MODULUS.write(material.young_modulus), "poisson_ratio": material.poisson_ratio,
+            "density": DENSITY.write(material.density),
+        }  # fmt: skip
         if material.yield_strength is not None:
-            lines.append(f"  yield_strength: {material.yield_strength!r} Pa")
-        lines += [
-            "packing:", f"  lattice: {packing.structure.name}", f"  diameter: {packing.diameter!r} m",
-            f"  friction: {json.dumps(packing.friction)}", f"  finite_overlap: {json.dumps(self.finite_overlap)}",
-            "load:", f"  {load.kind}: {load.value!r} {q.LOADS[load.kind].unit}",
-        ]  # fmt: skip
-        if load.balls_per_side is not None:
-            lines.append(f"  balls_per_side: {load.balls_per_side}")
-        lines += [f"medium: {self.medium}", f"observe: [{', '.join(self.observe)}]", "phonopy:"]
-        if self.dim is not None:
-            lines.append(f"  dim: {self.dim[0]} {self.dim[1]} 1")
-        lines.append(f'  band: "{self.path}"')
+            blocks["material"]["yield_strength"] = MODULUS.write(material.yield_strength)
+        blocks["packing"] = {"lattice": rules.write_lattice(packing.structure), "diameter": LENGTH.write(packing.diameter)}
+        if packing.spread is not None:
+            blocks["packing"]["spread"] = rules.write_spread(packing.spread, DIAMETERS_FILE)
+        blocks["packing"] |= {"friction": packing.friction, "finite_overlap": self.finite_overlap}
+        blocks["load"] = {self.load.kind: rules.write_values(self.load.values, LOADS[self.load.kind].write)}
+        if self.load.balls_per_side is not None:
+            blocks["load"]["balls_per_side"] = self.load.balls_per_side
+        media = [{choice.name: dict(choice.options)} if choice.options else choice.name for choice in self.media]
+        blocks["medium"] = media if len(media) > 1 else media[0]
+        if self.parameters:
+            blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}
+        blocks["observe"] = self.observe
+        blocks["phonopy"] = {} if self.dim is None else {"dim": f"{self.dim[0]} {self.dim[1]} 1"}
+        blocks["phonopy"]["band"] = str(self.path)
         if self.path.labels is not None:
-            lines.append(f"  band_labels: [{', '.join(json.dumps(w, ensure_ascii=False) for w in self.path.labels)}]")
-        lines += [f"  band_points: {self.band_points}", f"  mesh: {self.mesh[0]} {self.mesh[1]} 1"]
-        return "\n".join(lines) + "\n"
+            blocks["phonopy"]["band_labels"] = self.path.labels
+        blocks["phonopy"] |= {"band_points": self.band_points, "mesh": f"{self.mesh[0]} {self.mesh[1]} 1"}
+        text = dump_yaml(blocks)
+        if len(text.encode()) > MAX_BYTES:
+            what = f"the scene takes {len(text.encode()) // 1000} kB as a text; a scene file holds {MAX_BYTES // 1000} kB"
+            raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
+        return text
+
+    @property
+    def diameters(self) -> str | None:
+        """The text of ``diameters.csv``: the measured diameters, if they are too many for the scene file; else None."""
+        return rules.diameters_table(self.packing.spread)
 
     def run(
         self,
@@ -388,15 +300,72 @@ class Scene:
         force: bool = False,
         progress: Progress | None = None,
         figures: bool = True,
-    ) -> RunResult:
+        resume: bool = False,
+        executor: Executor | None = None,
+    ) -> RunResult | SweepResult:
         """Compute what the scene asks for and write it into ``folder``; see :func:`granphon.run.run`."""
         from granphon.run import run
 
-        return run(self, folder, force=force, progress=progress or silent, figures=figures)
+        return run(
+            self, folder, force=force, progress=progress or silent, figures=figures, resume=resume, executor=executor
+        )
+
+
+# -- checks, and where in the file they belong ----------------------------------------------------------------------
+
+
+def _packing_of(document: Document, file: SceneFile) -> Packing:
+    balls, given = file.packing, document.data["packing"]
+    size = f"found {shown(given['diameter'])}; allowed: a ball that double precision can hold. "
+    with _located(document, ("packing", "diameter"), size):
+        material = Material(**file.material.model_dump())
+        packing = Packing(material, balls.diameter, lattice=balls.lattice, friction=balls.friction)
+    if balls.spread is None:
+        return packing
+    ((kind, value),) = given["spread"].items()
+    found = f"found {shown(value)}; allowed: diameters about the packing's, all above zero. "
+    with _located(document, ("packing", "spread", kind), found):
+        return replace(packing, spread=balls.spread)
+
+
+def _place(document: Document, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], Any]:
+    """Where one of the values of a key stands, and what stands there: the one value, one of a list, or an end of a range."""
+    given = document.data[block][key]
+    if isinstance(given, list):
+        return (block, key, index), given[index]
+    if isinstance(given, dict):
+        end = "to" if index else "from"
+        return (block, key, end), given[end]
+    return (block, key), given
+
+
+def _finite(state: ContactState) -> ContactState:
+    scale = state.scales
+    if not (0.0 < scale.frequency < math.inf and 0.0 < scale.velocity < math.inf):
+        raise InputError("the frequencies or velocities are beyond double precision.")
+    return state
+
+
+def _check_supercell(packing: Packing, dim: tuple[int, int] | None) -> None:
+    """Raise if two balls of the supercell would touch through two images."""
+    if dim is not None and not contacts_apart(packing.structure.vectors, dim, 1.0):
+        least = next(n for n in range(1, 100) if contacts_apart(packing.structure.vectors, (n, n), 1.0))
+        raise InputError(f"found {dim[0]} {dim[1]} 1; allowed: {least} {least} 1 or more.")
+
+
+def _check_observed(observe: Sequence[str], several: bool, parameters: Mapping[str, Any]) -> None:
+    """Raise if what is observed makes no array over a sweep."""
+    if "dos" in observe and (several or parameters):
+        allowed = "velocities, bands, where there are several loads or media or a sweep"
+        raise InputError(f"found 'dos'; allowed: {allowed}. Make a scene of each state whose density of states you want.")
+    changing = [name for name in ("friction", "lattice") if name in parameters]
+    if "bands" in observe and changing:
+        found = f"found 'bands' with a sweep over {changing[0]}"
+        raise InputError(f"{found}; allowed: velocities, as the branches differ in number or zone. Make a scene of each.")
 
 
 @contextmanager
-def _located(document: Document, path: Sequence[str], before: str = "") -> Iterator[None]:
+def _located(document: Document, path: Sequence[str | int], before: str = "") -> Iterator[None]:
     """Turn an error of the library into one that names file, line and key."""
     try:
         yield

@@ -68,7 +68,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, load, medium, observe, phonopy"
+TOP = "schema, material, packing, load, medium, sweep, observe, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 
@@ -152,13 +152,51 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "half a ball": (
         "force: 18.446 N", "side_force: 1 N\n  balls_per_side: 0.5", 12, "load.balls_per_side", "0.5", "a whole number from 1", "",
     ),
-    "many loads": ("18.446 N", "[1 N, 2 N]", 11, "load.force", "['1 N', '2 N'], where one load is needed", FORCES, "one load"),
-    "range of loads": ("18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force", "a block of keys, where one load", FORCES, "one load"),
-    "range of loads, outside": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "a block of keys, where one", ONE, "one load"),
+    "no load in a list": ("18.446 N", "[]", 11, "load.force", "an empty list", "a list of one or more values", ""),
+    "one of many loads": ("18.446 N", "[1 N, 2 kg]", 11, "load.force.1", "'2 kg', whose unit is not one of force", FORCES, "'2 kgf'"),
+    "one of many loads crushes": ("18.446 N", "[1 N, 1 TN, 2 N]", 11, "load.force.1", "'1 TN'", "balls can carry", "Lower the load"),
+    "load without a kind": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "without the kind of load", ONE, "'force:'"),
+    "range without points": (
+        "18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force.points", "nothing, and it has no default", "from, to, points, scale", "",
+    ),
+    "misspelt key in a range": (
+        "18.446 N", "{from: 1 N, too: 9 N, points: 3}", 11, "load.force.too", "an unknown key", "from, to, points", "Did you mean 'to'?",
+    ),
+    "range of no points": ("18.446 N", "{from: 1 N, to: 9 N, points: 0}", 11, "load.force.points", "0", "from 1 to 200000", ""),
+    "range of too many points": ("18.446 N", "{from: 1 N, to: 9 N, points: 200001}", 11, "load.force.points", "200001", "200000", ""),
+    "range of one point": ("18.446 N", "{from: 1 N, to: 9 N, points: 1}", 11, "load.force.points", "1 for the range from 1 N", "1 if", ""),
+    "range of no length": ("18.446 N", "{from: 1 N, to: 1 N, points: 2}", 11, "load.force.points", "2 for the range from 1 N", "1 if", ""),
+    "range on an unknown scale": (
+        "18.446 N", "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}", 11, "load.force.scale", "'logarithmic'", "log, linear", "",
+    ),
+    "range that crushes": ("18.446 N", "{from: 1 N, to: 1 TN, points: 3}", 11, "load.force.to", "'1 TN'", "balls can carry", "Lower"),
+    "range downwards that crushes": (
+        "18.446 N", "{from: 1 TN, to: 1 N, points: 3}", 11, "load.force.from", "'1 TN'", "balls can carry", "Lower the load",
+    ),
+    "log range from below zero": (
+        "force: 18.446 N", "overlap: {from: -1 um, to: 1 um, points: 3}", 11, "load.overlap", "a log range from -1 um to 1 um",
+        "values above zero", "Write scale: linear",
+    ),
+    "negative overlap of equal balls": ("force: 18.446 N", "overlap: -1 um", 11, "load.overlap", "'-1 um'", "can carry", "tensile"),
+    "overlap at which no balls touch": (
+        "friction: true\nload:\n  force: 18.446 N\nmedium: ala", "spread: {uniform: 2 um}\nload:\n  overlap: [1 um, -1.1 um]", 11,
+        "load.overlap.1", "'-1.1 um'", "can carry", "no balls touch",
+    ),
+    "force below what a medium is solved for": (
+        "friction: true\nload:\n  force: 18.446 N\nmedium: ala", "spread: {uniform: 2 um}\nload:\n  force: 1 nN", 11, "load.force", "'1 nN'",
+        "can carry", "Raise the load",
+    ),
     # names
     "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
     "simulation": ("medium: ala", "medium: simulation", 12, "medium", "'simulation'", "ala, afa, ema", "has no simulation"),
-    "options of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium", "options of 'ema' ('tol')", "no options", ""),
+    "unknown option of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium.ema", "{'tol': 1}", "that the medium has", "local_field"),
+    "option of another medium": ("medium: ala", "medium: {ala: {local_field: paper}}", 12, "medium.ala", "local_field", "has", "It has none"),
+    "value of an option": ("medium: ala", "medium: {ema: {local_field: papr}}", 12, "medium.ema", "'papr'", "has", "computed or paper"),
+    "simulation with options": ("medium: ala", "medium: {simulation: {seed: 0}}", 12, "medium", "'simulation'", "ala, afa, ema", "has no"),
+    "two media in a block": ("medium: ala", "medium: {ala: , ema: }", 12, "medium", "a block of keys", "ala, afa, ema", ""),
+    "no medium in a list": ("medium: ala", "medium: []", 12, "medium", "an empty list", "a list of one or more media", ""),
+    "one of many media": ("medium: ala", "medium: [ala, emma]", 12, "medium.1", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
+    "medium twice": ("medium: ala", "medium: [ema, afa, ema]", 12, "medium", "'ema' twice", "each once", ""),
     "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "triangular, square, kagome", "'triangular'?"),
     "lattice by another name": ("triangular", "hexagonal", 7, "packing.lattice", "'hexagonal'", "square, kagome", "'triangular'"),
     "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, dos", "'velocities'?"),
@@ -166,8 +204,97 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "observable twice": ("[velocities]", "[dos, dos]", 13, "observe", "'dos' twice", "each once", ""),
     "observable without a list": ("[velocities]", "dos", 13, "observe", "'dos'", "a list of", "Did you mean [dos]?"),
     "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
-    "spread": ("friction: true", "spread: {uniform: 2 um}", 9, "packing.spread", "a block of keys", "equal balls only", "Leave"),
-    "empty spread": ("friction: true", "spread:", 9, "packing.spread", "nothing", "equal balls only", "Leave spread out"),
+    # spreads
+    "empty spread": ("friction: true", "spread:", 9, "packing.spread", "nothing", "exactly one of uniform", "Leave spread out"),
+    "spread without a kind": ("friction: true", "spread: 2 um", 9, "packing.spread", "'2 um'", "exactly one of", "{uniform: 2 um}?"),
+    "two spreads": (
+        "friction: true", "spread: {uniform: 2 um, normal: 1 um}", 9, "packing.spread", "uniform and normal", "exactly one of", "",
+    ),
+    "no spread in the block": ("friction: true", "spread: {}", 9, "packing.spread", "no spread", "exactly one of", ""),
+    "misspelt spread": (
+        "friction: true", "spread: {unifrom: 2 um}", 9, "packing.spread.unifrom", "an unknown key", "uniform, normal", "'uniform'?",
+    ),
+    "spread without a unit": (
+        "friction: true", "spread: {uniform: 2}", 9, "packing.spread.uniform", "2, without a unit", "a length, zero or above", "Write the",
+    ),
+    "negative spread": (
+        "friction: true", "spread: {uniform: -2 um}", 9, "packing.spread.uniform", "which is negative", "a length, zero or above", "",
+    ),
+    "spread wider than the balls": (
+        "friction: true", "spread: {uniform: 17 mm}", 9, "packing.spread.uniform", "'17 mm'", "all above zero", "smaller spread",
+    ),
+    "normal without a width": (
+        "friction: true", "spread: {normal: {cutoff: 3}}", 9, "packing.spread.normal.std", "nothing", "std, cutoff", "",
+    ),
+    "cutoff with a unit": (
+        "friction: true", "spread: {normal: {std: 1 um, cutoff: 3 um}}", 9, "packing.spread.normal.cutoff", "'3 um'", "plain number", "unit",
+    ),
+    "cutoff too large": (
+        "friction: true", "spread: {normal: {std: 1 um, cutoff: 11}}", 9, "packing.spread.normal.cutoff", "11", "from 0.001 to 10", "",
+    ),
+    "discrete without fractions": (
+        "friction: true", "spread: {discrete: {diameters: [8 mm]}}", 9, "packing.spread.discrete.fractions", "nothing",
+        "diameters, fractions", "",
+    ),
+    "one diameter for a list": (
+        "friction: true", "spread: {measured: {diameters: 8 mm}}", 9, "packing.spread.measured.diameters", "'8 mm'", "a list of", "",
+    ),
+    "one of the diameters": (
+        "friction: true", "spread: {measured: {diameters: [8 mm, 0 mm]}}", 9, "packing.spread.measured.diameters.1", "which is zero",
+        LENGTHS, "",
+    ),
+    "fractions that are too few": (
+        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1]}}", 9, "packing.spread.discrete.fractions",
+        "[1.0]", "one fraction for each diameter", "2 diameters and 1 fractions",
+    ),
+    "fractions of another sum": (
+        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.6]}}", 9,
+        "packing.spread.discrete.fractions", "[0.5, 0.6]", "with the sum 1", "Divide them by their sum",
+    ),
+    "fraction below zero": (
+        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1.1, -0.1]}}", 9,
+        "packing.spread.discrete.fractions.0", "1.1", "from 0 to 1", "",
+    ),
+    "another mean": (
+        "friction: true", "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}", 9, "packing.spread.discrete",
+        "a block of keys", "diameters about the packing's", "Give diameter=0.00805",
+    ),
+    "no such table": (
+        "friction: true", "spread: {measured: no.csv}", 9, "packing.spread.measured", "'no.csv'", "a table with a column", "cannot be read",
+    ),
+    "no name of a table": ("friction: true", "spread: {measured: }", 9, "packing.spread.measured", "nothing", "a name", ""),
+    # sweeps
+    "misspelt parameter": (
+        "medium: ala", "sweep: {widht: [1 um]}", 12, "sweep.widht", "an unknown key", "young_modulus, poisson_ratio", "'width'?",
+    ),
+    "sweep without values": ("medium: ala", "sweep: {friction: true}", 12, "sweep.friction", "true", "a list of one or more values", ""),
+    "one of the values of a sweep": ("medium: ala", "sweep: {width: [1 um, 2]}", 12, "sweep.width.1", "2, without a unit", "length", ""),
+    "value that makes no packing": (
+        "medium: ala", "sweep: {width: [1 um, 20 mm]}", 12, "sweep.width.1", "'20 mm'", "that the packing can have", "smaller spread",
+    ),
+    "range that ends in no packing": (
+        "medium: ala", "sweep: {width: {from: 1 um, to: 20 mm, points: 9}}", 12, "sweep.width.to", "'20 mm'", "can have", "smaller",
+    ),
+    "plain number with a unit": ("medium: ala", "sweep: {poisson_ratio: [0.1 Pa]}", 12, "sweep.poisson_ratio.0", "'0.1 Pa'", "plain", ""),
+    "spread of a sweep": (
+        "medium: ala", "sweep: {spread: [{unifrom: 1 um}]}", 12, "sweep.spread.0.unifrom", "an unknown key", "uniform", "'uniform'?",
+    ),
+    "mechanism in a sweep": (
+        "medium: ala", "sweep: {friction: [true, false], lattice: [triangular, kagome]}", 12, "sweep.lattice", "'kagome'",
+        "a lattice that is rigid", "lattice = kagome",
+    ),
+    "load that one packing of a sweep cannot carry": (
+        "  force: 18.446 N\nmedium: ala", "  overlap: -0.4 um\nmedium: ala\nsweep: {width: [2 um, 0.5 um]}", 11, "load.overlap", "'-0.4 um'",
+        "balls can carry", "width = 2e-06 m",
+    ),
+    "density of states of a sweep": (
+        "  force: 18.446 N\nmedium: ala\nobserve: [velocities]", "  force: [1 N, 2 N]\nmedium: ala\nobserve: [dos]", 13, "observe",
+        "'dos'", "velocities, bands", "Make a scene of each",
+    ),
+    "bands of a sweep over friction": (
+        "medium: ala\nobserve: [velocities]", "sweep: {friction: [true, false]}\nobserve: [bands]", 13, "observe", "'bands'",
+        "velocities, as the branches differ", "Make a scene of each",
+    ),
     # phonopy
     "band leaves the plane": ("1/3 1/3 0", "1/3 1/3 1/2", 15, "phonopy.band", "third number that is not 0", "three numbers", "layer"),
     "band with a missing number": ("1/3 1/3 0", "1/3 1/3", 15, "phonopy.band", "11 numbers in a path", "three numbers", "two points"),
@@ -266,15 +393,15 @@ def test_run_writes_velocities(work, capsys):
     summary = YAML(typ="safe").load(Path("new/out/summary.yaml").read_text())
     state = Scene.from_yaml("scene.yaml").state()
     velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
-    for name in ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness"):
+    for name, unit in state.units.items():
         assert summary[name] == getattr(state, name)
-        assert summary["units"][name] == state.units[name]
+        assert summary["units"][name] == unit
     assert (summary["longitudinal"], summary["transverse"]) == (velocities.longitudinal, velocities.transverse)
     assert (summary["bulk"], summary["shear"]) == (moduli.bulk, moduli.shear)
     assert summary["mindlin_ratio"] == state.packing.mindlin_ratio
     assert summary["tensor"] == moduli.tensor.tolist()
     assert summary["versions"] == files.versions("numpy", "scipy")
-    assert summary["valid"] is True
+    assert (summary["valid"], summary["ok"]) == (True, True)
     assert [check["name"] for check in summary["validity"]] == ["contact_radius", "load", "velocity", "resonance"]
     assert summary["files"] == ["scene.yaml", "summary.yaml"]
     numbers = {key for key, value in summary.items() if isinstance(value, float)}
@@ -357,7 +484,7 @@ def test_run_and_plot_draw_figures(work, capsys):
 def test_plot_of_nothing(work, capsys):
     for folder in (".", "missing", "scene.yaml"):
         assert main(["plot", folder]) == 2
-        assert "holds neither band.yaml nor dos.csv" in one_error(capsys)
+        assert "holds neither sweep.nc nor band.yaml nor dos.csv" in one_error(capsys)
 
 
 def test_an_existing_result_is_not_overwritten(work, capsys):
@@ -463,7 +590,8 @@ def test_warnings_go_to_stderr_and_into_the_summary(work, capsys):
     assert err.splitlines() == expected
     summary = YAML(typ="safe").load((work / "out/summary.yaml").read_text())
     assert [f"granphon: warning: {w}" for w in summary["warnings"]] == expected
-    assert summary["valid"] is False
+    # the load is within the range of the medium, as for equal balls every load is, and beyond that of the contact law
+    assert (summary["valid"], summary["ok"]) == (True, False)
 
 
 # -- init and check -------------------------------------------------------------------------------------------------
@@ -578,7 +706,7 @@ def test_interruption_is_clean(work, capsys, monkeypatch, moment):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     monkeypatch.setattr(*((gp.Phonons, "dos") if moment == "computing" else (gp.DensityOfStates, "write_csv")), interrupt)
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 130
-    assert one_error(capsys) == "interrupted; nothing was left behind."
+    assert one_error(capsys) == "interrupted; no result was written. A sweep goes on with --resume."
     assert tree(work) == {"scene.yaml"}
 
 

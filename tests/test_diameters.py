@@ -565,17 +565,18 @@ def test_reading_a_table(tmp_path, text, column):
 @pytest.mark.parametrize(
     ("text", "column", "words"),
     [
-        ("", None, "no single column"),
-        ("7.999\n8.001\n", None, "no single column"),
-        ("a,b\n1,2\n", None, "no single column named 'diameter'"),
-        ("diameter,diameter\n1,2\n", None, "no single column"),
+        ("", None, "empty"),
+        ("7.999\n8.001\n", None, "headed"),
+        ("a,b\n1,2\n", None, "no column named 'diameter'"),
+        ("diameter,diameter\n1,2\n", None, "two columns"),
         ("a,b\n1,2\n", "c", "named 'c'"),
-        ("diameter (inch)\n1\n", None, "unit 'inch'"),
-        ("diameter (mm)\n8.0\nwide\n", None, r"line 3: the diameter is 'wide'"),
-        ("ball,diameter (mm)\n1,8.0\n2\n", None, "line 3: the diameter is ''"),
-        ("diameter (mm)\n-8.0\n", None, "line 2"),
-        ("diameter (mm)\n7,999\n", None, "line 2"),
-        ("diameter (mm)\n", None, "diameters"),
+        ("diameter (furlong)\n1\n", None, "'1 furlong', whose unit is not known"),
+        ("diameter (kg)\n1\n", None, "unit is not one of length"),
+        ("diameter (mm)\n8.0\nwide\n", None, "csv:3: diameter: found 'wide'"),
+        ("ball,diameter (mm)\n1,8.0\n2\n", None, "csv:3: diameter: found nothing"),
+        ("diameter (mm)\n-8.0\n", None, "csv:2: diameter: found '-8.0 mm', which is negative"),
+        ("diameter (mm)\n7,999\n", None, "csv:2: found 2 cells below 1 heading"),
+        ("diameter (mm)\n", None, "no rows"),
     ],
 )
 def test_tables_that_cannot_be_read(tmp_path, text, column, words):

@@ -329,6 +329,18 @@ def test_determinant_a9_lacks_a_constant(x, y):
     assert_allclose(determinant, 3 * printed, atol=1e-13)
 
 
+# -- Section IV, the effective medium ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("friction", "fraction", "printed_at"), [(True, 0.754, 0.115), (False, 0.772, 0.107)])
+def test_contact_fraction_at_the_limit_of_validity(friction, fraction, printed_at):
+    steel = gp.Material(STEEL_E, SIGMA, DENSITY)
+    packing = gp.Packing(steel, DIAMETER, gp.Uniform(WIDTH), friction=friction)
+    unit = packing.law.coefficient * WIDTH**1.5
+    state = gp.EffectiveMedium(packing).at_force(np.array([0.08, printed_at]) * unit)
+    assert_allclose(state.contact_fraction, [fraction, 0.85], atol=2e-3)  # not 0.85 at f* = 0.08
+
+
 # -- the page itself --------------------------------------------------------------------------------------------------
 
 
@@ -337,8 +349,7 @@ def test_every_entry_of_the_errata_names_a_test_that_exists():
     page = (tests.parent / "docs" / "errata.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(test_\w+)`", page))
     here = {name for name in globals() if name.startswith("test_")}
-    local_field = set(
-        re.findall(r"^def (test_\w+)", (tests / "test_local_field.py").read_text(encoding="utf-8"), re.MULTILINE)
-    )
-    assert named <= here | local_field
+    sources = [(tests / f"test_{name}.py").read_text(encoding="utf-8") for name in ("local_field", "effective")]
+    elsewhere = {name for source in sources for name in re.findall(r"^def (test_\w+)", source, re.MULTILINE)}
+    assert named <= here | elsewhere
     assert here - {"test_every_entry_of_the_errata_names_a_test_that_exists"} <= named

@@ -295,7 +295,7 @@ def test_buckling_is_an_error():
 
 
 @pytest.mark.parametrize(
-    ("eta", "spacing", "prestress"), [(-0.1, 1, 0), (math.nan, 1, 0), (1, 0, 0), (1, 1.1, 0), (1, 1, -1), (1, 1, math.inf)]
+    ("eta", "spacing", "prestress"), [(-0.1, 1, 0), (math.nan, 1, 0), (1, 0, 0), (1, 2.0, 0), (1, 1, -1), (1, 1, math.inf)]
 )
 def test_lattices_that_cannot_be(eta, spacing, prestress):
     with pytest.raises(InputError):

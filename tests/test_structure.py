@@ -15,14 +15,17 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "units", "results", "progress", "files",
-    "contact", "shapes", "diameters", "geometry", "packing", "jacobi", "compatibility", "longwave", "lattice",
+    "errors", "units", "results", "progress", "files", "quantities", "tables",
+    "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "effective", "branches", "medium", "observables",
     "calculator", "spectra", "bridge", "phonons",
-    "quantities", "scene", "plot", "run", "cli", "__main__",
+    "tasks", "sweeps", "measurements", "velocity_model", "fit",
+    "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
-BORDERS = {"ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot"}, "typer": {"cli"}}
+BORDERS = {
+    "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot", "charts"}, "typer": {"cli"},
+}  # fmt: skip
 
 
 def imports(module: str, top_level_only: bool = False) -> set[str]:

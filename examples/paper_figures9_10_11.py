@@ -1,0 +1,76 @@
+"""Figures 9 to 11 of the paper: how unevenly the contacts share the load, and how many of them do.
+
+B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002). Above, the relative fluctuation of the contact force (Figure 9)
+and the fraction of active contacts (Figure 10) against the reduced spacing, from the limit of validity f* = 0.08 with full
+lines and below it with thin ones; below, both with the stiffness over that of the ideal lattice, against the force, with
+friction (Figure 11). The simulated points of Roux are not published as numbers, and left out.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+import granphon as gp
+from granphon.plot import STYLE
+
+SCENE = Path(__file__).with_name("paper_ladder.yaml")
+LINES = (
+    ("afa", True, "averaged force", "#009E73"),
+    ("ema", False, "effective medium, no friction", "#D55E00"),
+    ("ema", True, "effective medium, friction", "#0072B2"),
+)
+
+
+def main(out: Path | None = None) -> Figure:
+    """Compute, check, draw; write the figure to ``out`` if it is given."""
+    sweep = gp.Scene.from_yaml(SCENE).sweep()
+    medium = sweep.sel(medium="ema", friction=True)
+    force = medium.reduced_force.values
+    # near 0.6 at the limit of validity, and no contact is open above f* = 0.3
+    at_limit = float(np.interp(0.08, force, medium.force_fluctuation))
+    assert round(at_limit, 1) == 0.6
+    saturated = float(force[medium.contact_fraction.values > 1.0 - 1e-9].min())
+    assert 0.25 < saturated < 0.35
+    # the averaged force overstates the fluctuations, and balls without friction give way most
+    fluctuation = [sweep.force_fluctuation.sel(medium=m, friction=f).values for m, f, _, _ in LINES]
+    assert np.all(fluctuation[0] > fluctuation[2])
+    assert np.all((fluctuation[2] > fluctuation[1])[force > 1e-2])
+    # no change of regime where the contacts saturate: the stiffness is still 4 % below that of the ideal lattice
+    assert round(float(np.interp(saturated, force, medium.stiffness_ratio)), 2) == 0.96
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.4, 7.2), dpi=300, layout="constrained")
+        figure9, figure10, figure11 = figure.subplots(3, 1)
+        for name, friction, label, colour in LINES:
+            one = sweep.sel(medium=name, friction=friction)
+            valid = one.reduced_force.values >= 0.08
+            for ax, values in ((figure9, one.force_fluctuation), (figure10, one.contact_fraction)):
+                ax.plot(one.reduced_spacing, values, color=colour, linewidth=0.6)
+                ax.plot(one.reduced_spacing[valid], values[valid], color=colour, linewidth=1.5, label=label)
+        figure9.set(xlabel="$a^*$", ylabel=r"$\Delta f^*/f^*$", xlim=(0.3, 2.0), ylim=(0.0, 1.6))
+        figure9.legend(loc="upper right")
+        figure10.set(xlabel="$a^*$", ylabel=r"$N_c$", xlim=(0.3, 2.0), ylim=(0.0, 1.05))
+        curves = (
+            (medium.stiffness_ratio, r"$\tilde k/k_\mathrm{ala}$", "#0072B2", "-"),
+            (medium.contact_fraction, r"$N_c$", "#D55E00", "--"),
+            (medium.force_fluctuation, r"$\Delta f^*/f^*$", "#009E73", ":"),
+        )
+        for values, label, colour, dashes in curves:
+            figure11.semilogx(force, values, color=colour, linestyle=dashes, label=label)
+        figure11.axvline(0.08, color="0.6", linewidth=0.6)
+        figure11.text(0.09, 1.12, "valid from here", color="0.3")
+        figure11.set(xlabel="$f^*$", ylabel="Ratio or fraction", xlim=(1e-2, 50.0), ylim=(0.0, 1.2))
+        figure11.legend(loc="center right")
+        for ax, number in ((figure9, 9), (figure10, 10), (figure11, 11)):
+            ax.set_title(f"Figure {number}", loc="left")
+    if out is not None:
+        figure.savefig(out)
+    return figure
+
+
+if __name__ == "__main__":
+    main(Path("paper_figures9_10_11.png"))

@@ -1,0 +1,280 @@
+"""Figures over load: sweeps of many states, and fits to measured velocities.
+
+As in :mod:`granphon.plot`, whose style they share, every function draws on an Axes and returns it, and matplotlib's global
+state is left alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is dashed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+from granphon.errors import InputError, message
+from granphon.fit import WidthFit
+from granphon.plot import STYLE
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["fit_figure", "plot_exponent", "plot_fit", "plot_sweep", "sweep_figure"]
+
+Array = NDArray[np.float64]
+#: told apart by every eye, and in grey
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_GREY = "0.6"
+_NAMES = {
+    "force": "Contact force", "pressure": "Pressure", "overlap": "Overlap", "longitudinal": "Longitudinal velocity",
+    "transverse": "Transverse velocity", "exponent": "d log v / d log P", "reduced_force": "Force f*",
+    "normal_stiffness": "Normal stiffness", "contact_fraction": "Fraction of contacts", "bulk": "Bulk modulus",
+    "shear": "Shear modulus", "force_fluctuation": "Force fluctuation Δf/f", "stiffness_ratio": "k over the ideal lattice's",
+}  # fmt: skip
+_MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
+
+
+# -- sweeps ---------------------------------------------------------------------------------------------------------
+
+
+def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str = "force", *, legend: bool = True) -> Axes:
+    """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
+
+    Parameters
+    ----------
+    dataset : of :func:`granphon.sweep`.
+    variable, x : names of variables or coordinates over load.
+    legend : whether to draw it, with no more than eight combinations in it.
+
+    Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide.
+
+    Raises
+    ------
+    InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
+    """
+    across, along, lines = _values(dataset, variable), _values(dataset, x), _lines(dataset)
+    for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+        horizontal, vertical, inside = (
+            np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
+        )
+        order = np.argsort(horizontal, kind="stable")
+        horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
+        style: dict[str, Any] = {"color": colour, "marker": "o" if order.size == 1 else "", "markersize": 3.0}
+        thin = style | {"linewidth": 0.7, "dashes": (3.0, 1.5), "markerfacecolor": "white"}
+        ax.plot(horizontal, vertical, **thin, gid=f"{variable}-all")
+        ax.plot(horizontal, np.where(inside, vertical, np.nan), linewidth=width, **style, gid=f"{variable}-valid")
+    for which, values, name in (("x", along, x), ("y", across, variable)):
+        _scale(ax, which, np.asarray(values))
+        ax.set(**{f"{which}label": _label(dataset, name)})
+    if legend:
+        ax.legend(handles=_legend(dataset))
+    return ax
+
+
+def _values(dataset: Dataset, name: str) -> Any:
+    """A variable over load; :class:`InputError` if it cannot be drawn."""
+    if name not in dataset.variables:
+        known = ", ".join(map(str, dataset.data_vars))
+        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
+    values = dataset[name]
+    extra = set(values.dims) - {"load", "medium", *_parameters(dataset)}
+    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
+        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
+    if not np.any(np.isfinite(values)):
+        raise InputError(message(f"{name!r} is nowhere finite", mend="Draw another variable"))
+    return values
+
+
+def _parameters(dataset: Dataset) -> list[str]:
+    """Dimensions of the sweep besides load and medium."""
+    return [str(name) for name in dataset["longitudinal"].dims if name not in ("load", "medium")]
+
+
+def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
+    """Every combination of parameters: in words, of those that have several values, and its place."""
+    names = _parameters(dataset)
+    words = {name: [f"{name.replace('_', ' ')} {label}" for label in _labels(dataset, name)] for name in names}
+    several = [name for name in names if dataset.sizes[name] > 1]
+    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
+    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
+
+
+def _lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
+    """Colour and place of each line."""
+    places = [place for _, place in _combinations(dataset)]
+    colours = [_COLOURS[m % len(_COLOURS)] for m in range(dataset.sizes["medium"])]
+    return [
+        (shade, place | {"medium": m})
+        for m, colour in enumerate(colours)
+        for shade, place in zip(_shades(colour, len(places)), places, strict=True)
+    ]
+
+
+def _shades(name: str, count: int) -> list[Any]:
+    """Of one colour, from darker than itself to lighter; one alone is the colour."""
+    colour = np.array(to_rgb(name))
+    change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
+    return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
+
+
+def _labels(dataset: Dataset, name: str) -> list[str]:
+    """What the values of a dimension are called in a legend."""
+    values = np.atleast_1d(dataset[name].values).tolist()
+    if name == "medium":
+        return [_MEDIA.get(value, str(value)) for value in values]
+    if not all(isinstance(value, float) for value in values):
+        return [str(value) for value in values]
+    number, unit = _prefixed(max(map(abs, values)), dataset[name].attrs.get("units", ""))
+    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
+
+
+def _prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """The size of a decimal multiple of ``unit`` that suits a value, and its name."""
+    if unit not in ("m", "Pa", "N", "Hz"):
+        return 1.0, "" if unit == "1" else unit
+    sizes = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+    size, prefix = next(((s, p) for s, p in sizes if largest >= 0.999 * s), (1.0, ""))
+    return size, prefix + unit
+
+
+def _legend(dataset: Dataset) -> list[Line2D]:
+    """An entry for each medium, and for combinations of parameters: in grey, unless there is one medium."""
+    media = list(zip(itertools.cycle(_COLOURS), _labels(dataset, "medium"), strict=False))
+    words = [word for word, _ in _combinations(dataset)]
+    values: list[tuple[Any, str]] = []
+    if len(words) > 1:
+        shades = _shades(_COLOURS[0] if len(media) == 1 else "0.5", len(words))
+        shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
+        values = [(shades[i], words[i]) for i in shown.tolist()]
+    entries: list[tuple[Any, str]] = values if values and len(media) == 1 else [*media, *values]
+    return [Line2D([], [], color=colour, label=label) for colour, label in entries]
+
+
+def _label(dataset: Dataset, name: str) -> str:
+    words = _NAMES.get(name, name.replace("_", " ").capitalize())
+    unit = dataset[name].attrs.get("units", "")
+    return words if unit in ("", "1") else f"{words} ({unit})"
+
+
+def _scale(ax: Axes, which: str, values: Array) -> None:
+    """Make the x or y axis logarithmic, with plain numbers on it, where all values are above zero."""
+    there = values[np.isfinite(values)]
+    if there.min() <= 0.0:
+        return
+    ax.set(**{f"{which}scale": "log"})
+    axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
+    if span < 1e3:
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]) if span < 4.0 else LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
+    """Draw the local exponent d log v / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4."""
+    plot_sweep(dataset, ax, "exponent", x, legend=False)
+    ax.set_yscale("linear")
+    for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
+        ax.axhline(value, color=_GREY, linewidth=0.6, zorder=0.5)
+        ax.annotate(
+            name, (0.0, value), xycoords=ax.get_yaxis_transform(), xytext=(2, 1), textcoords="offset points", va="bottom",
+            color="0.4", fontsize="small", path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
+        )  # fmt: skip
+    ax.margins(y=0.1)
+    return ax
+
+
+def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
+    """Velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+
+    A sweep without exponents (finite overlap) has the upper panel only; so has one ``variable`` that is asked for. Raises as
+    :func:`plot_sweep`.
+    """
+    both = variable is None and "exponent" in dataset
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.4, 4.0 if both else 2.6), dpi=300, layout="constrained")
+        ratios = [1.6, 1.0][: 1 + both]
+        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        if variable is not None:
+            plot_sweep(dataset, axes[0], variable, x, legend=False)
+        else:
+            _plot_velocities(dataset, axes[0], x)
+        if both:
+            plot_exponent(dataset, axes[1], x)
+            axes[0].set_xlabel("")
+        for ax in axes:
+            ax.margins(x=0.08)
+        handles, media = _legend(dataset), _labels(dataset, "medium")
+        title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(2, len(handles)), title=title)
+    return figure
+
+
+def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
+    """Both velocities, each named at the end of its lines."""
+    for variable, name in (("transverse", "$v_T$"), ("longitudinal", "$v_L$")):
+        plot_sweep(dataset, ax, variable, x, legend=False)
+        ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
+        ax.annotate(name, np.max(ends, axis=0), xytext=(2.5, 0), textcoords="offset points", va="center")
+    _scale(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
+    ax.set_ylabel("Sound velocity (m/s)")
+
+
+# -- fits -----------------------------------------------------------------------------------------------------------
+
+
+def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
+    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below, residuals in units of sigma.
+
+    Where each pulse has a frequency of its own, the fit is drawn at the data only, and no ideal lattice.
+    """
+    ax.errorbar(fit.force, fit.velocity, fit.sigma, **_POINTS, label="data", gid="data")
+    style: dict[str, Any] = {"color": _COLOURS[1], "label": _described(fit), "gid": "fit", "zorder": 1.5}
+    if np.ndim(fit.waves.frequency):
+        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
+    else:
+        force = np.geomspace(fit.force.min(), fit.force.max(), 200)
+        ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
+        equal: dict[str, Any] = {"color": _GREY, "label": "equal balls", "gid": "ideal", "zorder": 1.0}
+        ax.plot(force, fit.velocity_at(force, "ala"), linewidth=0.8, **equal)
+    residual_ax.axhline(0.0, color=_COLOURS[1], linewidth=1.2, zorder=1.0)
+    residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_POINTS, gid="residuals")
+    for axes in (ax, residual_ax):
+        _scale(axes, "x", fit.force)
+    _scale(ax, "y", fit.velocity)
+    pulse = "Group velocity" if fit.waves.frequency is not None else f"{fit.waves.branch.capitalize()} velocity"
+    ax.set_ylabel(f"{pulse} (m/s)")
+    residual_ax.set(xlabel="Contact force (N)", ylabel="Residual / σ")
+    residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    return ax, residual_ax
+
+
+_POINTS: dict[str, Any] = {
+    "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
+}  # fmt: skip
+
+
+def _described(fit: WidthFit) -> str:
+    size, unit = _prefixed(fit.width, "m")
+    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two of the standard error
+    return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+
+
+def fit_figure(fit: WidthFit) -> Figure:
+    """A fit above its residuals, see :func:`plot_fit`; one column wide."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.4, 3.6), dpi=300, layout="constrained")
+        axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
+        plot_fit(fit, axes[0], axes[1])
+        handles, labels = axes[0].get_legend_handles_labels()
+        order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
+        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="upper left")
+    return figure

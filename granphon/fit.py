@@ -1,0 +1,336 @@
+"""The width of the distribution of diameters from measured sound velocities, as Section IV finds W = 2.04 um.
+
+The logarithm of each parameter is fitted by least squares, from several widths, with exact derivatives
+(:mod:`granphon.velocity_model`).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.errors import InputError, message
+from granphon.files import dump_yaml, versions
+from granphon.geometry import as_direction
+from granphon.measurements import Measurements
+from granphon.medium import ContactState, MediumChoice
+from granphon.observables import validity
+from granphon.packing import Packing
+from granphon.results import Result
+from granphon.velocity_model import VARIABLE, VelocityModel, Waves
+
+__all__ = ["FIT_FILES", "WidthFit", "fit_width"]
+
+Array = NDArray[np.float64]
+#: widths are tried from f* = 1e4 at the least force, where nothing is left of disorder, to f* = 1e-2 at the largest
+_NARROWEST, _WIDEST = 1e4, 1e-2
+_TRIALS_PER_DECADE = 2
+#: parameters whose effects differ by less than this part cannot be told apart
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WidthFit(Result):
+    """Parameters of a packing that fit measured velocities, and how well they are known.
+
+    Attributes
+    ----------
+    packing : with the fitted parameters.
+    choice : the medium that models it.
+    waves : which waves were measured.
+    parameters, values, covariance : names (p,), SI values (p,), covariance (p, p) of their errors.
+    force, velocity : the data, (n,), N and m/s.
+    sigma : standard error of each velocity, (n,), m/s: as given, or from the scatter, (sum of residuals^2 / dof)^(1/2).
+    velocities : of the fit at these forces, (n,), m/s.
+    chi2, dof : sum of (residual/sigma)^2, which is ``dof`` where sigma is from the scatter; n - p.
+    warnings : where the fit is not to be trusted.
+    """
+
+    units = {"width": "m", "stderr": "m", "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s"}
+
+    packing: Packing
+    choice: MediumChoice
+    waves: Waves
+    parameters: tuple[str, ...]
+    values: Array
+    covariance: Array
+    force: Array
+    velocity: Array
+    sigma: Array
+    velocities: Array
+    chi2: float
+    dof: int
+    warnings: tuple[str, ...]
+
+    @property
+    def width(self) -> float:
+        """W, m."""
+        return float(self.values[self.parameters.index("width")])
+
+    @property
+    def stderr(self) -> float:
+        """Standard error of the width, m."""
+        return float(self.stderrs[self.parameters.index("width")])
+
+    @property
+    def stderrs(self) -> Array:
+        """Standard error of each parameter, (p,), SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def residuals(self) -> Array:
+        """Measured less fitted velocity, (n,), m/s."""
+        return self.velocity - self.velocities
+
+    @property
+    def medium(self) -> str:
+        """The medium in words."""
+        return self.choice.label
+
+    def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
+        """Velocity of the fitted packing at other forces (N), m/s; of another ``medium`` if one is named.
+
+        :class:`~granphon.errors.InputError` if every measured pulse had a frequency of its own.
+        """
+        if np.ndim(self.waves.frequency):
+            raise InputError(message("the measured pulses have many frequencies", mend="Use .velocities, at the data"))
+        state = MediumChoice.parse(medium or self.choice).of(self.packing).at_force(force, self.waves.finite_overlap)
+        return self.waves.velocity(state)[0][()]
+
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write fit.yaml, everything, and fit.csv, data and fit, into a folder that is there."""
+        used = versions("numpy", "scipy")
+        head = {"versions": used, "medium": self.medium, "width": self.width, "stderr": self.stderr}
+        (Path(folder) / "fit.yaml").write_text(dump_yaml(head | self.to_dict()), encoding="utf-8")
+        columns = {
+            "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
+            "fit (m/s)": self.velocities, "residual (m/s)": self.residuals,
+        }  # fmt: skip
+        if self.waves.frequency is not None:
+            columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
+        rows = [",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=1).tolist()]
+        (Path(folder) / "fit.csv").write_text("\n".join([",".join(columns), *rows, ""]), encoding="utf-8")
+
+
+#: what a fit writes: :meth:`WidthFit.write`, and its figure
+FIT_FILES = ("fit.yaml", "fit.csv", "fit.png")
+
+
+def fit_width(
+    packing: Packing,
+    force: ArrayLike,
+    velocity: ArrayLike,
+    sigma: ArrayLike | None = None,
+    frequency: ArrayLike | None = None,
+    *,
+    medium: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice = "ema",
+    parameters: Sequence[str] = ("width",),
+    branch: str = "longitudinal",
+    direction: ArrayLike = (0.0, 1.0),
+    finite_overlap: bool = False,
+) -> WidthFit:
+    """The width of the distribution of diameters at which ``medium`` gives the measured velocities.
+
+    Parameters
+    ----------
+    packing : the balls. Its spread says the shape of the distribution, uniform where there is none; what is fitted starts
+        from its values, the width from many others as well.
+    force : mean contact forces, (n,), N.
+    velocity : sound velocities, (n,), m/s.
+    sigma : their standard errors, m/s, one or (n,). Left out, they are taken for equal and found from the scatter.
+    frequency : of the pulses, Hz, one or (n,): velocities are then group velocities. Left out, they are those of long waves.
+    medium : "afa", "ema", or a name with its options.
+    parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too.
+    branch : "longitudinal" or "transverse".
+    direction : of propagation. (0, 1), across a row of touching balls, is from side to side of the paper's hexagonal frame.
+    finite_overlap : keep the terms of relative order delta/d in the velocities; derivatives are those of the paper's limit.
+
+    Returns
+    -------
+    :class:`WidthFit`. Standard errors are those of linear theory: of the sigma given, or of the scatter, when a parameter's
+    error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
+
+    Raises
+    ------
+    InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
+        parameters (a standard error above the parameter itself, parameters that have the same effect, velocities of equal
+        balls or above); loads or a frequency that the medium cannot carry.
+    """
+    data = Measurements(np.asarray(force), np.asarray(velocity), sigma, frequency)
+    waves = Waves(branch, as_direction(direction), data.frequency, finite_overlap)
+    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    problem = _Problem.of(VelocityModel(packing, names, MediumChoice.parse(medium), data.force, waves), data)
+    logs = min((_descended(problem, start) for start in _starts(problem)), key=lambda x: float(np.sum(problem(x)[0] ** 2)))
+    if data.sigma is None:
+        problem = problem.scattered(logs)
+    residuals, matrix = problem(logs)
+    covariance, step = _covariance(problem, logs, residuals, matrix)
+    errors = np.sqrt(np.diag(covariance))
+    if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * errors + 1e-9):
+        raise _undetermined(problem, logs, errors)
+    fitted, values, dof = problem.model.fitted(logs), np.exp(logs), problem.dof
+    chi2 = float(dof) if data.sigma is None else float(residuals @ residuals)
+    state = problem.model.choice.of(fitted).at_force(data.force, finite_overlap)
+    return WidthFit(
+        fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
+        problem.sigma, data.velocity - residuals * problem.sigma, chi2, dof, _warnings(state, chi2, dof),
+    )  # fmt: skip
+
+
+# -- least squares --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Least squares in the logarithms of the parameters of a model; ``sigma`` (n,) is 1 m/s until the scatter is known."""
+
+    model: VelocityModel
+    velocity: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, model: VelocityModel, data: Measurements) -> Self:
+        if len(data.force) < len(model.names) + (data.sigma is None):
+            what = f"found {len(data.force)} data, to which {' and '.join(model.names)} cannot be fitted"
+            why = "Without sigma one more is needed, for the scatter" if data.sigma is None else ""
+            raise InputError(message(what, why, "Measure more"))
+        return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return len(self.velocity) - len(self.model.names)
+
+    @property
+    def widths(self) -> Array:
+        """Widths to try, m, ascending; the packing's own is one."""
+        force, packing = self.model.force, self.model.packing
+        units = np.array([np.min(force) / _NARROWEST, np.max(force) / _WIDEST])
+        low, high = np.cbrt(units / packing.law.coefficient) ** 2
+        count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
+        return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
+
+    def __call__(self, logs: Array) -> tuple[Array, Array]:
+        """Residuals (n,) and derivatives (n, p) of the velocities, in units of sigma; InputError where there are none."""
+        velocities, slopes = self.model(logs)
+        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
+
+    def scattered(self, logs: Array) -> _Problem:
+        """The problem with sigma from the scatter about a fit."""
+        residuals = self(logs)[0]
+        # numbers in double precision scatter by their rounding at least
+        least = np.finfo(float).eps * float(np.max(self.velocity))
+        scatter = max(math.sqrt(float(residuals @ residuals) / self.dof), least)
+        return replace(self, sigma=np.full(residuals.shape, scatter))
+
+
+def _starts(problem: _Problem) -> list[Array]:
+    """Logarithms to start from: of each width at which the sum of squares is least among its neighbours.
+
+    For each width the other parameters are taken at their best by one linear step. Widths so large that the medium refuses
+    them are left out.
+    """
+    model, where = problem.model, problem.model.width_index
+    others = np.arange(len(model.names)) != where
+    starts: list[Array] = []
+    squares, effect = [math.inf], 0.0
+    for width in problem.widths.tolist():
+        logs = model.start(width)
+        try:
+            residuals, matrix = problem(logs)
+        except InputError:
+            if not starts:  # so narrow a spread is not to blame
+                raise
+            break
+        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=_SAME)[0]
+        starts.append(logs)
+        squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
+        effect = max(effect, float(np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))))
+    if effect < 1e-9:
+        what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
+        raise InputError(message(what, mend="Use another medium, such as ema, and a spread that has a shape"))
+    squares.append(math.inf)
+    return [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
+
+
+def _descended(problem: _Problem, start: Array) -> Array:
+    """Logarithms at the minimum of the sum of squares that is reached from ``start``."""
+    from scipy.optimize import least_squares
+
+    @lru_cache(maxsize=2)
+    def system(move: tuple[float, ...]) -> tuple[Array, Array]:
+        return problem(start + np.array(move))
+
+    def residuals(move: Array) -> Array:
+        try:
+            return system(tuple(move.tolist()))[0]
+        except InputError:  # the trust region shrinks
+            return np.full(problem.velocity.shape, np.inf)
+
+    def jacobian(move: Array) -> Array:
+        return -system(tuple(move.tolist()))[1]
+
+    found = least_squares(residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100)
+    return np.asarray(start + found.x)
+
+
+def _covariance(problem: _Problem, logs: Array, residuals: Array, matrix: Array) -> tuple[Array, Array]:
+    """Covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem."""
+    norms = np.linalg.norm(matrix, axis=0)
+    # were the others known, the standard error of a parameter would be one over its norm
+    if np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0]):
+        raise _undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
+    left, singular, right = np.linalg.svd(matrix / norms, full_matrices=False)
+    if singular[-1] < _SAME * singular[0]:
+        why = "Long waves know E/d and E d^(1/2) W^(3/2) only" if len(problem.model.names) == len(VARIABLE) else ""
+        mend = "Measure over a wider range of force, or fit fewer parameters"
+        raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
+    root = (right / singular[:, None]).T / norms[:, None]
+    return root @ root.T, root @ (left.T @ residuals)
+
+
+def _undetermined(problem: _Problem, logs: Array, errors: Array) -> InputError:
+    """Why the data do not determine the parameters, whose logarithms have the standard ``errors``."""
+    model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
+    width, error = float(np.exp(logs[model.width_index])), float(errors[model.width_index])
+    ideal = replace(model, choice=MediumChoice("ala"))(logs)[0]
+    excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
+    if model.names == ("width",) and excess > 1e-9:
+        return InputError(
+            message(
+                f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls",
+                "A spread of diameters slows sound, so that no width fits",
+                "Check the Young modulus, diameter and density, or fit young_modulus as well",
+            )
+        )
+    if model.names[worst] != "width" and errors[worst] > 1.0:
+        what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
+        return InputError(message(what, mend="Measure more precisely, over a wider range of force, or fit fewer parameters"))
+    if error > 1.0 or width < problem.widths[0]:
+        best = f": the best is {width:.3g} m, its standard error {error * width:.3g} m"
+        what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
+        least = float(np.min(model.force))
+        why = f"From {least:.3g} N up the velocities rise with the force as those of equal balls do, within their errors"
+        return InputError(message(what, why, "Measure at lower forces, or more precisely"))
+    what = f"no width fits: the sum of squares still falls at {width:.3g} m, where the medium {model.choice.label!r} ends"
+    why = "The velocities are too low, or do not rise with the force as in an array of balls"
+    return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
+
+
+def _warnings(state: ContactState, chi2: float, dof: int) -> tuple[str, ...]:
+    """Where the fit is not to be trusted."""
+    outside, out = int(np.sum(~np.asarray(state.valid))), []
+    if outside:
+        least = f"f* is {float(np.min(state.reduced_force)):.3g} at the least force"
+        out.append(f"{outside} of {state.force.size} loads are outside the range of the medium {state.medium!r} ({least})")
+    if chi2 > dof + 5.0 * math.sqrt(2.0 * dof):
+        out.append(f"the residuals are {math.sqrt(chi2 / max(dof, 1)):.3g} times what sigma says: the model does not fit")
+    return (*out, *validity(state, state.finite_overlap).warnings)

@@ -1,0 +1,124 @@
+"""Measured sound velocities, from arrays or from a table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.contact import positive
+from granphon.errors import InputError, message
+from granphon.files import closest
+from granphon.parameters import numbers
+from granphon.quantities import LENGTH, LOADS, Quantity
+from granphon.results import Result
+from granphon.tables import Table
+
+__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "Measurements"]
+
+Array = NDArray[np.float64]
+SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
+FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
+_TIME = Quantity("time", "s", "0.5 ms", "s, ms, us")
+#: what a table of measurements may hold, and how it is written
+COLUMNS: Mapping[str, Quantity] = {
+    "force": LOADS["force"], "side_force": LOADS["side_force"], "velocity": SPEED, "time": _TIME, "distance": LENGTH,
+    "sigma": SPEED, "time_sigma": _TIME, "frequency": FREQUENCY,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Result):
+    """Sound velocities against the contact force.
+
+    Attributes
+    ----------
+    force, velocity : (n,), N and m/s.
+    sigma : standard error of each velocity, m/s, (n,) or one number for all; None if it is not known.
+    frequency : of the pulses, Hz, (n,) or one number; None for long waves.
+
+    Raises
+    ------
+    InputError : what is not a finite number above zero, or not as many of one as of the other.
+    """
+
+    units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
+
+    force: Array
+    velocity: Array
+    sigma: Any = None
+    frequency: Any = None
+
+    def __post_init__(self) -> None:
+        counts = {}
+        for name in self.units:
+            given = getattr(self, name)
+            if given is not None:
+                array = np.array([positive(name, value, self.units[name]) for value in numbers(name, given)])
+                counts[name] = array.size
+                object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
+        n = counts["force"]
+        if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
+            found = ", ".join(f"{count} of {name}" for name, count in counts.items())
+            raise InputError(message(f"found {found}", mend="Give as many of each; sigma and frequency may be one number"))
+        super().__post_init__()
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        columns: Mapping[str, str] | None = None,
+        distance: float | None = None,
+        frame: Callable[[float], float] | None = None,
+    ) -> Self:
+        """Read a table, see :mod:`granphon.tables`.
+
+        Parameters
+        ----------
+        path : of a file with columns among :data:`COLUMNS`: force or side_force; velocity, or time and distance; and, where
+            known, sigma of the velocity or time_sigma of the time, and the frequency of the pulse.
+        columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
+        distance : how far sound has gone, m, where no column says it.
+        frame : gives the contact force of a side force, both in N.
+
+        Raises
+        ------
+        InputError : a file, line or cell that cannot be read; too little in it, or two columns that say the same.
+        """
+        table, named = Table.read(path), dict(columns or {})
+        for name in named:
+            if name not in COLUMNS:
+                meant = closest(name, COLUMNS)
+                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
+                raise InputError(message(f"{name!r} is nothing that a column of measurements holds", mend=mend))
+
+        def chosen(*kinds: str) -> str | None:
+            """The one of these kinds that the table holds."""
+            there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
+            if len(there) > 1:
+                raise InputError(message(f"{path} has both {' and '.join(there)}", mend="Name the column that is meant"))
+            return there[0] if there else None
+
+        def column(kind: str) -> Array:
+            return table.column(named.get(kind, kind), COLUMNS[kind])
+
+        if chosen("force", "side_force") != "side_force":
+            force = column("force")
+        elif frame is not None:
+            force = np.array([frame(side) for side in column("side_force").tolist()])
+        else:
+            why = "Contact forces follow from them and the number of balls on a side"
+            mend = "Give the scene's load as side_force and balls_per_side"
+            raise InputError(message(f"{path} gives side forces", why, mend))
+        if chosen("velocity", "time") != "time":
+            velocity = column("velocity")
+        else:
+            velocity = (column("distance") if distance is None else positive("distance", distance, "m")) / column("time")
+        sigma, error = None, chosen("sigma", "time_sigma")
+        if error is not None:
+            sigma = column("sigma") if error == "sigma" else velocity * column("time_sigma") / column("time")
+        return cls(force, velocity, sigma, column("frequency") if chosen("frequency") else None)

@@ -1,0 +1,92 @@
+"""Drawing the results of a run again, from the files in its folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from granphon.errors import InputError, message
+from granphon.files import check_free, staging
+from granphon.observables import contact_lattice
+from granphon.scene import Scene
+
+__all__ = ["figure_name", "redraw"]
+
+_FORMATS = (".pdf", ".png", ".svg")
+
+
+def figure_name(bands: bool) -> str:
+    """Of the figure of bands, or of the density of states alone."""
+    return "bands.png" if bands else "dos.png"
+
+
+def redraw(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
+    asymptotes: bool = False,
+    variable: str | None = None,
+) -> Path:
+    """Draw the results in a run's folder again, in one figure.
+
+    Parameters
+    ----------
+    folder : where sweep.nc is, or band.yaml, dos.csv, or both.
+    out : where to, in the format of its ending; by default sweep.png, bands.png (dos.png without bands) in the folder.
+    force : overwrite.
+    asymptotes : add the long waves (equations 13-15) of the scene that the folder holds to its bands.
+    variable : of a sweep, to be drawn alone.
+
+    Returns
+    -------
+    The path written.
+
+    Raises
+    ------
+    InputError : the folder holds nothing to draw, its files are damaged, the format or the variable is unknown, or what is
+        asked for belongs to another kind of result.
+    FileExistsInRunError, OutputError : the figure cannot be written.
+    """
+    source = Path(folder)
+    have = {name: source / name for name in ("sweep.nc", "band.yaml", "dos.csv") if (source / name).is_file()}
+    if not have:
+        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
+        raise InputError(message(what, mend="Give a folder that 'granphon run' wrote"))
+    swept = "sweep.nc" in have
+    if swept and asymptotes:
+        raise InputError(message(f"{source} holds a sweep", "Long waves are drawn beside bands", "Leave asymptotes out"))
+    if variable is not None and not swept:
+        raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
+    target = source if out is None else Path(out).parent
+    name = Path(out).name if out is not None else "sweep.png" if swept else figure_name("band.yaml" in have)
+    check_free(target, [name], force)
+    if Path(name).suffix not in _FORMATS:
+        raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
+    figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
+    with staging(target, [name], force) as place:
+        figure.savefig(place / name)
+    return target / name
+
+
+def _sweep_figure(path: Path, variable: str | None) -> Any:
+    from granphon.charts import sweep_figure
+    from granphon.sweeps import load_sweep
+
+    return sweep_figure(load_sweep(path), variable=variable)
+
+
+def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
+    from granphon.phonons import Bands, DensityOfStates
+    from granphon.plot import bands_figure
+
+    try:
+        bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
+        dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
+    except OSError as error:
+        raise InputError(message(f"{error.filename} cannot be read: {error.strerror}")) from None
+    lattice = None
+    if asymptotes and bands is not None:
+        scene = Scene.from_yaml(source / "scene.yaml")
+        lattice = contact_lattice(scene.state(), scene.finite_overlap)
+    return bands_figure(bands=bands, dos=dos, asymptotes=lattice)

@@ -1,0 +1,392 @@
+"""Many states at once: loads, media and parameters of the packing, as one labelled data set.
+
+The work is cut into tasks, one medium on one packing at all loads, and the results are put in place by index. With a path
+each finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.errors import GranphonError, InputError, message
+from granphon.files import check_free, staging, versions
+from granphon.medium import AveragedLattice, ContactState, MediumChoice
+from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
+from granphon.packing import Packing
+from granphon.parameters import PARAMETERS, Axis, combinations, numbers
+from granphon.progress import Progress, silent
+from granphon.results import _plain, _restore
+from granphon.tasks import Part, Store, solve_all
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+    from granphon.spectra import Bands
+
+__all__ = ["load_sweep", "sweep", "swept_packing"]
+
+Array = NDArray[Any]
+SCHEMA = 1
+_FORMAT = "granphon sweep"
+_LOADS = {"force": "mean contact force", "pressure": "force per length of boundary", "overlap": "d - a"}
+_UNITS = {
+    **ContactState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
+    **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
+}  # fmt: skip
+_LONG_NAMES = {
+    **_LOADS,
+    "relative_overlap": "overlap over the mean diameter",
+    "normal_stiffness": "normal stiffness of a contact",
+    "shear_stiffness": "shear stiffness of a contact",
+    "effective_density": "density of the layer taken one diameter thick",
+    "reduced_force": "f*, force over that at an overlap of the width",
+    "reduced_spacing": "a*, (d + W/2 - a)/W",
+    "force_fluctuation": "rms contact force over the mean",
+    "contact_fraction": "fraction of contacts that carry load",
+    "stiffness_ratio": "normal stiffness over that of the ideal lattice at the same force",
+    "valid": "inside the medium's range",
+    "regime": "pressure regime of Section III",
+    "longitudinal": "longitudinal sound velocity",
+    "transverse": "transverse sound velocity",
+    "bulk": "bulk modulus of the layer taken one diameter thick",
+    "shear": "shear modulus of the layer taken one diameter thick",
+    "tensor": "elastic tensor of the layer taken one diameter thick, Voigt order",
+    "exponent": "d log v / d log P",
+    "frequencies": "frequencies of the branches, ascending",
+    "young_modulus": "Young modulus of the material",
+    "poisson_ratio": "Poisson ratio of the material",
+    "density": "density of the material",
+    "diameter": "mean diameter",
+    "width": "W, width of the distribution of diameters",
+    "friction": "whether contacts resist shear",
+    "spread": "distribution of diameters",
+    "lattice": "lattice of the contacts",
+}
+_VOIGT = ("xx", "yy", "xy")
+#: dimensions of a variable after load, medium and parameters
+_EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
+#: of propagation, Cartesian; on an isotropic lattice any other gives the same
+_DIRECTION = (1.0, 0.0)
+
+
+def _json(data: Any) -> str:
+    return json.dumps(data, default=_plain, sort_keys=True)
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return versions("numpy", "scipy", "phonopy")
+
+
+# -- one task -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands."""
+
+    where: str
+    packing: Packing
+    medium: MediumChoice
+    load: str
+    values: tuple[float, ...]
+    finite_overlap: bool
+    qpoints: Array | None
+
+    def state(self, values: ArrayLike) -> ContactState:
+        """At some of the loads."""
+        at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
+        return at(values, finite_overlap=self.finite_overlap)
+
+    @cached_property
+    def name(self) -> str:
+        """Of its file: the medium, and a digest of everything that determines the numbers."""
+        data = {**_plain(self), "where": "", "schema": SCHEMA, "versions": _versions()}
+        return f"{self.medium.name}-{hashlib.sha256(_json(data).encode()).hexdigest()}"
+
+    def solve(self) -> Part:
+        """Every variable at every load, and "warnings", a list of texts; an error says at which load of which task."""
+        try:
+            return _observed(self, self.state(np.array(self.values)))
+        except GranphonError as error:
+            raise _located(self, error) from error
+
+
+def _located(task: _Task, error: GranphonError) -> GranphonError:
+    """``error``, or that of the first load which alone gives one, with the task and the load before it."""
+    unit = ContactState.units[task.load]
+    for value in task.values:
+        try:
+            _observed(task, task.state(np.array([value])))
+        except GranphonError as alone:
+            return type(alone)(f"{task.where}, {task.load} = {value!r} {unit}: {alone}")
+    return type(error)(f"{task.where}: {error}")
+
+
+def _observed(task: _Task, state: ContactState) -> Part:
+    finite = task.finite_overlap
+    velocities, constants = sound_velocities(state, _DIRECTION, finite), moduli(state, finite)
+    names = [name for name in ContactState.units if name != "pressure" or _has_pressure(task.packing)]
+    out = {name: getattr(state, name) for name in (*names, "regime")}
+    out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
+    if constants.isotropic:
+        out |= {"bulk": constants.bulk, "shear": constants.shear}
+    if not finite:
+        out["exponent"] = local_exponent(state)
+    if task.qpoints is not None:
+        out["frequencies"] = _frequencies(state, task.qpoints, finite)
+    return {name: np.asarray(value) for name, value in out.items()} | {"warnings": np.array(velocities.warnings, str)}
+
+
+def _has_pressure(packing: Packing) -> bool:
+    with suppress(InputError):
+        return packing.structure.pressure_factor > 0.0
+    return False
+
+
+def _frequencies(state: ContactState, qpoints: Array, finite_overlap: bool) -> Array:
+    """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
+
+    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
+    """
+    loads = [state[i] for i in range(len(state.force))]
+    lattices = [contact_lattice(one, finite_overlap) for one in (loads if finite_overlap else loads[:1])]
+    rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
+    hertz = np.array([one.scales.frequency for one in loads])
+    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
+    return out
+
+
+# -- the sweep ------------------------------------------------------------------------------------------------------
+
+
+def sweep(
+    packing: Packing,
+    *,
+    force: ArrayLike | None = None,
+    pressure: ArrayLike | None = None,
+    overlap: ArrayLike | None = None,
+    media: Any = ("ala",),
+    finite_overlap: bool = False,
+    bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
+    npoints: int = 101,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    **parameters: Any,
+) -> Dataset:
+    """States, velocities and moduli over loads, media and parameters of the packing.
+
+    Parameters
+    ----------
+    packing : what is common to the sweep.
+    force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
+    media : "ala", "afa", "ema", mappings with options such as {"ema": {"local_field": "paper"}}, or a list of these.
+    finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
+    bands : a path as :meth:`granphon.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
+    executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
+    progress : told how many tasks (a medium at one combination of parameters) are done.
+    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
+    resume : go on with what an interrupted sweep to ``path`` has left; the numbers are those of an uninterrupted one.
+    overwrite : replace existing files.
+    **parameters : values of any of :data:`~granphon.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread and keeps
+        its shape, uniform if there is none; a ``diameter`` leaves it as it is.
+
+    Returns
+    -------
+    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
+    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along (1, 0) where
+    sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
+    ``exponent``, and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own
+    name. ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
+
+    Raises
+    ------
+    InputError : no load or several kinds, an unknown medium or parameter, a value that makes no packing, bands over
+        parameters that change the number of branches.
+    FileExistsInRunError, OutputError : the files cannot be written; found out before anything is computed if it can be.
+    GranphonError : a medium has no solution; names medium, parameters and load. No result is written then.
+    """
+    load, values = _load(force=force, pressure=pressure, overlap=overlap)
+    choices = [MediumChoice.parse(one) for one in (media if isinstance(media, list | tuple) else [media])]
+    if not choices:
+        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+    axes = [Axis.of(name, given) for name, given in parameters.items()]
+    packings = combinations(packing, axes)
+    way = None if bands is None else _way(packings, bands, npoints)
+    target = _target(path, resume, overwrite)
+    qpoints = None if way is None else way.qpoints
+    tasks = [
+        _Task(", ".join(filter(None, [choice.label, where])), one, choice, load, values, bool(finite_overlap), qpoints)
+        for where, one in packings
+        for choice in choices
+    ]
+    store = Store(None if target is None else target.with_name(f".{target.name}.partial"))
+    if not resume:
+        store.clear()
+    parts = solve_all("sweep", tasks, executor, progress, store)
+    dataset = _dataset(tasks, parts, axes, choices, way).assign_attrs(packing=_json(packing))
+    if target is not None:
+        table = target.with_suffix(".csv").name
+        with staging(target.parent, [target.name, table], overwrite) as place:
+            _write(dataset, place / target.name)
+            _write_table(dataset, place / table)
+        store.clear()
+    return dataset
+
+
+def _load(**given: ArrayLike | None) -> tuple[str, tuple[float, ...]]:
+    """The one kind of load that is given, and its values."""
+    kinds = [name for name, values in given.items() if values is not None]
+    if len(kinds) != 1:
+        what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
+        raise InputError(message(what, mend="Give one of " + ", ".join(given)))
+    return kinds[0], numbers(kinds[0], given[kinds[0]])
+
+
+def _way(packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int) -> Bands:
+    """The path of the bands: those of the first packing, in the paper's limit."""
+    from granphon.phonons import Phonons
+
+    first = packings[0][1]
+    if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
+        raise InputError(
+            message(
+                "bands cannot be swept over friction or lattices",
+                "The number of branches, or the Brillouin zone, differs, and they would make no one array",
+                "Make a sweep of each",
+            )
+        )
+    return Phonons(AveragedLattice(first).at_overlap(1e-6 * first.diameter)).bands(bands, npoints)
+
+
+def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) -> Path | None:
+    if path is None:
+        if resume:
+            raise InputError(message("there is nothing to resume", "Parts of a sweep are kept beside its file", "Give path"))
+        return None
+    target = Path(path)
+    if target.suffix != ".nc":
+        raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
+    check_free(target.parent, [target.name, target.with_suffix(".csv").name], overwrite)
+    return target
+
+
+# -- the data set ---------------------------------------------------------------------------------------------------
+
+
+def _dataset(
+    tasks: Sequence[_Task], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: Bands | None
+) -> Dataset:
+    from xarray import Dataset
+
+    load, values, finite = tasks[0].load, tasks[0].values, tasks[0].finite_overlap
+    dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
+    # what every task gives; the tensor only where it is needed
+    names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
+    if "bulk" in names:
+        names.remove("tensor")
+    variables: dict[str, Any] = {}
+    for name in names:
+        stack = np.array([part[name] for part in parts])
+        stack = stack.reshape(*counts, len(media), len(values), *stack.shape[2:])
+        stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
+        variables[name] = ((*dims, *_EXTRA.get(name, ())), stack, _attrs(name))
+    coordinates: dict[str, Any] = {load: ("load", np.array(values), _attrs(load)), "medium": [m.label for m in media]}
+    for axis in axes:
+        # labels say less than the spread or the lattice itself
+        whole = {"values": _json(axis.values)} if axis.name in ("spread", "lattice") else {}
+        coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
+    if "tensor" in names:
+        coordinates |= {dim: list(_VOIGT) for dim in _EXTRA["tensor"]}
+    if way is not None:
+        variables |= _path_variables(way, finite)
+    warnings = [f"{task.where}: {text}" for task, part in zip(tasks, parts, strict=True) for text in part["warnings"]]
+    attrs = {
+        "format": _FORMAT, "schema": SCHEMA, "versions": _json({**_versions(), **versions("xarray", "h5netcdf")}),
+        "media": _json([{choice.name: dict(choice.options)} for choice in media]), "finite_overlap": int(finite),
+        "direction": "(1, 0), Cartesian, where velocities depend on it", "warnings": _json(warnings),
+    }  # fmt: skip
+    if finite:
+        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+    return Dataset(variables, coordinates, attrs)
+
+
+def _attrs(name: str) -> dict[str, str]:
+    return {"long_name": _LONG_NAMES[name]} | ({"units": _UNITS[name]} if name in _UNITS and name != "valid" else {})
+
+
+def _path_variables(way: Bands, finite_overlap: bool) -> dict[str, Any]:
+    unit = "1/a" if finite_overlap else "1/d"
+    return {
+        "qpoints": (
+            ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
+        ),
+        "distances": (
+            ("segment", "point"), way.distances, {"long_name": "distance along the path, without 2 pi", "units": unit},
+        ),
+        "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
+    }  # fmt: skip
+
+
+def swept_packing(dataset: Dataset) -> Packing:
+    """The packing that a sweep was made of, before its parameters were changed."""
+    packing: Packing = _restore(json.loads(dataset.attrs["packing"]), Packing)
+    return packing
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+
+def _write(dataset: Dataset, path: Path) -> None:
+    # xarray marks what is missing by nan unless told that nothing is
+    dataset.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in dataset.variables})
+
+
+def _write_table(dataset: Dataset, path: Path) -> None:
+    """One row for each load, medium and combination of parameters; all digits."""
+    dims = dataset["longitudinal"].dims
+    load = next(name for name in _LOADS if name in dataset.coords)
+    names = [load, *dims[1:], *(name for name, data in dataset.data_vars.items() if data.dims == dims)]
+    units = [dataset[name].attrs.get("units") for name in names]
+    columns = [dataset[name].broadcast_like(dataset["longitudinal"]).transpose(*dims).values.ravel() for name in names]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow([name if unit is None else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)])
+        table.writerows(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def load_sweep(path: str | os.PathLike[str]) -> Dataset:
+    """The data set that :func:`sweep` wrote to ``path``, in memory.
+
+    :class:`~granphon.errors.InputError` if there is no such file, if it is damaged or no sweep, or of a newer schema.
+    """
+    from xarray import load_dataset
+
+    try:
+        dataset = load_dataset(path, engine="h5netcdf")
+    except FileNotFoundError:
+        raise InputError(message(f"{path}: there is no such file", mend="sweep(path=...) writes one")) from None
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise InputError(message(f"{path} cannot be read", str(error), "Is this the right file?")) from error
+    if dataset.attrs.get("format") != _FORMAT:
+        raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
+    if dataset.attrs.get("schema", 0) > SCHEMA:
+        what = f"{path} is of schema {dataset.attrs['schema']}, newer than this granphon knows ({SCHEMA})"
+        raise InputError(message(what, mend="Update granphon"))
+    return dataset

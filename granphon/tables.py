@@ -1,0 +1,125 @@
+"""Tables of measured numbers: columns of a text file, with their units, as arrays in SI.
+
+The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
+tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.errors import InputError, message
+from granphon.files import closest
+from granphon.quantities import NUMBER, Quantity
+
+__all__ = ["Heading", "Table"]
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What heads a column: its ``name`` and its ``unit``, empty where none is given."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """From ``name``, ``name (unit)`` or ``name [unit]``."""
+        match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
+        return cls(match[1], match[2] or "") if match else cls(text, "")
+
+    @property
+    def key(self) -> str:
+        """The name as names are compared: in lower case, words joined by underscores."""
+        return re.sub(r"[\s_-]+", "_", self.name.lower())
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it stands in a file: cells are texts until :meth:`column` reads them.
+
+    Attributes
+    ----------
+    name : how messages call the file.
+    headings : of the columns.
+    rows : the number of each line, counted from 1, and its cells, one for each heading.
+    """
+
+    name: str
+    headings: tuple[Heading, ...]
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a file in UTF-8; :class:`~granphon.errors.InputError` names file and line of what cannot be read."""
+        try:
+            lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+        except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a null character in the name
+            raise InputError(message(f"{path} cannot be read", getattr(error, "strerror", None) or str(error))) from None
+        kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
+        if not kept:
+            raise InputError(message(f"{path} is empty", mend="Head the columns by names, and put numbers below them"))
+        mark = next((mark for mark in "\t;" if mark in kept[0][1]), ",")
+        (first, titles), *rows = [(n, _cells(line, mark)) for n, line in kept]
+        headings = tuple(Heading.parse(title) for title in titles)
+        numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
+        if numbers:
+            what = f"{path}:{first}: found the number {numbers[0]} where the columns are headed"
+            raise InputError(message(what, mend="Head the columns by names, such as 'force (N), velocity (m/s)'"))
+        return cls(str(path), headings, tuple((n, _fitted(f"{path}:{n}", cells, len(titles))) for n, cells in rows))
+
+    def __contains__(self, name: str) -> bool:
+        return self._places(name) != []
+
+    def column(self, name: str, kind: Quantity) -> NDArray[np.float64]:
+        """The column called ``name``, (rows,), in the SI unit of its ``kind``, which is also taken where no unit is given.
+
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter.
+        :class:`~granphon.errors.InputError` if there is no such column or there are two, if there are no rows, or a cell
+        is not what the kind allows.
+        """
+        wanted, places = Heading.parse(name), self._places(name)
+        if len(places) != 1:
+            names = [heading.name for heading in self.headings]
+            meant = closest(wanted.name, names)
+            what = f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
+            mend = f"Did you mean {meant!r}" if meant and not places else "Name the column that is meant"
+            raise InputError(message(what, f"Its columns are {', '.join(map(repr, names))}", mend))
+        if not self.rows:
+            raise InputError(message(f"{self.name} has no rows below its headings"))
+        place = places[0]
+        unit = wanted.unit or self.headings[place].unit or kind.unit
+        return np.array([self._value(n, cells[place], unit, self.headings[place].name, kind) for n, cells in self.rows])
+
+    def _places(self, name: str) -> list[int]:
+        wanted = Heading.parse(name).key
+        return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
+
+    def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity) -> float:
+        if not re.fullmatch(NUMBER, cell):
+            found = f"found {cell[:40]!r}" if cell else "found nothing"
+            raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed"))
+        try:
+            return kind.read(f"{cell} {unit}")
+        except ValueError as refused:
+            raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
+
+
+def _cells(line: str, mark: str) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
+
+
+def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
+    if any(cells[count:]):
+        what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
+        raise InputError(message(what, mend="Write decimals with a point, and part the columns by one mark"))
+    return cells[:count] + ("",) * (count - len(cells))

@@ -1,0 +1,150 @@
+"""Sound velocities as a function of a packing's parameters, with derivatives: what a fit to measured velocities needs.
+
+In the paper's limit v is in proportion to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)) and c to E d^(1/2). With nu,
+the local exponent d log v / d log f that every state knows, the derivatives d log v / d log p are exactly 1/4 - 3 nu/2 for
+the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter. In the ideal lattice, where nu = 1/6, they are
+0, 1/3 and -1/3: it knows nothing of the width.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.contact import positive
+from granphon.diameters import Discrete, Measured, Spread, Uniform
+from granphon.errors import InputError, message
+from granphon.files import closest
+from granphon.medium import ContactState, MediumChoice
+from granphon.observables import local_exponent, pulse_velocities, sound_velocities
+from granphon.packing import Packing
+from granphon.parameters import changed
+from granphon.results import Result
+
+__all__ = ["VARIABLE", "VelocityModel", "Waves"]
+
+Array = NDArray[np.float64]
+#: the parameters, and d log v / d log p of long waves: a constant, and a factor of the local exponent
+VARIABLE: Mapping[str, tuple[float, float]] = {
+    "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
+}  # fmt: skip
+#: relative step in the frequency of a pulse, from which the slope of its velocity is found
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Waves(Result):
+    """Which waves are measured.
+
+    Attributes
+    ----------
+    branch : "longitudinal" or "transverse"; :class:`~granphon.errors.InputError` for another word.
+    direction : of propagation, a unit vector.
+    frequency : of pulses, Hz, one or one for each load; None for long waves.
+    finite_overlap : whether terms of relative order delta/d are kept.
+    """
+
+    units = {"frequency": "Hz"}
+
+    branch: str
+    direction: Array
+    frequency: Any
+    finite_overlap: bool
+
+    def __post_init__(self) -> None:
+        if self.branch not in ("longitudinal", "transverse"):
+            raise InputError(message(f"unknown branch {self.branch!r}", mend="Use longitudinal or transverse"))
+        super().__post_init__()
+
+    def velocity(self, state: ContactState) -> tuple[Array, Array]:
+        """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""
+        if self.frequency is None:
+            velocities = np.asarray(getattr(sound_velocities(state, self.direction, self.finite_overlap), self.branch))
+            return velocities, np.zeros(velocities.shape)
+        # downwards, where the branch goes on
+        steps = np.reshape([0.0, _STEP, 2.0 * _STEP], (3,) + (1,) * len(state.shape))
+        frequencies = self.frequency * (1.0 - steps)
+        group = pulse_velocities(state, frequencies, self.direction, self.finite_overlap, branches=self.branch).group[0]
+        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_STEP * group[0])
+
+
+@dataclass(frozen=True)
+class _Widened(Spread):
+    """The distribution ``source`` at another width, the shape the same to the last bit: one curve serves all widths."""
+
+    width: float = field()
+    source: Spread = field()
+
+    @property
+    def rms(self) -> float:
+        """Delta_rms, m."""
+        return self.width / math.sqrt(12.0)
+
+    @property
+    def shape(self) -> Any:
+        """That of the source."""
+        return self.source.shape
+
+
+@dataclass(frozen=True)
+class VelocityModel:
+    """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
+
+    ``names`` (p,) of the parameters, of :data:`VARIABLE`; the width is one of them, or :class:`InputError`.
+    """
+
+    packing: Packing
+    names: tuple[str, ...]
+    choice: MediumChoice
+    force: Array
+    waves: Waves
+
+    def __post_init__(self) -> None:
+        for name in self.names:
+            if name not in VARIABLE:
+                meant = closest(str(name), VARIABLE)
+                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
+                raise InputError(message(f"{name!r} cannot be fitted", mend=mend))
+        if "width" not in self.names or len(set(self.names)) < len(self.names):
+            what = f"the parameters are {self.names}"
+            raise InputError(message(what, mend="Give width, and each of the others once at most"))
+
+    @property
+    def width_index(self) -> int:
+        """Place of the width among the parameters."""
+        return self.names.index("width")
+
+    def start(self, width: float) -> Array:
+        """Logarithms (p,) of the packing's own parameters, but for the width (m)."""
+        own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
+        return np.log([own[name] for name in self.names])
+
+    def __call__(self, logs: Array) -> tuple[Array, Array]:
+        """Velocities (n,), m/s, and the derivatives (n, p) of their logarithms, those of the paper's limit.
+
+        :class:`~granphon.errors.InputError` where the packing, or the medium at these forces, has none.
+        """
+        with np.errstate(over="ignore", under="ignore"):
+            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
+        spread = _Widened(positive("width", values.pop("width"), "m"), self.packing.spread or Uniform(0.0))
+        packing = changed(self.packing, values | {"spread": spread})
+        state = self.choice.of(packing).at_force(self.force, self.waves.finite_overlap)
+        velocities, power = self.waves.velocity(state)
+        constant, factor = np.array([VARIABLE[name] for name in self.names]).T
+        slopes = constant + np.multiply.outer(local_exponent(state), factor)
+        # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
+        of_diameter = np.array([float(name == "diameter") for name in self.names])
+        return velocities, slopes + power[:, None] * (of_diameter - slopes)
+
+    def fitted(self, logs: Array) -> Packing:
+        """The packing with these parameters; listed diameters move along with their mean."""
+        values, spread = dict(zip(self.names, np.exp(logs).tolist(), strict=True)), self.packing.spread
+        if isinstance(spread, Discrete | Measured):
+            shift = values.get("diameter", self.packing.diameter) - spread.mean
+            spread = replace(spread, diameters=tuple(diameter + shift for diameter in spread.diameters))
+        return changed(self.packing, values | {"spread": spread})

@@ -1,0 +1,87 @@
+"""Scenes and results in words, for a terminal; nothing of the computation is loaded for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from granphon.quantities import LOADS
+
+if TYPE_CHECKING:
+    from granphon.load import Load
+    from granphon.run import RunResult, SweepResult
+    from granphon.scene import Scene
+
+__all__ = ["described", "human", "results", "span"]
+
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+
+
+def human(value: float, unit: str) -> str:
+    """``value`` with five digits and a decimal prefix."""
+    size, prefix = next(((s, p) for s, p in _PREFIXES if abs(value) >= 0.99999999 * s), (1.0, ""))
+    return f"{value / size:.5g} {prefix}{unit}"
+
+
+def span(value: float | Sequence[float], unit: str) -> str:
+    """A value in readable units, or the least and the greatest of several."""
+    values = value if isinstance(value, Sequence) else [value]
+    return " to ".join(human(end, unit) for end in sorted({min(values), max(values)}))
+
+
+def _pressed(load: Load) -> str:
+    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
+    several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
+    return f"{load.kind.replace('_', ' ')} {span(load.values, LOADS[load.kind].unit)}{several}{frame}"
+
+
+def described(scene: Scene) -> list[tuple[str, str]]:
+    """Rows of what a scene holds: names, and values in readable units."""
+    packing, material = scene.packing, scene.packing.material
+    elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
+    yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
+    friction = "with friction" if packing.friction else "without friction"
+    equal = not packing.width and not {"width", "spread"} & set(dict(scene.parameters))
+    same = " (the same for equal balls)" if equal and len(scene.media) > 1 else ""
+    spread = f"{type(packing.spread).__name__.lower()}, W = {human(packing.width, 'm')}" if packing.width else "none"
+    rows = [
+        ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
+        ("packing", f"{packing.structure.name}, balls of {human(packing.diameter, 'm')}, {friction}"),
+        ("spread", spread),
+        ("load", _pressed(scene.load)),
+        ("medium", ", ".join(choice.label for choice in scene.media) + same),
+    ]
+    if scene.is_sweep:
+        sizes = {"loads": len(scene.load.values), "media": len(scene.media)}
+        sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
+        counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
+        rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
+    else:
+        state = scene.state()
+        rows += [
+            ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
+            ("stiffness", f"normal {human(state.normal_stiffness, 'N/m')}, shear {human(state.shear_stiffness, 'N/m')}"),
+        ]
+    if scene.finite_overlap:
+        rows.append(("terms", "of the order of the overlap over the diameter are kept"))
+    if "bands" in scene.observe:
+        labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
+        rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
+    if "dos" in scene.observe:
+        rows.append(("mesh", f"{scene.mesh[0]} x {scene.mesh[1]}"))
+    return rows
+
+
+def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
+    """Rows of the chief numbers of a result."""
+    numbers: dict[str, Any] = result.summary()
+    rows = [("states", str(numbers["states"]))] if "states" in numbers else []
+    rows += [("contact force", span(numbers["force"], "N")), ("overlap", span(numbers["overlap"], "m"))]
+    if "longitudinal" in numbers:
+        along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
+        rows += [(f"{name} velocity", span(numbers[name], "m/s") + along) for name in ("longitudinal", "transverse")]
+    rows += [(f"{name} modulus", span(numbers[name], "Pa")) for name in ("bulk", "shear") if name in numbers]
+    if "top_frequency" in numbers:
+        rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
+    return rows

@@ -1,0 +1,208 @@
+"""Figures over load: the plotted data are read back, not the pixels."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon import charts
+from granphon.errors import InputError
+from granphon.fit import fit_width
+from granphon.medium import EffectiveMedium
+from granphon.observables import pulse_velocities, sound_velocities
+from granphon.sweeps import sweep
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+FORCE = np.geomspace(0.5, 50.0, 9)
+
+
+@pytest.fixture(scope="module")
+def media():
+    return sweep(PACKING, force=FORCE[::-1], media=("ala", "afa", "ema"))
+
+
+@pytest.fixture(scope="module")
+def widths():
+    return sweep(PACKING, pressure=np.geomspace(200.0, 9000.0, 5), media=("ala", "ema"), width=[1e-6, 4e-6])
+
+
+@pytest.fixture(scope="module")
+def fit():
+    force = np.geomspace(2.0, 18.446, 8)
+    exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
+    return fit_width(PACKING, force, exact + np.random.default_rng(4).normal(size=8) * 5.0)
+
+
+@pytest.fixture
+def ax():
+    return Figure(layout="constrained").subplots()
+
+
+def drawn(ax, gid):
+    return [np.array(line.get_xydata()) for line in ax.lines if line.get_gid() == gid]
+
+
+def texts(legend):
+    return [text.get_text() for text in legend.get_texts()]
+
+
+# -- sweeps ---------------------------------------------------------------------------------------------------------
+
+
+def test_lines_are_the_variable_in_order_of_the_load(media, ax):
+    assert charts.plot_sweep(media, ax, "normal_stiffness") is ax
+    lines = drawn(ax, "normal_stiffness-all")
+    assert len(lines) == 3
+    for line, name in zip(lines, ("ala", "afa", "ema"), strict=True):
+        assert_array_equal(line[:, 0], FORCE)
+        assert_array_equal(line[:, 1], media["normal_stiffness"].sel(medium=name).values[::-1])
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Normal stiffness (N/m)")
+    assert texts(ax.get_legend()) == ["averaged lattice", "averaged force", "effective medium"]
+
+
+def test_solid_lines_end_where_the_medium_is_no_longer_valid(media, ax):
+    charts.plot_sweep(media, ax)
+    for line, name in zip(drawn(ax, "longitudinal-valid"), ("ala", "afa", "ema"), strict=True):
+        assert_array_equal(np.isfinite(line[:, 1]), media["valid"].sel(medium=name).values[::-1])
+    dashed = [line for line in ax.lines if line.get_gid() == "longitudinal-all"]
+    assert all(line.is_dashed() for line in dashed)
+    solid = [line.get_linewidth() for line in ax.lines if line.get_gid() == "longitudinal-valid"]
+    assert min(solid) > max(line.get_linewidth() for line in dashed)
+    assert solid == sorted(solid, reverse=True)
+
+
+def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
+    charts.plot_sweep(widths, ax, x="pressure")
+    lines = [line for line in ax.lines if line.get_gid() == "longitudinal-all"]
+    expected = widths["longitudinal"].values  # (load, medium, width)
+    for n, line in enumerate(lines):
+        assert_array_equal(np.array(line.get_xydata())[:, 1], expected[:, n // 2, n % 2])
+    brightness = [sum(to_rgb(line.get_color())) for line in lines]
+    assert brightness[0] < brightness[1]
+    assert brightness[2] < brightness[3]
+    assert texts(ax.get_legend())[2:] == ["width 1 µm", "width 4 µm"]
+    assert ax.get_xlabel() == "Pressure (N/m)"
+
+
+def test_other_combinations_of_parameters_are_lines_too(ax):
+    dataset = sweep(PACKING, force=FORCE, media=("ema",), width=[1e-6, 2e-6], friction=[True, False], density=[7840.0])
+    charts.plot_sweep(dataset, ax, "transverse")
+    assert len(drawn(ax, "transverse-all")) == 4
+    labels = ["width 1 µm, friction True", "width 1 µm, friction False", "width 2 µm, friction True"]
+    assert texts(ax.get_legend())[:3] == labels
+    many = sweep(PACKING, force=[3.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
+    assert len(texts(charts.plot_sweep(many, Figure().subplots()).get_legend())) == 8
+
+
+def test_an_axis_with_zeros_or_negative_values_is_linear(media, ax):
+    charts.plot_sweep(media, ax, "force_fluctuation", "overlap")
+    assert ax.get_yscale() == "linear"
+    assert ax.get_ylabel() == "Force fluctuation Δf/f"
+
+
+@pytest.mark.parametrize(
+    ("variable", "words"),
+    [("velocity", "no variable 'velocity'"), ("regime", "not one number"), ("medium", "not one number")],
+)
+def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
+    with pytest.raises(InputError, match=words):
+        charts.plot_sweep(media, ax, variable)
+
+
+def test_what_is_infinite_everywhere_is_refused(ax):
+    equal = sweep(gp.Packing(STEEL, 8e-3), force=FORCE)
+    with pytest.raises(InputError, match="nowhere finite"):
+        charts.plot_sweep(equal, ax, "reduced_force")
+
+
+def test_the_figure_has_velocities_above_and_exponents_below(media):
+    figure = charts.sweep_figure(media)
+    upper, lower = figure.axes
+    assert len(drawn(upper, "longitudinal-all")) == len(drawn(upper, "transverse-all")) == 3
+    for line, name in zip(drawn(lower, "exponent-all"), ("ala", "afa", "ema"), strict=True):
+        assert_array_equal(line[:, 1], media["exponent"].sel(medium=name).values[::-1])
+    assert lower.get_yscale() == "linear"
+    assert upper.get_xlim() == lower.get_xlim()
+    assert {text.get_text() for text in lower.texts} == {"1/6", "1/4"}
+    assert {text.get_text() for text in upper.texts} == {"$v_L$", "$v_T$"}
+    assert len(texts(figure.legends[0])) == 3
+    assert figure.get_size_inches()[0] == 3.4
+
+
+def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
+    (only,) = charts.sweep_figure(widths, variable="contact_fraction").axes
+    assert only.get_ylabel() == "Fraction of contacts"
+    one = sweep(PACKING, force=3.0, media=("ema",), finite_overlap=True, width=[1e-6, 2e-6])
+    figure = charts.sweep_figure(one)
+    (velocities,) = figure.axes
+    assert {line.get_marker() for line in velocities.lines} == {"o"}
+    assert figure.legends[0].get_title().get_text() == "effective medium"
+
+
+# -- fits -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
+    below = Figure().subplots()
+    assert charts.plot_fit(fit, ax, below) == (ax, below)
+    (curve,), (ideal,) = drawn(ax, "fit"), drawn(ax, "ideal")
+    assert_allclose(curve[:, 1], fit.velocity_at(curve[:, 0]), rtol=1e-14)
+    assert_allclose(np.diff(np.log(ideal[:, 1])) / np.diff(np.log(ideal[:, 0])), 1.0 / 6.0, rtol=1e-9)
+    assert (curve[:, 1] < ideal[:, 1]).all()
+    assert_array_equal([curve[0, 0], curve[-1, 0]], [fit.force[0], fit.force[-1]])
+    points, bars = (below.containers[0][i] for i in (0, 2))
+    assert_allclose(points.get_xydata(), np.column_stack([fit.force, fit.residuals / fit.sigma]))
+    assert_allclose([np.ptp(segment[:, 1]) for segment in bars[0].get_segments()], 2.0, rtol=1e-12)
+    data = ax.containers[0]
+    assert_array_equal(data[0].get_xydata(), np.column_stack([fit.force, fit.velocity]))
+    assert_allclose([np.ptp(s[:, 1]) for s in data[2][0].get_segments()], 2.0 * fit.sigma, rtol=1e-9)
+    assert (ax.get_ylabel(), below.get_ylabel()) == ("Longitudinal velocity (m/s)", "Residual / σ")
+    assert below.get_xlabel() == "Contact force (N)"
+
+
+def test_the_figure_of_a_fit_names_width_and_error(fit):
+    figure = charts.fit_figure(fit)
+    upper, lower = figure.axes
+    data, fitted, equal = texts(upper.get_legend())
+    assert (data, equal) == ("data", "equal balls")
+    assert fitted == f"ema: W = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
+    assert upper.get_xlim() == lower.get_xlim()
+
+
+def test_pulses_of_many_frequencies_are_drawn_at_the_data():
+    force, hertz = np.array([2.0, 6.0, 18.0]), np.array([2e3, 3e3, 4e3])
+    group = pulse_velocities(EffectiveMedium(PACKING).at_force(force), hertz, (0.0, 1.0)).group[0]
+    fit = fit_width(PACKING, force, group, 1.0, hertz)
+    upper, _ = charts.fit_figure(fit).axes
+    (marks,) = drawn(upper, "fit")
+    assert_array_equal(marks, np.column_stack([force, fit.velocities]))
+    assert drawn(upper, "ideal") == []
+    assert upper.get_ylabel() == "Group velocity (m/s)"
+
+
+def test_exact_data_have_a_figure_too(tmp_path):
+    force = np.array([2.0, 6.0, 18.0])
+    exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
+    figure = charts.fit_figure(fit_width(PACKING, force, exact))
+    figure.savefig(tmp_path / "fit.png")
+    assert texts(figure.axes[0].get_legend())[1] == "ema: W = 2.040000 ± 0.000000 µm"
+
+
+def test_the_global_state_of_matplotlib_is_left_alone():
+    code = (
+        "import matplotlib\nbefore = dict(matplotlib.rcParams)\nimport numpy as np, granphon as gp\n"
+        "from granphon.charts import sweep_figure\nfrom granphon.sweeps import sweep\n"
+        "packing = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, gp.Uniform(1e-6))\n"
+        "sweep_figure(sweep(packing, force=[1.0, 2.0], media=('afa',))).canvas.draw()\n"
+        "assert dict(matplotlib.rcParams) == before"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

@@ -1,0 +1,421 @@
+"""Fits of the width: exact on exact data, right on average on noisy ones, and refused where the data do not say."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.optimize import curve_fit
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import kstest
+
+import granphon as gp
+from granphon.errors import InputError, UnreachableFrequencyError
+from granphon.fit import WidthFit, fit_width
+from granphon.measurements import Measurements
+from granphon.medium import MediumChoice
+from granphon.observables import pulse_velocities, sound_velocities
+from granphon.parameters import changed
+from granphon.velocity_model import VelocityModel, Waves
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+#: the fit of Section IV, at forces of its range
+WIDTH = 2.04e-6
+BALLS = gp.Packing(STEEL, 8e-3)
+FORCE = np.geomspace(2.0, 18.446, 12)
+KINDS = gp.Discrete((7.9985e-3, 8.0003e-3, 8.0009e-3), (0.3, 0.3, 0.4))
+
+
+def velocities(packing, medium="ema", force=FORCE, branch="longitudinal", **options):
+    state = MediumChoice.parse(medium).of(packing).at_force(force, **options)
+    return np.asarray(getattr(sound_velocities(state, (0.0, 1.0), **options), branch))
+
+
+def spread_over(width, spread=None, packing=BALLS):
+    return changed(replace(packing, spread=spread), {"width": width})
+
+
+TRUE = spread_over(WIDTH)
+EXACT = {medium: velocities(TRUE, medium) for medium in ("afa", "ema")}
+
+
+# -- exact data -----------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(np.log(0.3e-6), np.log(20e-6)), st.sampled_from(["afa", "ema", {"ema": {"local_field": "paper"}}]))
+@settings(max_examples=20)
+def test_exact_data_give_the_width_to_rounding(log, medium):
+    width = float(np.exp(log))
+    fit = fit_width(BALLS, FORCE, velocities(spread_over(width), medium), medium=medium)
+    assert_allclose(fit.width, width, rtol=1e-9)
+    assert fit.stderr < 1e-9 * width
+    assert fit.medium == MediumChoice.parse(medium).label
+
+
+@pytest.mark.parametrize("spread", [gp.Normal(1e-6), gp.Normal(1e-6, 1.5), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))])
+def test_the_shape_is_that_of_the_spread_and_its_width_does_not_matter(spread):
+    truth = spread_over(WIDTH, spread)
+    fit = fit_width(replace(BALLS, spread=spread), FORCE, velocities(truth, "afa"), medium="afa")
+    assert_allclose(fit.width, WIDTH, rtol=1e-9)
+    assert type(fit.packing.spread) is type(spread)
+    assert_allclose(fit.packing.width, WIDTH, rtol=1e-9)
+
+
+@pytest.mark.parametrize("start", [1e-13, 1e-9, 1e-7, 1e-4])
+def test_the_start_does_not_matter(start):
+    fit = fit_width(spread_over(start), FORCE, EXACT["ema"])
+    assert_allclose(fit.width, WIDTH, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "sigma", "lowest"), [(60e-6, (1.0, 3.0), 1), (100e-6, (10.0, 50.0), 0)])
+@pytest.mark.parametrize("start", [1e-6, 35e-6])
+def test_of_two_minima_the_deeper_is_found(start, width, sigma, lowest):
+    # some data ask for a small width and many for a large one
+    force, sigmas = np.repeat([2.0, 30.0], [3, 40]), np.repeat(sigma, [3, 40])
+    wanted = np.where(force < 3.0, velocities(spread_over(0.5e-6), force=force), velocities(spread_over(width), force=force))
+    widths = np.geomspace(0.1e-6, 300e-6, 400)
+    squares = np.array([np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths])
+    minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
+    assert len(minima) == 2
+    assert np.argmin(squares) == minima[lowest]
+    fit = fit_width(spread_over(start), force, wanted, sigmas)
+    assert_allclose(fit.width, widths[minima[lowest]], rtol=0.02)
+    assert fit.chi2 <= squares.min()
+
+
+@pytest.mark.parametrize("name", ["young_modulus", "diameter"])
+def test_a_second_parameter_is_found_from_far_away(name):
+    truth = changed(TRUE, {name: {"young_modulus": 150e9, "diameter": 6e-3}[name]})
+    fit = fit_width(BALLS, FORCE, velocities(truth), parameters=("width", name))
+    assert_allclose(fit.values, [WIDTH, {"young_modulus": 150e9, "diameter": 6e-3}[name]], rtol=1e-8)
+    assert_allclose(velocities(fit.packing), velocities(truth), rtol=1e-10)
+    assert fit.parameters == ("width", name)
+
+
+def test_listed_diameters_move_along_with_their_mean():
+    balls = gp.Packing(STEEL, KINDS.mean, KINDS)
+    fit = fit_width(balls, FORCE, velocities(balls, "afa") * 1.01, medium="afa", parameters=("diameter", "width"))
+    assert_allclose(fit.packing.diameter, fit.values[0], rtol=1e-14)
+    assert_allclose(fit.packing.width, fit.width, rtol=1e-9)
+    assert fit.packing.spread.fractions == KINDS.fractions
+    assert_allclose(velocities(fit.packing, "afa"), fit.velocities, rtol=1e-9)
+
+
+@pytest.mark.parametrize("options", [{"branch": "transverse"}, {"finite_overlap": True}])
+def test_the_other_branch_and_finite_overlap(options):
+    fit = fit_width(BALLS, FORCE, velocities(TRUE, **options), **options)
+    assert_allclose(fit.width, WIDTH, rtol=1e-7)
+    assert_allclose(fit.velocity_at(FORCE), fit.velocities, rtol=1e-12)
+
+
+def test_a_lattice_with_velocities_of_its_own_in_each_direction():
+    square = replace(BALLS, lattice="square")
+    state = gp.EffectiveMedium(spread_over(WIDTH, packing=square)).at_force(FORCE)
+    for direction in ((1.0, 0.0), (1.0, 1.0)):
+        found = fit_width(square, FORCE, sound_velocities(state, direction).longitudinal, direction=direction)
+        assert_allclose(found.width, WIDTH, rtol=1e-9)
+
+
+# -- derivatives ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frequency", "finite", "rtol"), [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)]
+)
+@pytest.mark.parametrize("medium", ["afa", "ema"])
+def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol):
+    waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, finite)
+    model = VelocityModel(TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::3], waves)
+    logs, h = model.start(WIDTH), 1e-4
+    slopes = model(logs)[1]
+    for column, move in enumerate(np.eye(3)):
+        logged = [np.log(model(logs + n * h * move)[0]) for n in (-2, -1, 1, 2)]
+        twin = (8.0 * (logged[2] - logged[1]) - (logged[3] - logged[0])) / (12.0 * h)
+        assert_allclose(slopes[:, column], twin, rtol=rtol, atol=1e-8)
+
+
+# -- noisy data -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [np.linspace(2.0, 9.0, 12), None])
+def test_width_and_error_are_those_of_a_second_engine(sigma):
+    noisy = EXACT["ema"] + np.random.default_rng(5).normal(size=12) * 5.0
+
+    def model(_, microns, gigapascal):
+        return velocities(changed(BALLS, {"width": microns * 1e-6, "young_modulus": gigapascal * 1e9}))
+
+    fit = fit_width(BALLS, FORCE, noisy, sigma, parameters=("width", "young_modulus"))
+    best, covariance = curve_fit(model, FORCE, noisy, (2.0, 211.0), sigma, absolute_sigma=sigma is not None)
+    units = np.array([1e-6, 1e9])
+    assert_allclose(fit.values, best * units, rtol=1e-5)
+    assert_allclose(fit.covariance, covariance * np.outer(units, units), rtol=1e-3)
+    assert_allclose(fit.residuals, noisy - fit.velocities, rtol=1e-12)
+    assert_allclose(fit.chi2, np.sum((fit.residuals / fit.sigma) ** 2), rtol=1e-9)
+
+
+def repeated(count, errors, seed, **options):
+    """(fit - truth) over its standard error, and the fits, of experiments that differ by their noise."""
+    exact = EXACT[options["medium"]]
+    noise = np.random.default_rng(seed).normal(size=(count, *FORCE.shape)) * errors
+    fits = [fit_width(BALLS, FORCE, exact + one, **options) for one in noise]
+    return np.array([(fit.width - WIDTH) / fit.stderr for fit in fits]), fits
+
+
+@pytest.mark.parametrize(("medium", "count"), [("afa", 300), ("ema", 60)])
+def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
+    sigma = np.linspace(6.0, 2.0, 12)
+    pulls, fits = repeated(count, sigma, 1, medium=medium, sigma=sigma)
+    assert abs(pulls.mean()) < 3.0 / np.sqrt(count)
+    assert abs(pulls.std(ddof=1) - 1.0) < 3.0 / np.sqrt(2.0 * count)
+    assert kstest(pulls, "norm").pvalue > 0.01
+    assert kstest([fit.chi2 for fit in fits], chi2_distribution(11).cdf).pvalue > 0.01
+
+
+def test_errors_from_the_scatter_follow_student():
+    pulls, fits = [], []
+    noise = np.random.default_rng(2).normal(size=(120, 3)) * 4.0
+    for one in noise:
+        fits.append(fit_width(BALLS, FORCE[::4], EXACT["afa"][::4] + one, medium="afa"))
+        pulls.append((fits[-1].width - WIDTH) / fits[-1].stderr)
+    assert {fit.dof for fit in fits} == {2}
+    assert kstest(pulls, "t", args=(2,)).pvalue > 0.01
+    assert np.mean(np.abs(pulls) > 3.0) > 0.05  # a normal law, which three data are too few for, has 0.3 %
+    assert_allclose(np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / 240.0))
+
+
+def test_the_covariance_of_two_parameters_is_their_scatter():
+    sigma = 2.0
+    _, fits = repeated(100, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus"))
+    off = np.array([fit.values for fit in fits]) - [WIDTH, 211.65e9]
+    distance = [x @ np.linalg.solve(fit.covariance, x) for x, fit in zip(off, fits, strict=True)]
+    assert kstest(distance, chi2_distribution(2).cdf).pvalue > 0.01
+    expected = fit_width(BALLS, FORCE, EXACT["afa"], sigma, medium="afa", parameters=("width", "young_modulus")).covariance
+    correlation = expected[0, 1] / np.sqrt(expected[0, 0] * expected[1, 1])
+    assert abs(np.corrcoef(off.T)[0, 1] - correlation) < 4.0 * (1.0 - correlation**2) / np.sqrt(100)
+    assert_allclose(off.std(axis=0), np.sqrt(np.diag(expected)), rtol=3.0 / np.sqrt(200))
+
+
+def test_one_sigma_is_as_many_and_scales_the_error():
+    noisy = EXACT["afa"] + np.random.default_rng(7).normal(size=12)
+    one, many, double = (fit_width(BALLS, FORCE, noisy, s, medium="afa") for s in (3.0, np.full(12, 3.0), 6.0))
+    assert one == many
+    assert_allclose([double.width, double.stderr, double.chi2], [one.width, 2.0 * one.stderr, one.chi2 / 4.0], rtol=1e-6)
+    assert one.dof == 11
+
+
+def test_without_sigma_the_units_of_the_scatter_do_not_matter():
+    noisy = EXACT["afa"] + np.random.default_rng(8).normal(size=12) * 3.0
+    fit = fit_width(BALLS, FORCE, noisy, medium="afa")
+    given = fit_width(BALLS, FORCE, noisy, fit.sigma, medium="afa")
+    assert_allclose([given.width, given.stderr, given.chi2], [fit.width, fit.stderr, 11.0], rtol=1e-6)
+    assert fit.chi2 == 11.0
+
+
+# -- pulses ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pulses():
+    return pulse_velocities(gp.EffectiveMedium(TRUE).at_force(FORCE), 6500.0, (0.0, 1.0)).group[0]
+
+
+def test_the_frequency_of_the_pulses_shifts_the_width(pulses):
+    fit = fit_width(BALLS, FORCE, pulses, frequency=6500.0)
+    assert_allclose(fit.width, WIDTH, rtol=1e-9)
+    assert fit.waves.frequency == 6500.0
+    assert_allclose(fit.velocity_at(FORCE[3]), pulses[3], rtol=1e-9)
+    # at the 6.5 kHz of the experiment a pulse is up to 4 % slower than long waves are: taken for one, it costs a quarter
+    assert_allclose(1.0 - (pulses / EXACT["ema"])[[0, -1]], [0.0435, 0.0163], atol=5e-5)
+    naive = fit_width(BALLS, FORCE, pulses)
+    assert_allclose(naive.width, 2.61e-6, rtol=5e-3)
+    other_way = fit_width(BALLS, FORCE[::4], EXACT["ema"][::4], frequency=6500.0)
+    assert_allclose(other_way.width, 1.56e-6, rtol=5e-3)
+
+
+def test_every_pulse_may_have_a_frequency_of_its_own():
+    hertz = np.linspace(500.0, 5000.0, 3)
+    group = pulse_velocities(gp.EffectiveMedium(TRUE).at_force(FORCE[::4]), hertz, (1.0, 0.0)).group[0]
+    fit = fit_width(BALLS, FORCE[::4], group, frequency=hertz, direction=(1.0, 0.0))
+    assert_allclose(fit.width, WIDTH, rtol=1e-9)
+    with pytest.raises(InputError, match="many frequencies"):
+        fit.velocity_at(3.0)
+
+
+def test_a_frequency_above_the_band_is_named():
+    with pytest.raises(UnreachableFrequencyError, match="does not reach"):
+        fit_width(BALLS, FORCE, EXACT["ema"], frequency=1e6)
+
+
+# -- data that do not say -------------------------------------------------------------------------------------------
+
+IDEAL = velocities(BALLS)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"velocity": EXACT["ema"][:3]}, "found 12 of force, 3 of velocity"),
+        ({"sigma": [1.0, 2.0]}, "2 of sigma"),
+        ({"frequency": [1.0, 2.0]}, "2 of frequency"),
+        ({"velocity": np.where(FORCE > 10, np.nan, 500.0)}, "velocity is nan"),
+        ({"force": -FORCE}, "force is -2.0"),
+        ({"velocity": 0.0 * FORCE}, "velocity is 0.0"),
+        ({"sigma": 0.0}, "sigma is 0.0"),
+        ({"frequency": -1.0}, "frequency is -1.0"),
+        ({"force": FORCE.reshape(3, 4)}, "force is"),
+        ({"force": ["2"] * 12}, "force is"),
+        ({"force": [], "velocity": []}, "force is"),
+        ({"force": 2.0, "velocity": 500.0}, "found 1 data, to which width cannot be fitted. Without sigma one more"),
+        ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
+        ({"parameters": ("width", "young")}, "'young' cannot be fitted"),
+        ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
+        ({"parameters": ("diameter",)}, "Give width"),
+        ({"parameters": ("width", "width")}, "once at most"),
+        ({"branch": "L"}, "unknown branch 'L'"),
+        ({"direction": (0.0, 0.0)}, "direction"),
+        ({"medium": "eam"}, "unknown medium"),
+        ({"medium": "ala"}, "in the medium 'ala' sound does not depend on the width"),
+        ({"velocity": IDEAL}, "the width cannot be told from zero"),
+        ({"velocity": IDEAL, "sigma": 5.0}, "the width cannot be told from zero"),
+        ({"velocity": 1.1 * IDEAL}, "on average 10 % above those of equal balls"),
+        ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
+        ({"velocity": 0.9995 * IDEAL, "sigma": 5.0}, "the width cannot be told from zero: the best is"),
+        ({"velocity": EXACT["ema"] / 1e3}, "no width fits: .* Check the units"),
+        ({"velocity": EXACT["ema"] * 1e12}, "above those of equal balls"),
+        ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
+        ({"sigma": 200.0, "parameters": ("width", "young_modulus")}, "its standard error|told from zero"),
+        ({"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0}, "cannot tell .* apart. Long waves know E/d"),
+        ({"force": np.full(12, 4.0), "parameters": ("width", "diameter")}, "told from zero"),
+    ],
+)  # fmt: skip
+def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
+    given = {"force": FORCE, "velocity": EXACT["ema"], **options}
+    with pytest.raises(InputError, match=words):
+        fit_width(BALLS, **given)
+
+
+def test_a_narrow_range_of_force_does_not_tell_two_parameters():
+    force = np.linspace(4.0, 4.2, 12)
+    with pytest.raises(InputError, match=r"told from zero|do not determine young_modulus"):
+        fit_width(BALLS, force, velocities(TRUE, force=force), 5.0, parameters=("width", "young_modulus"))
+    assert fit_width(BALLS, force, velocities(TRUE, force=force), 5.0).stderr < 0.05 * WIDTH
+
+
+def test_at_high_pressure_only_the_ideal_lattice_is_heard():
+    force = FORCE * 1e3
+    exact = velocities(TRUE, force=force)
+    with pytest.raises(InputError, match="rise with the force as those of equal balls do"):
+        fit_width(BALLS, force, exact, 5.0)
+    assert_allclose(fit_width(BALLS, force, exact, 1e-3).width, WIDTH, rtol=1e-4)
+
+
+def test_balls_of_one_listed_size_have_no_shape_to_widen():
+    with pytest.raises(InputError, match="does not depend on the width"):
+        fit_width(replace(BALLS, spread=gp.Measured((8e-3, 8e-3))), FORCE, EXACT["ema"])
+
+
+def test_loads_outside_the_range_of_the_medium_are_counted():
+    force = np.append(FORCE, [0.5, 1.0])
+    fit = fit_width(BALLS, force, velocities(TRUE, force=force))
+    assert any("2 of 14 loads are outside the range of the medium 'ema'" in warning for warning in fit.warnings)
+    assert fit_width(BALLS, FORCE, EXACT["ema"]).warnings == ()
+
+
+def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
+    wrong = EXACT["ema"] * (1.0 - 0.05 * np.sin(np.arange(12.0)))
+    assert any("times what sigma says" in warning for warning in fit_width(BALLS, FORCE, wrong, 1.0).warnings)
+    soft = changed(BALLS, {"young_modulus": 1e6})
+    force = FORCE * 1e-2
+    heavy = velocities(spread_over(100e-6, packing=soft), force=force)
+    assert any("contact radius" in warning for warning in fit_width(soft, force, heavy).warnings)
+
+
+# -- the result -----------------------------------------------------------------------------------------------------
+
+
+def test_the_result_is_plain_data_and_frozen(tmp_path):
+    fit = fit_width(BALLS, FORCE, EXACT["ema"] + 1.0, 2.0, parameters=("width", "young_modulus"), medium={"ema": None})
+    assert WidthFit.from_dict(fit.to_dict()) == fit
+    with pytest.raises(ValueError, match="read-only"):
+        fit.values[0] = 1.0
+    assert_allclose(fit.stderr, np.sqrt(fit.covariance[0, 0]))
+    assert_allclose(fit.velocity_at(FORCE, "ala"), velocities(fit.packing, "ala"), rtol=1e-14)
+    fit.write(tmp_path)
+    again = Measurements.read(tmp_path / "fit.csv")
+    np.testing.assert_array_equal(again.velocity, fit.velocity)
+    np.testing.assert_array_equal(again.sigma, fit.sigma)
+    text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
+    assert re.search(rf"^width: {fit.width!r}$", text, re.MULTILINE)
+
+
+# -- the command ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    material = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    for name, spread, load in (
+        ("scene", ", spread: {uniform: 3 um}", "{force: 10 N}"), ("frame", "", "{side_force: 990 N, balls_per_side: 31}"),
+    ):  # fmt: skip
+        text = f"{material}packing: {{diameter: 8 mm{spread}}}\nload: {load}\n"
+        (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
+    rows = list(zip(FORCE.tolist(), EXACT["ema"].tolist(), strict=True))
+    table = "\n".join(["force (N),velocity (km/s)", *(f"{f!r},{v / 1e3!r}" for f, v in rows)])
+    flight = "\n".join(["F [kN];t (us)", *(f"{f * 31 * 3**0.5 / 1e3!r};{0.43e6 / v!r}" for f, v in rows)])
+    (tmp_path / "data.csv").write_text(table, encoding="utf-8")
+    (tmp_path / "flight.csv").write_text(flight, encoding="utf-8")
+    return tmp_path
+
+
+def command(*words):
+    from granphon.cli import main
+
+    return main(["fit", *words])
+
+
+def test_the_command_writes_table_numbers_and_figure(folder, capsys):
+    assert command("scene.yaml", "data.csv", "-o", "out") == 0
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["fit.csv", "fit.png", "fit.yaml"]
+    assert "width                 2.04 um +/-" in capsys.readouterr().out
+    assert command("scene.yaml", "data.csv", "-o", "out") == 1
+    assert "already holds" in capsys.readouterr().err
+    assert command("scene.yaml", "data.csv", "-o", "out", "--force", "--sigma", "2 m/s") == 0
+
+
+def test_side_forces_and_times_of_flight(folder, capsys):
+    columns = ("--column", "side_force=F", "--column", "time=t")
+    assert command("frame.yaml", "flight.csv", *columns, "--distance", "43 cm", "--parameter", "young_modulus") == 0
+    printed = capsys.readouterr().out
+    assert "2.04 um" in printed
+    assert "young modulus         211.65 GPa" in printed
+    assert list(folder.glob("*.png")) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("scene.yaml", "none.csv"), "none.csv cannot be read"),
+        (("none.yaml", "data.csv"), "no such file"),
+        (("scene.yaml", "flight.csv"), "no column named 'force'"),
+        (("scene.yaml", "flight.csv", "--column", "side_force=F"), "Give the scene's load as side_force"),
+        (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
+        (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
+        (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
+        (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
+        (("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"), "no width fits"),
+    ],
+)
+def test_one_error_and_nothing_written(folder, capsys, words, told):
+    before = sorted(folder.iterdir())
+    assert command(*words) == 2
+    captured = capsys.readouterr()
+    assert told in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert sorted(folder.iterdir()) == before

@@ -1,0 +1,88 @@
+"""Measured velocities as experiments give them: forces or side forces, velocities or times of flight."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from granphon.errors import InputError
+from granphon.load import force_of_frame
+from granphon.measurements import Measurements
+
+
+def read(tmp_path, text, **options):
+    path = tmp_path / "data.csv"
+    path.write_text(text, encoding="utf-8")
+    return Measurements.read(path, **options)
+
+
+def test_force_and_velocity(tmp_path):
+    data = read(tmp_path, "force (kN),velocity (km/s),note\n0.002,0.5,a\n0.004,0.625,b\n")
+    assert_array_equal([data.force, data.velocity], [[2.0, 4.0], [500.0, 625.0]])
+    assert (data.sigma, data.frequency) == (None, None)
+
+
+def test_everything_by_its_own_name(tmp_path):
+    data = read(tmp_path, "Force,Velocity,Sigma (mm/us),Frequency (kHz)\n2,500,0.004,6.5\n")
+    assert_array_equal([data.force, data.velocity, data.sigma, data.frequency], [[2.0], [500.0], [4.0], [6500.0]])
+
+
+def test_side_force_and_time_of_flight(tmp_path):
+    text = "F (N);t (ms);length (cm);error of t (us)\n990;0.8;40;8\n500;1;50;10\n"
+    columns = {"side_force": "F", "time": "t", "distance": "length", "time_sigma": "error of t"}
+    data = read(tmp_path, text, columns=columns, frame=partial(force_of_frame, balls_per_side=31))
+    assert_allclose(data.force, np.array([990.0, 500.0]) / (31 * np.sqrt(3.0)), rtol=1e-15)
+    assert_allclose(data.velocity, [500.0, 500.0], rtol=1e-15)
+    assert_allclose(data.sigma, [5.0, 5.0], rtol=1e-14)  # 1 % of each
+
+
+def test_one_distance_for_all_and_units_by_option(tmp_path):
+    data = read(tmp_path, "f,t\n2,1\n", columns={"force": "f (kN)", "time": "t (ms)"}, distance=0.5)
+    assert_array_equal([data.force, data.velocity], [[2000.0], [500.0]])
+
+
+def test_a_named_column_goes_before_one_found(tmp_path):
+    text = "force (N),side_force (N),velocity (m/s),time (s)\n2,100,500,1\n"
+    assert read(tmp_path, text, columns={"force": "force", "velocity": "velocity"}).velocity == [500.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("force,v\n2,5\n", {}, "no column named 'velocity'"),
+        ("f,velocity\n2,5\n", {}, "no column named 'force'"),
+        ("force,time\n2,5\n", {}, "no column named 'distance'"),
+        ("force,side_force,velocity\n2,3,5\n", {}, "has both force and side_force. Name the column that is meant"),
+        ("force,velocity,time\n2,3,5\n", {}, "has both velocity and time"),
+        ("force,velocity,sigma,time_sigma\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
+        ("side_force,velocity\n2,3\n", {}, "gives side forces. Contact forces follow from them"),
+        ("force,velocity\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is nothing that a column of measurements holds"),
+        ("force,velocity\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
+        ("force,velocity\n2,3\n", {"columns": {"x": "v"}}, "Use force, side_force, velocity, time, distance"),
+        ("force,time\n2,3\n", {"distance": -1.0}, "distance is -1.0"),
+        ("force,velocity,time_sigma\n2,3,1\n", {}, "no column named 'time'"),
+        ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not one of velocity"),
+        ("force (N),velocity,sigma\n2,3,0\n", {}, "data.csv:2: sigma: found '0 m/s', which is zero"),
+    ],
+)
+def test_what_is_missing_or_said_twice_is_named(tmp_path, text, options, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        read(tmp_path, text, **options)
+
+
+def test_arrays_are_checked_and_frozen():
+    data = Measurements([2, 4], [500.0, 600.0], 5, np.array([6500.0, 6500.0]))
+    assert (data.sigma, data.force.dtype) == (5.0, float)
+    with pytest.raises(ValueError, match="read-only"):
+        data.force[0] = 1.0
+    assert Measurements.from_dict(data.to_dict()) == data
+    for wrong in (([1.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 2.0], [1.0]), ([1.0, 2.0], [1.0, 2.0], None, [1.0] * 3)):
+        with pytest.raises(InputError, match="Give as many of each"):
+            Measurements(*wrong)
+    for wrong in (([np.inf], [1.0]), ([1.0], [-1.0]), ([1.0], [1.0], 0.0), ([True], [1.0]), ([None], [1.0])):
+        with pytest.raises(InputError):
+            Measurements(*wrong)

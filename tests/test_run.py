@@ -1,0 +1,407 @@
+"""Scenes of many states, carried out: the data set, the files, workers, interruptions."""
+
+import json
+import signal
+import subprocess
+import sys
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+import granphon as gp
+from granphon.cli import main
+from granphon.redraw import redraw
+from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
+from granphon.scene import Scene
+from granphon.sweeps import load_sweep, sweep
+
+SWEEP = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: {from: 2 N, to: 20 N, points: 6}}
+medium: [ala, afa, ema]
+sweep: {width: [1 um, 2 um]}
+"""
+ONE = SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N").replace("[ala, afa, ema]", "ema").replace("sweep", "# sweep")
+ALL = {"scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep.png"}
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder with a scene in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SWEEP, encoding="utf-8")
+    return tmp_path
+
+
+def summary(folder: str) -> dict:
+    return YAML(typ="safe").load((Path(folder) / "summary.yaml").read_text())
+
+
+def listed(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
+    """Let the task after ``count`` others fail; the names of the tasks that were begun."""
+    from granphon.sweeps import _Task
+
+    begun: list[str] = []
+    solve = _Task.solve
+
+    def solved(task):
+        begun.append(task.where)
+        if len(begun) > count:
+            raise error
+        return solve(task)
+
+    monkeypatch.setattr(_Task, "solve", solved)
+    return begun
+
+
+# -- one state ------------------------------------------------------------------------------------------------------
+
+
+def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
+    (work / "scene.yaml").write_text(ONE)
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    packing = Scene.from_text(ONE).packing
+    medium = gp.EffectiveMedium(packing)
+    state, got = medium.at_force(3.0), summary("out")
+    for name in state.units:
+        assert got[name] == getattr(state, name)
+    assert (got["medium"], got["regime"], got["valid"]) == ("ema", "intermediate", True)
+    assert got["exponent"] == gp.local_exponent(state)
+    assert got["width"] == 2.04e-6
+    assert got["local_field"] == {name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")}
+    assert got["longitudinal"] == gp.sound_velocities(state).longitudinal
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_printed_local_field_reaches_the_summary(work):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: {ema: {local_field: paper}}"))
+    result = Scene.from_yaml("scene.yaml").run("out")
+    medium = gp.EffectiveMedium(result.state.packing, local_field="paper")
+    assert result.state == medium.at_force(3.0)
+    got = summary("out")
+    assert (got["medium"], got["local_field"]["alpha"]) == ("ema(local_field=paper)", 0.585405)
+
+
+def test_bands_are_those_of_the_medium(work):
+    (work / "scene.yaml").write_text(ONE + "observe: [bands]\nphonopy: {band_points: 3}\n")
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    state = gp.EffectiveMedium(result.state.packing).at_force(3.0)
+    np.testing.assert_array_equal(result.bands.frequencies, gp.Phonons(state).bands("GKMG", npoints=3).frequencies)
+
+
+def test_equal_balls_and_other_media_have_no_local_field(work):
+    for text in (ONE.replace("2.04 um", "0 um"), ONE.replace("medium: ema", "medium: afa")):
+        assert "local_field" not in Scene.from_text(text).run("out", force=True).summary()
+
+
+def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
+    (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
+    told = (
+        "granphon: warning: least load of the medium's range over the load is 1.592, above 1: "
+        "the medium does not describe so much disorder\n"
+    )
+    assert main(["check", "scene.yaml"]) == 0
+    assert capsys.readouterr().err == told
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    assert capsys.readouterr().err == told
+    got = summary("out")
+    assert (got["valid"], got["ok"]) == (False, False)
+    assert [check["name"] for check in got["validity"] if not check["ok"]] == ["medium"]
+    assert got["warnings"] == [told.removeprefix("granphon: warning: ").strip()]
+
+
+def test_the_exponent_belongs_to_the_limit_of_small_overlap(work):
+    text = ONE.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true")
+    assert "exponent" not in Scene.from_text(text).run("out").summary()
+
+
+# -- many -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "new/out"]) == 0
+    out, err = capsys.readouterr()
+    assert "36" in out
+    assert "Wrote scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png into new/out" in out
+    assert listed(work / "new" / "out") == ALL
+    scene = Scene.from_yaml("scene.yaml")
+    assert Scene.from_yaml("new/out/scene.yaml") == scene
+    saved = load_sweep("new/out/sweep.nc")
+    force = np.geomspace(2.0, 20.0, 6)
+    direct = sweep(scene.packing, force=force, media=("ala", "afa", "ema"), width=[1e-6, 2e-6])
+    assert saved.identical(direct)
+    for width, packing in ((1e-6, gp.Uniform(1e-6)), (2e-6, gp.Uniform(2e-6))):
+        state = gp.EffectiveMedium(gp.Packing(scene.packing.material, 8e-3, packing)).at_force(force)
+        one = saved.sel(medium="ema", width=width)
+        np.testing.assert_array_equal(one["longitudinal"], gp.sound_velocities(state).longitudinal)
+    got = summary("new/out")
+    assert got["sizes"] == {"load": 6, "medium": 3, "width": 2}
+    assert (got["states"], got["medium"]) == (36, ["ala", "afa", "ema"])
+    assert got["force"] == [2.0, 20.0]
+    assert got["longitudinal"] == [float(direct["longitudinal"].min()), float(direct["longitudinal"].max())]
+    assert got["units"]["longitudinal"] == "m/s"
+    assert got["valid"] is False
+    told = [f"granphon: warning: {text}" for text in got["warnings"]]
+    assert err.splitlines() == told
+    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: least load of the medium's range over the load is ")
+    assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
+    assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("kind", "values"), [("pressure", "[4 kN/m, 1 kN/m]"), ("overlap", "[1 um, -0.3 um]")])
+def test_every_kind_of_load_is_swept(work, kind, values):
+    text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", f"{kind}: {values}").replace("[ala, afa, ema]", "afa")
+    result = Scene.from_text(text).run("out", figures=False)
+    given = Scene.from_text(text).load.values
+    np.testing.assert_array_equal(result.dataset[kind], given)
+    state = getattr(gp.AveragedForce(gp.Packing(result_material(result), 8e-3, gp.Uniform(1e-6))), f"at_{kind}")(given)
+    np.testing.assert_array_equal(result.dataset["normal_stiffness"].sel(medium="afa", width=1e-6), state.normal_stiffness)
+
+
+def result_material(result: SweepResult) -> gp.Material:
+    return gp.Material(**{k: v for k, v in json.loads(result.dataset.attrs["packing"])["material"].items() if k != "class"})
+
+
+def test_a_side_force_is_swept_as_the_force_of_the_contacts(work):
+    text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", "side_force: [100 N, 990 N], balls_per_side: 31")
+    result = Scene.from_text(text).run("out", figures=False)
+    np.testing.assert_array_equal(result.dataset["force"], Scene.from_text(text).load.applied[1])
+
+
+def test_finite_overlap_and_bands_reach_a_sweep(work):
+    text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace("points: 6", "points: 2")
+    text += "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_points: 3}\n"
+    result = Scene.from_text(text).run("out", figures=False)
+    packing = gp.Packing(result_material(result), 8e-3, gp.Uniform(2e-6))
+    state = gp.EffectiveMedium(packing).at_force(20.0, finite_overlap=True)
+    expected = gp.Phonons(state, finite_overlap=True).frequencies([[0, 0, 0], [1 / 6, 1 / 6, 0], [1 / 3, 1 / 3, 0]])
+    got = result.dataset["frequencies"].sel(medium="ema", width=2e-6).isel(load=1, segment=0)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-9)
+    assert set(summary("out")["versions"]) > {"phonopy", "xarray"}
+
+
+def test_parameters_that_make_no_figure_of_lines_have_none(work):
+    text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
+    scene = Scene.from_text(text)
+    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
+    scene.run("out")
+    assert listed(work / "out") == ALL - {"sweep.png"}
+    one = Scene.from_text(text.replace("[true, false]", "[true]"))
+    assert "sweep.png" in expected_files(one)
+    assert "sweep.png" not in expected_files(one, figures=False)
+
+
+def test_many_measured_diameters_are_kept_with_the_result(work):
+    rows = [7.999, 8.000, 8.001] * 400
+    (work / "balls.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
+    text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
+    (work / "scene.yaml").write_text(text)
+    scene = Scene.from_yaml("scene.yaml")
+    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv")
+    result = scene.run("out")
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "diameters.csv"}
+    assert Scene.from_yaml("out/scene.yaml") == scene
+    assert Scene.from_yaml("out/scene.yaml").run("again").state == result.state
+    # a later result without it removes it, as its own summary names it
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+
+
+def test_what_no_run_has_written_is_not_removed(work):
+    Scene.from_text(ONE).run("out")
+    (work / "out" / "diameters.csv").write_text("mine")
+    (work / "out" / "sweep.nc").write_text("mine")
+    Scene.from_text(ONE).run("out", force=True)
+    assert {"diameters.csv", "sweep.nc"} < listed(work / "out")
+    (work / "out" / "summary.yaml").write_text("files: 3")
+    Scene.from_text(ONE).run("out", force=True)
+    assert {"diameters.csv", "sweep.nc"} < listed(work / "out")
+
+
+def test_a_result_of_another_kind_is_replaced_as_a_whole(work):
+    Scene.from_text(SWEEP).run("out")
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+    Scene.from_text(SWEEP).run("out", force=True)
+    assert listed(work / "out") == ALL
+    assert set(RESULT_FILES) >= ALL
+
+
+# -- side by side, and cut off --------------------------------------------------------------------------------------
+
+
+def test_workers_give_the_same_numbers(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "one", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    assert listed(work / "two") == ALL
+    assert load_sweep("two/sweep.nc").identical(load_sweep("one/sweep.nc"))
+    assert (work / "two" / "sweep.csv").read_bytes() == (work / "one" / "sweep.csv").read_bytes()
+    capsys.readouterr()
+    assert main(["run", "scene.yaml", "-o", "three", "--workers", "0"]) == 2
+    assert "--workers" in capsys.readouterr().err
+
+
+def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
+    def submit(*_: object) -> None:
+        raise BrokenExecutor
+
+    monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor.submit", submit)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "a worker process has ended" in err
+    assert listed(work) == {"scene.yaml"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError()])
+def test_an_interrupted_sweep_goes_on(work, monkeypatch, capsys, error):
+    Scene.from_yaml("scene.yaml").run("whole")
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, error)
+        assert main(["run", "scene.yaml", "-o", "out"]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
+    assert capsys.readouterr().err.count("\n") == 1
+    # the finished tasks and nothing else
+    assert listed(work / "out") == {WORK_FOLDER}
+    assert sum(path.is_file() for path in (work / "out").rglob("*")) == 2
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(99, patch, error)
+        assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert len(begun) == 6 - 2
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep("whole/sweep.nc"))
+    assert (work / "out" / "sweep.csv").read_bytes() == (work / "whole" / "sweep.csv").read_bytes()
+
+
+def test_without_resume_a_sweep_starts_anew(work, monkeypatch):
+    scene = Scene.from_yaml("scene.yaml")
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, KeyboardInterrupt())
+        with pytest.raises(KeyboardInterrupt):
+            scene.run("out")
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
+    scene.run("out")
+    assert len(begun) == 6
+    # and with nothing to go on with too
+    scene.run("other", resume=True)
+    assert len(begun) == 12
+    assert listed(work / "other") == ALL
+
+
+def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch, capsys):
+    scene = Scene.from_yaml("scene.yaml")
+    Scene.from_text(ONE).run("out")
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, KeyboardInterrupt())
+        with pytest.raises(KeyboardInterrupt):
+            scene.run("out", force=True)
+    # the older result is still whole
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", WORK_FOLDER}
+    assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+
+
+def test_a_full_disk_at_the_end_of_a_sweep(work, monkeypatch, capsys):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("granphon.run.shutil.copyfile", full)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert listed(work / "out") == set()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_killed_sweep_goes_on(work):
+    Scene.from_yaml("scene.yaml").run("whole")
+    code = (
+        "import os, signal\nfrom granphon import tasks\nfrom granphon.cli import main\n"
+        "write = tasks.Store.write\n"
+        "def last(*arguments):\n    write(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "tasks.Store.write = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
+    assert done.returncode == -signal.SIGKILL
+    assert listed(work / "out") == {WORK_FOLDER}
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep("whole/sweep.nc"))
+
+
+# -- check and plot -------------------------------------------------------------------------------------------------
+
+
+def test_check_describes_a_sweep(work, capsys):
+    assert main(["check", "scene.yaml"]) == 0
+    out, err = capsys.readouterr()
+    for expected in (
+        "uniform, W = 2.04 um", "force 2 N to 20 N, 6 of them", "ala, afa, ema\n",
+        "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
+    ):  # fmt: skip
+        assert expected in out
+    assert "granphon: warning: ala, width = 1e-06 m: least load of the medium's range over the load is " in err
+    assert listed(work) == {"scene.yaml"}
+
+
+def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("2.04 um", "0 um").replace("sweep", "# sweep"))
+    assert main(["check", "scene.yaml"]) == 0
+    out, err = capsys.readouterr()
+    assert "ala, afa, ema (the same for equal balls)" in out
+    assert err == ""
+
+
+def test_many_warnings_are_cut_short(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("[1 um, 2 um]", "{from: 20 um, to: 30 um, points: 5}"))
+    assert main(["check", "scene.yaml"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 11
+    assert lines[-1] == "granphon: warning: and 5 more"
+
+
+def test_plot_draws_a_sweep_again(work, capsys, monkeypatch):
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    assert main(["plot", "out"]) == 0
+    assert (work / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    drawn = {}
+
+    def figure(dataset, x="force", *, variable=None):
+        drawn.update(variable=variable, dataset=dataset)
+        return real(dataset, x, variable=variable)
+
+    from granphon.charts import sweep_figure as real
+
+    monkeypatch.setattr("granphon.charts.sweep_figure", figure)
+    assert redraw("out", "contacts.pdf", variable="contact_fraction") == Path("contacts.pdf")
+    assert (work / "contacts.pdf").read_bytes().startswith(b"%PDF")
+    assert drawn["variable"] == "contact_fraction"
+    assert drawn["dataset"].identical(load_sweep("out/sweep.nc"))
+    capsys.readouterr()
+    for words, found in (
+        (["--variable", "contact_fracton"], "no variable 'contact_fracton'"), (["--asymptotes"], "holds a sweep"),
+        (["-o", "x.xyz"], "names no figure format"),
+    ):  # fmt: skip
+        assert main(["plot", "out", "--force", *words]) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert found in err
+    (work / "out" / "sweep.nc").write_bytes(b"broken")
+    assert main(["plot", "out", "--force"]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+def test_only_a_sweep_has_variables(work, capsys):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert main(["plot", "out", "--variable", "bulk", "--force"]) == 2
+    assert "holds no sweep" in capsys.readouterr().err

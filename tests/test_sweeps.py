@@ -1,0 +1,824 @@
+"""Sweeps: the same numbers as direct calls, from any executor, in files, and after an interruption."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import itertools
+import json
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
+from granphon.medium import MediumChoice
+from granphon.parameters import PARAMETERS, Axis, changed, of_width
+from granphon.phonons import Phonons
+from granphon.sweeps import load_sweep, sweep, swept_packing
+from granphon.tasks import Store, solve_all
+
+FORCES = [18.446, 2.0, 5.0, 2.0]
+LADDER = ("ala", "afa", "ema")
+WIDTH = 2.04e-6
+STATE = [
+    "overlap", "pressure", "relative_overlap", "normal_stiffness", "shear_stiffness", "effective_density", "reduced_force",
+    "reduced_spacing", "force_fluctuation", "contact_fraction", "stiffness_ratio", "valid", "regime",
+]  # fmt: skip
+OTHERS = ["longitudinal", "transverse", "bulk", "shear", "exponent"]
+BIMODAL = gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))
+#: equal forces along its two directions, which are not at right angles, make a stress that is no pressure
+CHAINED = gp.Lattice("chained", ((1.0, 0.0), (0.3, math.sqrt(0.91))))
+
+
+@pytest.fixture(scope="module")
+def rough(steel):
+    """The array of the experiment, with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
+
+
+def direct(state, finite_overlap=False):
+    """What calls one by one give at a single load."""
+    velocities = gp.sound_velocities(state, (1.0, 0.0), finite_overlap=finite_overlap)
+    constants = gp.moduli(state, finite_overlap=finite_overlap)
+    out = {name: getattr(state, name) for name in ["force", *STATE]}
+    out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
+    if constants.isotropic:
+        out |= {"bulk": constants.bulk, "shear": constants.shear}
+    else:
+        out["tensor"] = constants.tensor
+    if not finite_overlap:
+        out["exponent"] = gp.local_exponent(state)
+    return out
+
+
+def same(found, expected):
+    found = np.asarray(found)[()]
+    if isinstance(expected, str | bool):
+        assert found == expected
+    else:
+        assert_allclose(found, expected, rtol=1e-12)
+
+
+# -- the numbers ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+@pytest.mark.parametrize(("load", "values"), [("force", FORCES), ("pressure", [4e3, 500.0]), ("overlap", [2e-6, 1e-7])])
+def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_overlap):
+    widths, frictions = [0.0, 1e-6], [True, False]
+    ds = sweep(
+        rough, **{load: values}, media=LADDER, finite_overlap=finite_overlap, width=widths, friction=frictions
+    )  # fmt: skip
+    assert ds["longitudinal"].dims == ("load", "medium", "width", "friction")
+    assert_array_equal(ds[load], values)
+    expected_names = {*STATE, *OTHERS, "force"} - {load} - ({"exponent"} if finite_overlap else set())
+    assert set(ds.data_vars) == expected_names
+    for (i, value), name, width, friction in itertools.product(enumerate(values), LADDER, widths, frictions):
+        packing = gp.Packing(rough.material, 8e-3, gp.Uniform(width), friction=friction)
+        state = getattr(MediumChoice(name).of(packing), f"at_{load}")(value, finite_overlap=finite_overlap)
+        point = ds.isel(load=i).sel(medium=name, width=width, friction=friction)
+        for variable, expected in direct(state, finite_overlap).items():
+            same(point[variable], expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "build"),
+    [
+        ("young_modulus", [70e9, 2e11], lambda p, v: gp.Packing(gp.Material(v, 0.276, 7840.0), 8e-3, p.spread)),
+        ("poisson_ratio", [0.0, 0.3, 0.5], lambda p, v: gp.Packing(gp.Material(211.65e9, v, 7840.0), 8e-3, p.spread)),
+        ("density", [2500.0, 7840.0], lambda p, v: gp.Packing(gp.Material(211.65e9, 0.276, v), 8e-3, p.spread)),
+        ("diameter", [4e-3, 8e-3, 16e-3], lambda p, v: gp.Packing(p.material, v, p.spread)),
+        ("width", [0.0, 1e-6], lambda p, v: gp.Packing(p.material, 8e-3, gp.Uniform(v))),
+        ("friction", [False, True], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, friction=v)),
+        ("spread", [None, gp.Uniform(1e-6), BIMODAL], lambda p, v: gp.Packing(p.material, 8e-3, v)),
+        ("lattice", ["square", "kagome"], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, v)),
+    ],
+)
+def test_each_parameter_changes_the_packing(rough, name, values, build):
+    ds = sweep(rough, force=5.0, media="afa", **{name: values})
+    assert ds["longitudinal"].sizes == {"load": 1, "medium": 1, name: len(values)}
+    assert ds[name].attrs.get("units") == PARAMETERS[name]
+    for i, value in enumerate(values):
+        expected = direct(gp.AveragedForce(build(rough, value)).at_force(5.0))
+        for variable, number in expected.items():
+            if variable in ds:
+                same(ds.isel({name: i, "load": 0, "medium": 0})[variable], number)
+
+
+def test_dimensions_follow_the_order_given(rough):
+    ds = sweep(rough, force=5.0, poisson_ratio=[0.1, 0.2], width=[1e-6, 2e-6, 3e-6], diameter=8e-3)
+    assert ds["bulk"].dims == ("load", "medium", "poisson_ratio", "width", "diameter")
+    assert ds["bulk"].shape == (1, 1, 2, 3, 1)
+
+
+def test_one_number_is_a_sweep_of_one(rough):
+    one = sweep(rough, force=5.0, width=1e-6, friction=False)
+    many = sweep(rough, force=[5.0], width=[1e-6], friction=[False])
+    assert one.identical(many)
+    assert one.identical(sweep(rough, force=np.float64(5.0), width=np.array(1e-6), friction=np.False_))
+
+
+def test_every_variable_has_a_meaning_and_numbers_have_units(rough):
+    ds = sweep(rough, force=FORCES, media=LADDER, bands="GK", npoints=3, width=[1e-6], poisson_ratio=[0.2])
+    for name, variable in ds.variables.items():
+        if name != "medium":
+            assert variable.attrs["long_name"]
+            assert ("units" in variable.attrs) == (variable.dtype.kind == "f"), name
+    assert ds["valid"].dtype == bool
+    units = {"force": "N", "pressure": "N/m", "longitudinal": "m/s", "bulk": "Pa", "exponent": "1", "width": "m"}
+    assert {name: ds[name].attrs["units"] for name in units} == units
+
+
+def test_nothing_is_nan_and_equal_balls_are_infinitely_regular(packing):
+    ds = sweep(packing, force=FORCES, media=LADDER, lattice=["triangular", "kagome"])
+    for name, variable in ds.variables.items():
+        assert variable.dtype.kind in "bU" or not np.any(np.isnan(variable)), name
+    assert np.all(np.isposinf(ds["reduced_force"]))
+    for medium in LADDER:
+        assert_array_equal(ds["longitudinal"].sel(medium=medium), ds["longitudinal"].sel(medium="ala"))
+
+
+def test_options_of_a_medium_show_in_its_label(rough):
+    ds = sweep(rough, force=FORCES, media=["ema", {"ema": {"local_field": "paper"}}, MediumChoice("ala")])
+    assert ds["medium"].values.tolist() == ["ema", "ema(local_field=paper)", "ala"]
+    state = gp.EffectiveMedium(rough, local_field="paper").at_force(2.0)
+    same(ds["overlap"].sel(medium="ema(local_field=paper)")[1], state.overlap)
+    assert [MediumChoice.parse(m).label for m in json.loads(ds.attrs["media"])] == ds["medium"].values.tolist()
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(0.5, 50.0), min_size=1, max_size=5), st.randoms())
+def test_the_order_of_loads_is_only_an_order(steel, forces, random):
+    rough = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH))
+    order = list(range(len(forces)))
+    random.shuffle(order)
+    straight, shuffled = (sweep(rough, force=values, media=LADDER) for values in (forces, [forces[i] for i in order]))
+    assert straight.isel(load=order).identical(shuffled)
+
+
+# -- lattices that are not isotropic --------------------------------------------------------------------------------
+
+
+def test_a_lattice_that_is_not_isotropic_has_a_tensor(rough):
+    ds = sweep(rough, force=[5.0, 7.0], lattice=["square", "triangular"])
+    assert ds["tensor"].dims == ("load", "medium", "lattice", "voigt_row", "voigt_column")
+    assert "bulk" not in ds
+    assert "shear" not in ds
+    square = gp.AveragedLattice(gp.Packing(rough.material, 8e-3, rough.spread, "square")).at_force(7.0)
+    found = ds.sel(lattice="square").isel(load=1, medium=0)
+    same(found["tensor"], gp.moduli(square).tensor)
+    same(found["tensor"].sel(voigt_row="xx", voigt_column="yy"), gp.moduli(square).tensor[0, 1])
+    same(found["longitudinal"], gp.sound_velocities(square, (1, 0)).longitudinal)
+    triangular = gp.AveragedLattice(rough).at_force(5.0)
+    same(ds["tensor"].sel(lattice="triangular").isel(load=0, medium=0), gp.moduli(triangular).tensor)
+
+
+def test_a_lattice_without_a_pressure_has_none(rough):
+    ds = sweep(rough, force=5.0, lattice=[CHAINED, "square"])
+    assert "pressure" not in ds
+    assert ds["lattice"].values.tolist() == ["chained", "square"]
+    with pytest.raises(InputError, match="has no pressure"):
+        sweep(rough, pressure=500.0, lattice=CHAINED)
+
+
+# -- widths ---------------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.one_of(
+        st.none(),
+        st.floats(0.0, 1e-5).map(gp.Uniform),
+        st.builds(gp.Normal, st.floats(0.0, 1e-6), st.floats(0.5, 5.0)),
+        st.floats(1e-6, 1e-5).map(lambda w: gp.Discrete((8e-3 - w, 8e-3 + 3.0 * w), (0.75, 0.25))),
+        st.lists(st.integers(-50, 50), min_size=2, max_size=9, unique=True).map(
+            lambda steps: gp.Measured(tuple(8e-3 + 1e-7 * step for step in steps))
+        ),
+    ),
+    st.one_of(st.just(0.0), st.floats(1e-7, 1e-4)),
+)
+def test_a_width_keeps_the_shape(spread, width):
+    found = of_width(spread, width)
+    assert type(found) is (gp.Uniform if spread is None else type(spread))
+    assert_allclose(found.width, width, rtol=1e-9)
+    if spread is not None and spread.mean is not None:
+        assert_allclose(found.mean, spread.mean, rtol=1e-12)
+    if width and spread is not None:
+        probability = np.linspace(0.01, 0.99, 21)
+        # a listed diameter has the digits that 8 mm leaves a deviation
+        assert_allclose(found.shape.quantile(probability), spread.shape.quantile(probability), rtol=1e-9, atol=1e-9)
+
+
+def test_equal_diameters_cannot_be_spread():
+    with pytest.raises(InputError, match="cannot be spread"):
+        of_width(gp.Discrete((8e-3,), (1.0,)), 1e-6)
+
+
+def test_spread_and_width_together(rough):
+    ds = sweep(rough, force=5.0, media="afa", spread=[gp.Normal(1e-6), BIMODAL], width=[1e-6, 3e-6])
+    for i, spread in enumerate((gp.Normal(1e-6), BIMODAL)):
+        for j, width in enumerate((1e-6, 3e-6)):
+            packing = gp.Packing(rough.material, 8e-3, of_width(spread, width))
+            same(ds["overlap"][0, 0, i, j], gp.AveragedForce(packing).at_force(5.0).overlap)
+
+
+def test_a_width_may_be_what_makes_room_for_a_diameter(rough):
+    """The packing of the new diameter and the old spread, which cannot be, is never made."""
+    assert changed(rough, {"diameter": 1e-6, "width": 1e-8}).spread == gp.Uniform(1e-8)
+
+
+def test_labels_of_spreads_are_told_apart():
+    other = gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))
+    assert Axis.of("spread", [None, gp.Uniform(1e-6), BIMODAL, other]).labels == (
+        "equal balls", "Uniform, W = 1e-06 m", "Discrete, W = 3.4641e-06 m", "Discrete, W = 3.4641e-06 m #2",
+    )  # fmt: skip
+
+
+# -- bands ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_bands_are_those_of_each_state(rough, finite_overlap):
+    ds = sweep(
+        rough, force=[18.446, 5.0], media=("ala", "ema"), finite_overlap=finite_overlap, bands="GKMG", npoints=7,
+        poisson_ratio=[0.1, 0.3],
+    )  # fmt: skip
+    assert ds["frequencies"].dims == ("load", "medium", "poisson_ratio", "segment", "point", "branch")
+    assert ds["frequencies"].shape == (2, 2, 2, 3, 7, 3)
+    assert ds["labels"].values.tolist() == ["G", "K", "M", "G"]
+    assert ds["distances"].attrs["units"] == ("1/a" if finite_overlap else "1/d")
+    for i, medium, sigma in itertools.product((0, 1), ("ala", "ema"), (0.1, 0.3)):
+        packing = changed(rough, {"poisson_ratio": sigma})
+        state = MediumChoice(medium).of(packing).at_force([18.446, 5.0][i], finite_overlap=finite_overlap)
+        bands = Phonons(state, finite_overlap=finite_overlap).bands("GKMG", npoints=7)
+        found = ds.isel(load=i).sel(medium=medium, poisson_ratio=sigma)
+        assert_allclose(found["frequencies"], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
+        assert_allclose(ds["qpoints"], bands.qpoints, rtol=0, atol=1e-15)
+        spacing = 1.0 - state.relative_overlap if finite_overlap else 1.0
+        assert_allclose(ds["distances"], bands.distances * spacing, rtol=1e-12)
+
+
+def test_bands_of_a_state_whose_balls_are_apart_on_average(steel):
+    """At low load the mean overlap is negative; the paper's bands need only the stiffness."""
+    loose = gp.Packing(steel, 8e-3, gp.Uniform(4e-6))
+    ds = sweep(loose, force=[0.05, 18.446], media="ema", bands=[[0, 0], [1 / 3, 1 / 3]], npoints=3)
+    assert ds["overlap"][0, 0] < 0.0
+    ratio = np.sqrt(ds["normal_stiffness"][0] / ds["normal_stiffness"][1])
+    assert_allclose(ds["frequencies"][0], ratio.values[:, None, None, None] * ds["frequencies"][1].values, rtol=1e-14)
+
+
+def test_without_friction_there_are_two_branches(rough):
+    ds = sweep(rough, force=5.0, bands=np.array([[0, 0, 0], [0.5, 0, 0]]), npoints=4, friction=False)
+    assert ds["frequencies"].shape == (1, 1, 1, 1, 4, 2)
+
+
+@pytest.mark.parametrize("axis", [{"friction": [True, False]}, {"lattice": ["triangular", "kagome"]}])
+def test_bands_of_different_numbers_make_no_array(rough, axis):
+    with pytest.raises(InputError, match=r"number of branches.* differs"):
+        sweep(rough, force=5.0, bands="GK", **axis)
+
+
+# -- errors ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "no load.* force, pressure, overlap"),
+        ({"force": 1.0, "pressure": 1.0}, "force and pressure"),
+        ({"force": [[1.0, 2.0]]}, "force is .* list of them"),
+        ({"force": [[1.0], [2.0, 3.0]]}, "force is .* list of them"),
+        ({"force": []}, "force is .* list of them"),
+        ({"force": "5 N"}, "force is '5 N'"),
+        ({"force": True}, "force is True"),
+        ({"force": np.ma.masked_array([1.0, 2.0], [False, True])}, "force is "),
+        ({"force": 1.0, "media": ()}, "no medium"),
+        ({"force": 1.0, "media": "emma"}, "unknown medium 'emma'"),
+        ({"force": 1.0, "media": {"ema": {"local_field": "guess"}}}, "local_field is 'guess'"),
+        ({"force": 1.0, "wdith": [1e-6]}, "no parameter 'wdith'.*young_modulus.*lattice.*mean width"),
+        ({"force": 1.0, "colour": ["red"]}, "no parameter 'colour'"),
+        ({"force": 1.0, "width": ["2 um"]}, "width is .*2 um"),
+        ({"force": 1.0, "width": []}, "width is "),
+        ({"force": 1.0, "friction": []}, "friction is an empty list"),
+        ({"force": 1.0, "width": [1e-6, -1e-6]}, "width = -1e-06 m: .*zero or above"),
+        ({"force": 1.0, "width": [math.nan]}, "width = nan m: "),
+        ({"force": 1.0, "width": [1e-6, 1.0]}, "width = 1.0 m: the smallest ball"),
+        ({"force": 1.0, "poisson_ratio": [0.2, 0.7], "density": [1e3]}, "poisson_ratio = 0.7, density = 1000.0 kg/m.3: "),
+        ({"force": 1.0, "friction": [1]}, "friction = 1: "),
+        ({"force": 1.0, "spread": ["uniform"]}, "spread"),
+        ({"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]}, "diameter = 0.009 m: the mean of the diameters"),
+        ({"force": 1.0, "lattice": ["hexagonal"]}, "hexagonal"),
+        ({"force": 1.0, "bands": "GQ"}, "special point"),
+        ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
+        ({"force": 1.0, "resume": True}, "nothing to resume"),
+        ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
+    ],
+)
+def test_what_makes_no_sweep(rough, arguments, words):
+    with pytest.raises(InputError, match=words):
+        sweep(rough, **arguments)
+
+
+@pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, ProcessPoolExecutor])
+def test_a_load_without_a_solution_is_named(rough, tmp_path, executor):
+    arguments = {"force": [5.0, 1e-15, 2.0], "media": ("ala", "ema"), "width": [1e-6, 4e-6]}
+    arguments["path"] = tmp_path / "s" / "sweep.nc"
+    words = r"^ema, width = 1e-06 m, force = 1e-15 N: "
+    if executor is None:
+        with pytest.raises(PrecisionError, match=words):
+            sweep(rough, **arguments)
+    else:
+        with executor(1) as pool, pytest.raises(PrecisionError, match=words):
+            sweep(rough, executor=pool, **arguments)
+    assert [path.name for path in (tmp_path / "s").iterdir()] == [".sweep.nc.partial"]  # what "ala" gave
+
+
+@pytest.mark.parametrize("load", [math.nan, math.inf, -1.0, 0.0])
+def test_a_load_that_cannot_be_is_named(rough, tmp_path, load):
+    with pytest.raises(InputError, match=f"ala, force = {load!r} N: "):
+        sweep(rough, force=[1.0, load], path=tmp_path / "sweep.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mechanism_is_one(rough):
+    with pytest.raises(MechanismError, match=r"^ala, lattice = square, friction = False"):
+        sweep(rough, force=5.0, lattice=["square"], friction=[False])
+
+
+def test_warnings_of_validity_say_where(rough):
+    ds = sweep(rough, overlap=[1e-6, 2e-4], width=[0.0, 1e-6])
+    warnings = json.loads(ds.attrs["warnings"])
+    assert all(text.startswith(("ala, width = 0.0 m: ", "ala, width = 1e-06 m: ")) for text in warnings)
+    equal = dataclasses.replace(rough, spread=None)
+    expected = gp.validity(gp.AveragedLattice(equal).at_overlap([1e-6, 2e-4])).warnings
+    assert [text.removeprefix("ala, width = 0.0 m: ") for text in warnings[: len(expected)]] == list(expected)
+    assert expected
+
+
+# -- side by side ---------------------------------------------------------------------------------------------------
+
+
+class Backwards(Executor):
+    """Does nothing until it has all tasks, and then the last one first."""
+
+    def __init__(self, total):
+        self.waiting, self.total = [], total
+
+    def submit(self, function, /, *args, **kwargs):
+        future = Future()
+        self.waiting.append((future, function, args, kwargs))
+        if len(self.waiting) == self.total:
+            for one, call, a, k in reversed(self.waiting):
+                one.set_result(call(*a, **k))
+        return future
+
+
+ARGUMENTS = {"force": FORCES, "media": LADDER, "width": [0.0, 1e-6, WIDTH], "bands": "GK", "npoints": 5}
+
+
+@pytest.fixture(scope="module")
+def serial(rough):
+    return sweep(rough, **ARGUMENTS)
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+@pytest.mark.parametrize("workers", [1, 3])
+def test_the_numbers_do_not_depend_on_the_workers(rough, serial, pool, workers):
+    with pool(workers) as executor:
+        assert sweep(rough, executor=executor, **ARGUMENTS).identical(serial)
+
+
+@pytest.mark.parametrize("start", ["spawn", "forkserver"])
+def test_tasks_need_nothing_of_the_process_that_made_them(rough, serial, start):
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(start)) as executor:
+        assert sweep(rough, executor=executor, **ARGUMENTS).identical(serial)
+
+
+def test_the_numbers_do_not_depend_on_who_is_first(rough, serial):
+    assert sweep(rough, executor=Backwards(9), **ARGUMENTS).identical(serial)
+
+
+class Meter:
+    """Counts what it is told; interrupts when ``stop`` tasks are done."""
+
+    def __init__(self, stop=math.inf, error=KeyboardInterrupt):
+        self.steps, self.done, self.stop, self.error = [], 0.0, stop, error
+
+    @contextmanager
+    def step(self, label, total=None):
+        self.steps.append((label, total))
+        yield self
+
+    def advance(self, amount=1.0):
+        self.done += amount
+        if self.done >= self.stop:
+            raise self.error
+
+
+class Piece:
+    """A task that notes that it was done."""
+
+    def __init__(self, number, fails=False):
+        self.number, self.fails, self.runs = number, fails, 0
+
+    @property
+    def name(self):
+        return f"piece-{self.number}"
+
+    def solve(self):
+        self.runs += 1
+        if self.fails:
+            raise ArithmeticError(self.number)
+        return {"x": np.array([self.number])}
+
+
+def test_progress_counts_tasks(rough):
+    meter = Meter()
+    sweep(rough, progress=meter, **ARGUMENTS)
+    assert meter.steps == [("sweep", 9)]
+    assert meter.done == 9.0
+
+
+def test_an_error_is_passed_on_and_ends_the_work():
+    pieces = [Piece(0), Piece(1, fails=True), *(Piece(n) for n in range(2, 30))]
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ArithmeticError):
+        solve_all("pieces", pieces, executor)
+    runs = [piece.runs for piece in pieces]
+    assert runs[:2] == [1, 1]
+    serial_pieces = [Piece(0), Piece(1, fails=True), Piece(2)]
+    with pytest.raises(ArithmeticError):
+        solve_all("pieces", serial_pieces)
+    assert [piece.runs for piece in serial_pieces] == [1, 1, 0]
+
+
+class Held(Executor):
+    """Gives the first task's result, and holds the others back."""
+
+    def __init__(self, fails_at=math.inf):
+        self.futures, self.fails_at = [], fails_at
+
+    def submit(self, function, /, *args, **kwargs):
+        if len(self.futures) == self.fails_at:
+            raise RuntimeError("no more workers")
+        future = Future()
+        if not self.futures:
+            future.set_result(function(*args, **kwargs))
+        self.futures.append(future)
+        return future
+
+
+def test_outstanding_tasks_are_cancelled_on_an_interruption():
+    executor = Held()
+    with pytest.raises(KeyboardInterrupt):
+        solve_all("pieces", [Piece(n) for n in range(4)], executor, Meter(stop=1))
+    assert [future.cancelled() for future in executor.futures] == [False, True, True, True]
+
+
+def test_outstanding_tasks_are_cancelled_if_the_executor_gives_up():
+    executor = Held(fails_at=3)
+    with pytest.raises(RuntimeError, match="no more workers"):
+        solve_all("pieces", [Piece(n) for n in range(4)], executor)
+    assert [future.cancelled() for future in executor.futures] == [False, True, True]
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sweep_comes_back_from_its_file(rough, serial, tmp_path):
+    path = tmp_path / "deep" / "sweep.nc"
+    assert sweep(rough, path=path, **ARGUMENTS).identical(serial)
+    again = load_sweep(path)
+    assert again.identical(serial)
+    assert {name: v.dtype for name, v in again.variables.items()} == {name: v.dtype for name, v in serial.variables.items()}
+    assert sorted(p.name for p in path.parent.iterdir()) == ["sweep.csv", "sweep.nc"]
+    path.unlink()  # the file is closed
+    assert again.identical(serial)
+
+
+def test_another_library_reads_the_file(rough, tmp_path):
+    ds = sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
+    with netCDF4.Dataset(tmp_path / "sweep.nc") as file:
+        assert file.variables["longitudinal"].dimensions == ("load", "medium", "width")
+        assert file.variables["longitudinal"].units == "m/s"
+        assert "_FillValue" not in file.variables["longitudinal"].ncattrs()
+        assert_array_equal(file.variables["frequencies"][:].data, ds["frequencies"])
+        assert file.variables["medium"][:].tolist() == list(LADDER)
+        assert file.schema == 1
+
+
+@pytest.mark.parametrize(
+    "spread", [None, gp.Uniform(WIDTH), gp.Normal(1e-6, 2.0), BIMODAL, gp.Measured((8e-3, 8.1e-3, 7.9e-3))]
+)
+@pytest.mark.parametrize("lattice", ["triangular", gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))])
+def test_the_packing_comes_back_from_the_file(steel, tmp_path, spread, lattice):
+    packing = gp.Packing(steel, 8e-3, spread, lattice)
+    sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
+    assert swept_packing(load_sweep(tmp_path / "sweep.nc")) == packing
+
+
+def test_provenance(rough, tmp_path):
+    ds = sweep(rough, force=5.0, spread=[BIMODAL, None], lattice=[CHAINED])
+    assert ds.attrs["format"] == "granphon sweep"
+    assert json.loads(ds.attrs["versions"])["granphon"] == gp.__version__
+    assert {"numpy", "scipy", "xarray", "h5netcdf"} <= set(json.loads(ds.attrs["versions"]))
+    assert ds.attrs["finite_overlap"] == 0
+    assert json.loads(ds["spread"].attrs["values"])[0]["diameters"] == [7.999e-3, 8.001e-3]
+    assert json.loads(ds["lattice"].attrs["values"])[0]["cell"][1] == [0.3, math.sqrt(0.91)]
+    finite = sweep(rough, force=5.0, finite_overlap=True)
+    assert finite.attrs["finite_overlap"] == 1
+    assert "left out" in finite.attrs["exponent"]
+
+
+def test_a_lot_of_ten_thousand_balls_fits_into_the_file(steel, tmp_path):
+    lot = gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000)))
+    packing = gp.Packing(steel, lot.mean, lot)
+    ds = sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
+    assert load_sweep(tmp_path / "sweep.nc").identical(ds)
+    assert swept_packing(ds) == packing
+
+
+def test_the_table_has_every_digit(rough, tmp_path):
+    ds = sweep(rough, pressure=[500.0, 4e3], media=LADDER, width=[0.0, 1e-6], spread=[None, BIMODAL], bands="GK",
+               path=tmp_path / "sweep.nc")  # fmt: skip
+    with (tmp_path / "sweep.csv").open(encoding="utf-8", newline="") as stream:
+        head, *rows = csv.reader(stream)
+    assert head[:6] == ["pressure (N/m)", "medium", "width (m)", "spread", "force (N)", "overlap (m)"]
+    assert len(rows) == 2 * 3 * 2 * 2
+    names = [title.split(" (")[0] for title in head]
+    assert set(names) == {"pressure", "medium", "width", "spread"} | {
+        name for name, data in ds.data_vars.items() if data.dims == ds["bulk"].dims
+    }
+    for title, name in zip(head, names, strict=True):
+        assert title == name + (f" ({ds[name].attrs['units']})" if "units" in ds[name].attrs else "")
+    points = itertools.product(range(2), range(3), range(2), range(2))
+    for row, (i, j, k, m) in zip(rows, points, strict=True):
+        point = ds.isel(load=i, medium=j, width=k, spread=m)
+        for name, cell in zip(names, row, strict=True):
+            value = point[name].values[()]
+            assert cell == str(value) if ds[name].dtype.kind in "bU" else float(cell) == value
+
+
+def test_a_table_of_tensors_leaves_them_out(rough, tmp_path):
+    sweep(rough, force=5.0, lattice="square", path=tmp_path / "sweep.nc")
+    head = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "longitudinal (m/s)" in head
+    assert "tensor" not in head
+
+
+def test_an_existing_sweep_is_kept_unless_told(rough, tmp_path):
+    path, meter = tmp_path / "sweep.nc", Meter()
+    sweep(rough, force=5.0, path=path)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsInRunError, match=r"already holds sweep\.nc, sweep\.csv"):
+        sweep(rough, force=6.0, path=path, progress=meter)
+    assert path.read_bytes() == before
+    assert not meter.steps  # nothing was computed in vain
+    assert_array_equal(sweep(rough, force=6.0, path=path, overwrite=True)["force"], [6.0])
+    assert_array_equal(load_sweep(path)["force"], [6.0])
+
+
+def test_a_place_that_cannot_be_written_is_found_out_first(rough, tmp_path):
+    (tmp_path / "file").write_text("")
+    meter = Meter()
+    with pytest.raises(OutputError, match="is not a folder"):
+        sweep(rough, force=5.0, path=tmp_path / "file" / "sweep.nc", progress=meter)
+    assert not meter.steps
+
+
+def _other_file(path):
+    xarray.Dataset({"x": ("n", [1.0])}).to_netcdf(path, engine="h5netcdf")
+
+
+def _newer(path):
+    xarray.Dataset(attrs={"format": "granphon sweep", "schema": 99}).to_netcdf(path, engine="h5netcdf")
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: None, "no such file"),
+        (lambda path: path.mkdir(), "cannot be read"),
+        (lambda path: path.write_bytes(b""), "cannot be read"),
+        (lambda path: path.write_text("force,velocity\n1,2\n"), "cannot be read"),
+        (_other_file, "is no sweep"),
+        (_newer, "schema 99.*Update granphon"),
+    ],
+)
+def test_what_is_no_sweep_is_not_loaded(tmp_path, make, words):
+    make(tmp_path / "sweep.nc")
+    with pytest.raises(InputError, match=words):
+        load_sweep(tmp_path / "sweep.nc")
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
+def test_a_file_that_was_cut_is_not_loaded(rough, tmp_path, part):
+    path = tmp_path / "sweep.nc"
+    sweep(rough, path=path, **ARGUMENTS)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(part * len(data))])
+    with pytest.raises(InputError, match="cannot be read"):
+        load_sweep(path)
+
+
+# -- going on -------------------------------------------------------------------------------------------------------
+
+
+def parts_in(folder):
+    return sorted(folder.glob(".sweep.nc.partial/*"))
+
+
+@pytest.fixture
+def interrupted(rough, tmp_path):
+    """The folder of a sweep that was stopped after four of its nine tasks."""
+    with pytest.raises(KeyboardInterrupt):
+        sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=4), **ARGUMENTS)
+    assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
+    assert len(parts_in(tmp_path)) == 4
+    return tmp_path
+
+
+class Counting(ThreadPoolExecutor):
+    """Counts the tasks it is given."""
+
+    given = 0
+
+    def submit(self, *args, **kwargs):
+        self.given += 1
+        return super().submit(*args, **kwargs)
+
+
+def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
+    """Resume in ``folder``; the number of tasks that were done anew."""
+    with Counting(2) as executor:
+        found = sweep(packing, path=folder / "sweep.nc", resume=True, executor=executor, **arguments, **options)
+    assert found.identical(expected)
+    assert load_sweep(folder / "sweep.nc").identical(expected)
+    assert sorted(path.name for path in folder.iterdir()) == ["sweep.csv", "sweep.nc"]
+    return executor.given
+
+
+def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupted):
+    meter = Meter()
+    assert resumed(rough, interrupted, serial, progress=meter) == 5
+    assert meter.done == 9.0
+
+
+@pytest.mark.parametrize("error", [RuntimeError("out of memory"), SystemExit(1)])
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
+    with pool(2) as executor, pytest.raises(type(error)):
+        sweep(rough, path=tmp_path / "sweep.nc", executor=executor, progress=Meter(3, error), **ARGUMENTS)
+    assert resumed(rough, tmp_path, serial) == 9 - 3
+
+
+def test_interruptions_may_follow_each_other(rough, serial, interrupted):
+    with pytest.raises(KeyboardInterrupt):
+        sweep(rough, path=interrupted / "sweep.nc", resume=True, progress=Meter(stop=7), **ARGUMENTS)
+    assert resumed(rough, interrupted, serial) == 2
+
+
+def test_an_interruption_while_writing_keeps_the_parts(rough, serial, tmp_path, monkeypatch):
+    def interrupt(*_args, **_kwargs):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("granphon.sweeps._write_table", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
+    assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
+    assert resumed(rough, tmp_path, serial) == 0
+
+
+def test_resuming_with_nothing_there_starts(rough, serial, tmp_path):
+    assert resumed(rough, tmp_path, serial) == 9
+
+
+def test_without_resume_the_parts_are_discarded(rough, serial, interrupted):
+    meter = Meter()
+    with Counting(1) as executor:
+        found = sweep(rough, path=interrupted / "sweep.nc", executor=executor, progress=meter, **ARGUMENTS)
+    assert executor.given == 9
+    assert found.identical(serial)
+    assert not parts_in(interrupted)
+
+
+def test_an_argument_that_cannot_be_leaves_the_parts(rough, interrupted):
+    with pytest.raises(InputError):
+        sweep(rough, path=interrupted / "sweep.nc", **{**ARGUMENTS, "width": [-1.0]})
+    assert len(parts_in(interrupted)) == 4
+
+
+def _flip(path, place):
+    data = bytearray(path.read_bytes())
+    data[int(place * (len(data) - 1))] ^= 1
+    path.write_bytes(data)
+
+
+def _swap(path):
+    other = next(one for one in path.parent.iterdir() if one != path)
+    data = path.read_bytes()
+    path.write_bytes(other.read_bytes())
+    other.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("damage", "redone"),
+    [
+        (lambda path: path.write_bytes(b""), 6),
+        (lambda path: path.write_bytes(b"\0" * 5000), 6),
+        (lambda path: path.write_bytes(path.read_bytes()[:-1]), 6),
+        (lambda path: path.write_bytes(path.read_bytes()[:40]), 6),
+        (lambda path: _flip(path, 0.0), 6),
+        (lambda path: _flip(path, 0.3), 6),
+        (lambda path: _flip(path, 1.0), 6),
+        (_swap, 7),
+        (lambda path: path.rename(path.with_name("elsewhere")), 6),
+        (lambda path: path.with_name("stray").write_text("x"), 5),
+    ],
+)
+def test_damaged_and_foreign_parts_are_done_again(rough, serial, interrupted, damage, redone):
+    damage(parts_in(interrupted)[1])
+    assert resumed(rough, interrupted, serial) == redone
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"force": [18.446, 2.0, 5.0, 2.1]}, {"force": [2.0, 18.446, 5.0, 2.0]}, {"npoints": 6}, {"bands": "GM"},
+        {"bands": None}, {"finite_overlap": True}, {"poisson_ratio": 0.3}, {"friction": False},
+    ],
+)  # fmt: skip
+def test_parts_of_another_sweep_do_not_serve(rough, interrupted, change):
+    arguments = {**ARGUMENTS, **change}
+    assert resumed(rough, interrupted, sweep(rough, **arguments), arguments) == 9
+
+
+def test_parts_of_another_packing_or_version_do_not_serve(rough, serial, interrupted, monkeypatch):
+    other = changed(rough, {"density": 7841.0})
+    with monkeypatch.context() as patch:
+        patch.setattr("granphon.sweeps._versions", lambda: {"granphon": "0.0.9"})
+        expected = sweep(rough, **ARGUMENTS)
+        assert resumed(rough, interrupted, expected) == 9
+    with pytest.raises(KeyboardInterrupt):
+        sweep(other, path=interrupted / "sweep.nc", overwrite=True, progress=Meter(stop=4), **ARGUMENTS)
+    assert resumed(rough, interrupted, serial, overwrite=True) == 9
+
+
+def test_a_sweep_may_grow_while_it_is_interrupted(rough, interrupted):
+    """A part belongs to its medium and packing, not to its place: the four that were done serve."""
+    arguments = {**ARGUMENTS, "width": [5e-7, *ARGUMENTS["width"]]}
+    assert resumed(rough, interrupted, sweep(rough, **arguments), arguments) == 12 - 4
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal on this system")
+def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
+    script = textwrap.dedent(f"""
+        import os, signal
+        from contextlib import contextmanager
+        import granphon as gp
+        from granphon.sweeps import sweep
+
+        class Killer:
+            done = 0
+            @contextmanager
+            def step(self, label, total=None):
+                yield self
+            def advance(self, amount=1.0):
+                self.done += amount
+                if self.done == 6:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform({WIDTH!r}))
+        sweep(packing, path={str(tmp_path / "sweep.nc")!r}, progress=Killer(), **{ARGUMENTS!r})
+    """)
+    run = subprocess.run([sys.executable, "-c", script], check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert run.returncode == -signal.SIGKILL
+    assert resumed(rough, tmp_path, serial) == 3
+
+
+def test_a_store_without_a_folder_keeps_nothing():
+    store = Store()
+    store.write(Piece(0), {"x": np.zeros(1)})
+    assert store.read(Piece(0)) is None
+    store.clear()
+
+
+def test_a_part_that_cannot_be_kept_ends_the_sweep(rough, tmp_path):
+    (tmp_path / ".sweep.nc.partial").write_text("in the way")
+    with pytest.raises(OutputError):
+        sweep(rough, force=5.0, path=tmp_path / "sweep.nc", resume=True)
+    assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
