@@ -15,3 +15,5 @@ autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 exclude_patterns = ["_build"]
 nitpicky = False
+# what a parameter is stands where napoleon expects its type, so that words of ours are looked up as names
+suppress_warnings = ["ref.python"]

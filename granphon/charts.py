@@ -146,7 +146,7 @@ def _prefixed(largest: float, unit: str) -> tuple[float, str]:
 
 
 def _legend(dataset: Dataset) -> list[Line2D]:
-    """An entry for each medium, and for combinations of parameters: in grey, unless there is one medium."""
+    """An entry for each medium, and for combinations of parameters (in grey, unless there is one medium); and the dashes."""
     media = list(zip(itertools.cycle(_COLOURS), _labels(dataset, "medium"), strict=False))
     words = [word for word, _ in _combinations(dataset)]
     values: list[tuple[Any, str]] = []
@@ -155,7 +155,10 @@ def _legend(dataset: Dataset) -> list[Line2D]:
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
     entries: list[tuple[Any, str]] = values if values and len(media) == 1 else [*media, *values]
-    return [Line2D([], [], color=colour, label=label) for colour, label in entries]
+    lines = [Line2D([], [], color=colour, label=label) for colour, label in entries]
+    if not np.all(dataset["valid"]):
+        lines.append(Line2D([], [], color="0.3", linewidth=0.7, dashes=(3.0, 1.5), label="outside its range"))
+    return lines
 
 
 def _label(dataset: Dataset, name: str) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-PRESETS = ("steel_hexagon", "glass", "hydrogel")
+PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
 
 _EXIT_CODES = """\b
 Exit codes:

@@ -327,10 +327,7 @@ def _undetermined(problem: _Problem, logs: Array, errors: Array) -> InputError:
 
 def _warnings(state: ContactState, chi2: float, dof: int) -> tuple[str, ...]:
     """Where the fit is not to be trusted."""
-    outside, out = int(np.sum(~np.asarray(state.valid))), []
-    if outside:
-        least = f"f* is {float(np.min(state.reduced_force)):.3g} at the least force"
-        out.append(f"{outside} of {state.force.size} loads are outside the range of the medium {state.medium!r} ({least})")
+    out = []
     if chi2 > dof + 5.0 * math.sqrt(2.0 * dof):
         out.append(f"the residuals are {math.sqrt(chi2 / max(dof, 1)):.3g} times what sigma says: the model does not fit")
     return (*out, *validity(state, state.finite_overlap).warnings)

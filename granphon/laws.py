@@ -196,7 +196,8 @@ class SpreadLaw(ABC):
             excess, stiffness = self._balls(y, nodes.positions)
             ratio = self._near(y, FORCE) / self._near(y, STIFFNESS)
             moved = ratio[:, None] * excess / (stiffness + self.xi)
-            return np.asarray(np.sum(nodes.weights * self.shape.average(y[:, None] - moved, 0.0, nodes.positions), axis=-1))
+            part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
+            return np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0)  # weights sum to one but for rounding
 
         return self._joined(overlap, np.ones_like, near)
 

@@ -66,7 +66,7 @@ def test_lines_are_the_variable_in_order_of_the_load(media, ax):
         assert_array_equal(line[:, 1], media["normal_stiffness"].sel(medium=name).values[::-1])
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Normal stiffness (N/m)")
-    assert texts(ax.get_legend()) == ["averaged lattice", "averaged force", "effective medium"]
+    assert texts(ax.get_legend()) == ["averaged lattice", "averaged force", "effective medium", "outside its range"]
 
 
 def test_solid_lines_end_where_the_medium_is_no_longer_valid(media, ax):
@@ -89,7 +89,7 @@ def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
     brightness = [sum(to_rgb(line.get_color())) for line in lines]
     assert brightness[0] < brightness[1]
     assert brightness[2] < brightness[3]
-    assert texts(ax.get_legend())[2:] == ["width 1 µm", "width 4 µm"]
+    assert texts(ax.get_legend())[2:] == ["width 1 µm", "width 4 µm", "outside its range"]
     assert ax.get_xlabel() == "Pressure (N/m)"
 
 
@@ -134,7 +134,7 @@ def test_the_figure_has_velocities_above_and_exponents_below(media):
     assert upper.get_xlim() == lower.get_xlim()
     assert {text.get_text() for text in lower.texts} == {"1/6", "1/4"}
     assert {text.get_text() for text in upper.texts} == {"$v_L$", "$v_T$"}
-    assert len(texts(figure.legends[0])) == 3
+    assert len(texts(figure.legends[0])) == 4
     assert figure.get_size_inches()[0] == 3.4
 
 

@@ -12,8 +12,8 @@ from matplotlib.text import Text
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = (
-    "modes_K_M", "paper_figure2", "paper_figure5", "paper_figures6_7_8", "paper_figures9_10_11", "pulse_dispersion",
-    "steel_bands",
+    "fit_width", "modes_K_M", "paper_figure2", "paper_figure5", "paper_figures6_7_8", "paper_figures9_10_11",
+    "pulse_dispersion", "steel_bands",
 )  # fmt: skip
 
 

@@ -65,6 +65,20 @@ def test_what_is_commented_out_in_a_preset_is_right_too(name):
     assert Scene.from_text(rest).dim == (3, 3)
 
 
+def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
+    text = (PRESETS / "steel_spread.yaml").read_text()
+    assert (EXAMPLES / "steel_spread.yaml").read_text() == text
+    scene = Scene.from_text(text)
+    assert scene.is_sweep
+    assert [len(state.force) for _, state in scene.states()] == [60, 60, 60]
+    assert all(gp.validity(state)["contact_radius"].ok.all() for _, state in scene.states())
+    normal = Scene.from_text(text.replace("  spread: {uniform", "  # ").replace("# spread: {normal", "spread: {normal"))
+    assert normal.packing.width == pytest.approx(2.04e-6, rel=0.01)
+    framed = text.replace("  force: {from", "  # ").replace("# side_force", "side_force").replace("# balls_per", "balls_per")
+    assert len(Scene.from_text(framed).load.values) == 3
+    assert dict(Scene.from_text(text.replace("# sweep:", "sweep:")).parameters) == {"width": (1e-6, 2e-6, 4e-6)}
+
+
 def test_presets_are_what_they_say():
     steel, glass, gel = (Scene.from_yaml(PRESETS / f"{name}.yaml") for name in NAMES)
     assert gp.sound_velocities(steel.state()).longitudinal == pytest.approx(791.0, abs=0.1)
