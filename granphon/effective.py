@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 LEAST_FORCE = 1e-6
 #: the limit of validity that Section IV states
 VALID_FORCE = 0.08
-#: points of collocation on a step, without its upper end
-_STAGES = 16
+#: points of collocation on a step, without its upper end; fewer where openings leave short steps only
+_STAGES, _FEWER, _MANY = 16, 12, 100
 #: nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
 #: what the last coefficients of k may be, relative to its least value on the step
@@ -115,7 +115,10 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
-    """The solution for one shape and Xi, from f* = 1e-6 up: steps, ascending, and the series beyond them."""
+    """The solution for one shape and Xi: steps, ascending, and the series beyond them.
+
+    It begins at f* = 1e-6, or higher, below the limit of validity, where steps no longer settle in double precision.
+    """
 
     shape: Shape
     xi: float
@@ -123,9 +126,15 @@ class EffectiveCurve:
     far: Series
 
     @cached_property
+    def least_force(self) -> float:
+        """f* at the start of the curve."""
+        step = self.steps[0]
+        return max(LEAST_FORCE, float(step.value(np.array(step.middle - step.half), FORCE)))
+
+    @cached_property
     def start(self) -> float:
-        """y at f* = 1e-6."""
-        return float(_inverted(self.steps[0], np.array([LEAST_FORCE]))[0])
+        """y at the start of the curve."""
+        return float(_inverted(self.steps[0], np.array([self.least_force]))[0])
 
     @cached_property
     def energy_offset(self) -> float:
@@ -169,9 +178,9 @@ def _inverted(step: _Step, force: Array) -> Array:
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
     """Solve equation (36) for a shape and Xi, to 1e-10 or better in force and stiffness; kept.
 
-    Raises :class:`~granphon.errors.PrecisionError` if the steps do not settle.
+    Raises :class:`~granphon.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """
-    return _solved(shape, xi, _STAGES, _ORDER, _TOLERANCE)
+    return _solved(shape, xi, _STAGES if shape.openings.size < _MANY else _FEWER, _ORDER, _TOLERANCE)
 
 
 def _solved(shape: Shape, xi: float, stages: int, order: int, tolerance: float, most: float = np.inf) -> EffectiveCurve:
@@ -183,16 +192,20 @@ def _solved(shape: Shape, xi: float, stages: int, order: int, tolerance: float, 
             ends.append(opening)
     stiffness = far.value(far.start, STIFFNESS)
     found: list[tuple[float, float, float, Array]] = []  # origin, middle, half, series of k, descending
-    force = far.value(far.start, FORCE)
+    force, least = far.value(far.start, FORCE), LEAST_FORCE
     for origin, end in reversed(list(pairwise(ends))):
         high, length = np.sqrt(end - origin), np.inf
-        while high > 0.0 and force > LEAST_FORCE:
+        while high > 0.0 and force > least:
             # where the first contact opens there is neither force nor stiffness: that end is approached only
             length = min(length, most, 0.5 * high if origin == ends[0] else high)
-            solved = _collocated(shape, xi, origin, (high - length, high), stiffness, stages, order, tolerance)
+            roots = high - length, high
+            solved = _collocated(shape, xi, (origin, end), roots, stiffness, stages, order, tolerance)
             if solved is None:
                 length *= 0.5
                 if length < 1e-14 * np.sqrt(end - origin):
+                    if force < VALID_FORCE:
+                        least = force
+                        break
                     where = f"an overlap of {origin + high**2:.6g} widths"
                     raise PrecisionError(message(f"the effective medium has no settled solution below {where}"))
                 continue
@@ -214,16 +227,27 @@ def _scaled(step: _Step, factor: float) -> _Step:
 
 
 def _collocated(
-    shape: Shape, xi: float, origin: float, ends: tuple[float, float], top: float, stages: int, order: int, tolerance: float
+    shape: Shape,
+    xi: float,
+    interval: tuple[float, float],
+    ends: tuple[float, float],
+    top: float,
+    stages: int,
+    order: int,
+    tolerance: float,
 ) -> tuple[Array, float, float] | None:
     """One step, from its upper end, where the stiffness is ``top``: Chebyshev series of k, and k and f at the lower end.
 
-    None if Newton's method does not converge, or the series has not.
+    ``interval`` of y between openings, ``ends`` of the step in the root. None if Newton's method does not converge, or the
+    series has not.
     """
     rule, middle, half = _radau(stages), 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
     root = middle + half * rule.points
     rise = 2.0 * half * root[:-1]  # dy/dt
-    y = origin + root * root
+    # at an opening its contacts are open: one closed by a rounding error has a stiffness of the root of that error
+    slack = 4.0 * np.finfo(float).eps * max(map(abs, shape.bounds))
+    y = np.minimum(interval[0] + root * root, interval[1] - slack)
+    y[0] -= slack * (root[0] == 0.0)
     nodes = shape.nodes(y, order)
     force, stiffness = (of(y[:, None], nodes.positions) for of in (shape.force, shape.stiffness))
     # forces are counted from one whose derivative is known: the mean; or, of listed diameters, that of the median ball, so
@@ -240,7 +264,10 @@ def _collocated(
         f = np.sum(share * force, axis=-1) / total
         slope = -xi * np.sum(share * part * (force - f[:, None]), axis=-1) / total
         matrix = rule.derivative[:, :-1] * slope[:-1] - np.diag(rise)
-        change = np.linalg.solve(matrix, (k - slope_of_common)[:-1] * rise - rule.derivative @ f)
+        try:
+            change = np.linalg.solve(matrix, (k - slope_of_common)[:-1] * rise - rule.derivative @ f)
+        except np.linalg.LinAlgError:
+            return None
         k[:-1] = np.maximum(k[:-1] + change, 0.1 * k[:-1])
         if np.all(np.abs(change) <= 1e-8 * k[:-1]):  # convergence is quadratic: this was the last one needed
             break
@@ -248,7 +275,7 @@ def _collocated(
         return None
     series = rule.coefficients @ k
     # on a short step at a large force (or far from y = 0) differentiation amplifies the rounding of f (of y)
-    short = (np.max(np.abs(f)) / np.min(k) + np.max(np.abs(y))) / (y[-1] - y[0])
+    short = (np.max(np.abs(f)) / np.min(k) + np.max(np.abs([*interval, *y]))) / (4.0 * middle * half)
     noise = 16.0 * np.finfo(float).eps * stages**2 * short
     if np.max(np.abs(series[-2:])) > max(tolerance, min(noise, _WORST)) * np.min(k):
         return None
@@ -261,7 +288,7 @@ class EffectiveLaw(SpreadLaw):
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
     factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.errors.PrecisionError` between the
-    first contact and f* = 1e-6.
+    first contact and the start of the curve.
     """
 
     coefficient: float
@@ -283,7 +310,7 @@ class EffectiveLaw(SpreadLaw):
         if np.any(closed & (y < curve.start)):
             raise PrecisionError(
                 message(
-                    f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {LEAST_FORCE:g}",
+                    f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:g}",
                     f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})",
                     "Raise the load",
                 )
@@ -293,10 +320,11 @@ class EffectiveLaw(SpreadLaw):
         return out
 
     def _near_overlap(self, force: Array) -> Array:
-        if np.any(force < LEAST_FORCE):
+        least = self.curve.least_force
+        if np.any(force < least):
             raise PrecisionError(
                 message(
-                    f"a mean contact force of f* = {float(np.min(force)):.3g} is below {LEAST_FORCE:g}",
+                    f"a mean contact force of f* = {float(np.min(force)):.3g} is below {least:g}",
                     f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})",
                     "Raise the load",
                 )

@@ -139,9 +139,20 @@ class ContactState(Result):
         That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
         and hold at high pressure (:attr:`regime`).
         """
+        return _plain(np.asarray(self.range_ratio) <= 1.0)
+
+    @property
+    def range_ratio(self) -> Values:
+        """Least load of the medium's range over the load: 1 at the border, above it outside, 0 for equal balls.
+
+        0.08/f* in the effective medium. In the other two, the overlap at which the pressure is high over the overlap, both
+        from where the first balls touch.
+        """
         if self.medium == EffectiveMedium.name:
-            return _plain(np.asarray(self.reduced_force) >= VALID_FORCE)
-        return _plain(np.asarray(self._per_width(self.overlap)) >= _MUCH / math.sqrt(12.0))
+            return _plain(VALID_FORCE / np.asarray(self.reduced_force))
+        touching = self.law.least_overlap
+        high = _MUCH * self.packing.width / math.sqrt(12.0)
+        return _plain((high - touching) / (np.asarray(self.overlap) - touching)) if high else self._constant(0.0)
 
     @property
     def regime(self) -> Values:
@@ -313,9 +324,10 @@ class AveragedForce(_ByLaw):
 class EffectiveMedium(_ByLaw):
     """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
 
-    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6. Each pair of listed diameters
-    puts a kink into the law, which is resolved; of more than 64 diameters, like ones are put together (f* to 1e-5, k to 1e-3
-    where the medium is valid, less than by what one lot of so many balls differs from another).
+    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, or from where doubles hold the
+    solution. Each pair of listed diameters puts a kink into the law, which is resolved; of more than 64 diameters, like ones
+    are put together (f* to 1e-5, k to 1e-3 where the medium is valid, less than by what one lot of so many balls differs from
+    another).
 
     Parameters
     ----------
