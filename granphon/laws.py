@@ -197,7 +197,7 @@ class SpreadLaw(ABC):
             ratio = self._near(y, FORCE) / self._near(y, STIFFNESS)
             moved = ratio[:, None] * excess / (stiffness + self.xi)
             part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
-            return np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0)  # weights sum to one but for rounding
+            return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))  # weights sum to one but for rounding
 
         return self._joined(overlap, np.ones_like, near)
 
