@@ -202,7 +202,8 @@ def _solved(shape: Shape, xi: float, stages: int, order: int, tolerance: float, 
             solved = _collocated(shape, xi, (origin, end), roots, stiffness, stages, order, tolerance)
             if solved is None:
                 length *= 0.5
-                if length < 1e-14 * np.sqrt(end - origin):
+                # neither the root nor y holds the points of a shorter one
+                if length < 1e-14 * np.sqrt(end - origin) or length * high < 1e-13 * max(abs(origin), abs(end)):
                     if force < VALID_FORCE:
                         least = force
                         break

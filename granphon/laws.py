@@ -158,11 +158,15 @@ class SpreadLaw(ABC):
         return self._evaluate(overlap, SLOPE)
 
     def overlap(self, force: ArrayLike) -> Any:
-        """delta, m, of a mean force above zero, N; raises :class:`InputError` (PrecisionError) for one out of range."""
+        """delta, m, of a mean force above zero, N.
+
+        Raises :class:`~granphon.errors.InputError` for another, :class:`~granphon.errors.PrecisionError` for one so small
+        that the law is not known there.
+        """
         load = np.asarray(force, float)
-        if not np.all(load >= 0.0):
-            what = "the force of a contact is negative"
-            raise InputError(message(what, "One-sided contacts carry no tension", "Give f >= 0"))
+        if not np.all(load > 0.0):
+            what = "the mean force of the contacts is not above zero"
+            raise InputError(message(what, "One-sided contacts carry no tension, and none at any overlap small enough"))
         with np.errstate(over="ignore", divide="ignore"):
             reduced = load / self._unit(FORCE)
         far = reduced >= self._series.value(self._series.start, FORCE)
@@ -194,17 +198,22 @@ class SpreadLaw(ABC):
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
             excess, stiffness = self._balls(y, nodes.positions)
-            ratio = self._near(y, FORCE) / self._near(y, STIFFNESS)
-            moved = ratio[:, None] * excess / (stiffness + self.xi)
+            force, k = self._near(y, FORCE), self._near(y, STIFFNESS)
+            moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
             part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
             return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))  # weights sum to one but for rounding
 
         return self._joined(overlap, np.ones_like, near)
 
     def _balls(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """(F^Q - f)/f and K^Q/k of balls at x (n_y, n_Q), for y (n_y,) below the start of the series."""
+        """(F^Q - f)/f and K^Q/k of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
+
+        Zero where all contacts are open.
+        """
         mean, k = (self._near(y, order)[:, None] for order in (FORCE, STIFFNESS))
-        return self.shape.force(y[:, None], x) / mean - 1.0, self.shape.stiffness(y[:, None], x) / k
+        closed = mean > 0.0
+        mean, k = (np.where(closed, value, 1.0) for value in (mean, k))
+        return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(y[:, None], x) / k
 
     # -- between SI and reduced -------------------------------------------------------------------------------------
 
@@ -289,7 +298,16 @@ class AveragedLaw(SpreadLaw):
     def _near_overlap(self, force: Array) -> Array:
         depths, logs = _table(self.shape)
         first = -self.shape.bounds[1]
-        wanted = np.log(force)
+        with np.errstate(divide="ignore"):  # a force below the floating range is refused below
+            wanted = np.log(force)
+        if np.any(wanted < logs[0]):
+            raise PrecisionError(
+                message(
+                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too near the first contact",
+                    "An overlap in double precision does not hold it to eight digits",
+                    "Raise the load",
+                )
+            )
         depth = np.interp(wanted, logs, depths)
         for _ in range(60):
             # Newton's step for log f against the logarithm of the depth, nearly a straight line
@@ -299,14 +317,6 @@ class AveragedLaw(SpreadLaw):
             depth = np.clip(depth + step, depths[0], depths[-1])
             if np.all(np.abs(step) <= 1e-15 * (2.0 + np.abs(depth))):
                 break
-        if np.any(wanted < logs[0]):
-            raise PrecisionError(
-                message(
-                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too near the first contact",
-                    "An overlap in double precision does not hold it to eight digits",
-                    "Raise the load",
-                )
-            )
         return first + np.exp(depth)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:

@@ -139,20 +139,17 @@ class ContactState(Result):
         That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
         and hold at high pressure (:attr:`regime`).
         """
-        return _plain(np.asarray(self.range_ratio) <= 1.0)
+        return _plain(np.asarray(self.force) >= self.least_valid_force)
 
     @property
-    def range_ratio(self) -> Values:
-        """Least load of the medium's range over the load: 1 at the border, above it outside, 0 for equal balls.
-
-        0.08/f* in the effective medium. In the other two, the overlap at which the pressure is high over the overlap, both
-        from where the first balls touch.
-        """
+    def least_valid_force(self) -> float:
+        """The mean contact force from which the medium is valid, N; 0 for equal balls."""
+        width = self.packing.width
+        if not width:
+            return 0.0
         if self.medium == EffectiveMedium.name:
-            return _plain(VALID_FORCE / np.asarray(self.reduced_force))
-        touching = self.law.least_overlap
-        high = _MUCH * self.packing.width / math.sqrt(12.0)
-        return _plain((high - touching) / (np.asarray(self.overlap) - touching)) if high else self._constant(0.0)
+            return VALID_FORCE * self.packing.law.coefficient * math.sqrt(width) ** 3
+        return float(self.law.force(_MUCH * width / math.sqrt(12.0)))
 
     @property
     def regime(self) -> Values:
@@ -229,6 +226,8 @@ class _ByLaw(ABC):
     """
 
     name: ClassVar[str]
+    #: the options of the medium, each with its words, the default first
+    options: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     packing: Packing
 
     @cached_property
@@ -341,10 +340,11 @@ class EffectiveMedium(_ByLaw):
     """
 
     name = "ema"
+    options = {"local_field": ("computed", "paper")}
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if local_field not in ("computed", "paper"):
+        if local_field not in self.options["local_field"]:
             raise InputError(message(f"local_field is {local_field!r}", mend="Give 'computed' or 'paper'"))
         if local_field == "paper" and packing.structure != TRIANGULAR:
             raise InputError(
@@ -352,6 +352,9 @@ class EffectiveMedium(_ByLaw):
             )
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
+
+    def __repr__(self) -> str:
+        return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
 
     @cached_property
     def local_field(self) -> LocalField:
@@ -387,13 +390,16 @@ class MediumChoice:
     def __post_init__(self) -> None:
         if self.name not in MEDIA:
             raise InputError(message(f"unknown medium {self.name!r}", mend="Use " + ", ".join(MEDIA)))
-        known: Mapping[str, tuple[str, ...]] = {"local_field": ("computed", "paper")} if self.name == "ema" else {}
+        known = MEDIA[self.name].options
         for option, value in self.options:
             if option not in known:
                 mend = "It has " + (", ".join(known) or "none")
                 raise InputError(message(f"medium {self.name!r} has no option {option!r}", mend=mend))
             if value not in known[option]:
                 raise InputError(message(f"{option} is {value!r}", mend="Use " + " or ".join(known[option])))
+        # two choices are equal if they mean the same: a default is not kept
+        kept = tuple((option, value) for option, value in sorted(self.options) if value != known[option][0])
+        object.__setattr__(self, "options", kept)
 
     @classmethod
     def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
@@ -403,7 +409,7 @@ class MediumChoice:
         if isinstance(value, Mapping) and len(value) == 1:
             name, options = next(iter(value.items()))
             if options is None or isinstance(options, Mapping):
-                return cls(name, tuple(sorted((options or {}).items())))
+                return cls(name, tuple((options or {}).items()))
         if isinstance(value, str):
             return cls(value)
         raise InputError(message(f"medium is {value!r}", mend="Give a name, or a name and its options"))

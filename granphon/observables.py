@@ -35,10 +35,9 @@ Array = NDArray[np.float64]
 #: two elastic constants that should be equal differ by no more than this part
 _ISOTROPIC = 1e-10
 
-#: what is checked, the limit, and what fails beyond it. The four after the first are reached together, near delta/d = 1 %,
-#: which is also the size of the terms that the contact law leaves out there.
+#: what is checked of the contacts, the limit, and what fails beyond it. The first four are reached together, near
+#: delta/d = 1 %, which is also the size of the terms that the contact law leaves out there.
 _LIMITS = {
-    "medium": (1.0, "least load of the medium's range over the load", "the medium does not describe so much disorder"),
     "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
     "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
@@ -95,7 +94,7 @@ def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: b
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Result):
-    """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``.
+    """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``, or not be less, ``at_least``.
 
     ``meaning`` says what the value is, ``reason`` why it is limited.
     """
@@ -105,21 +104,24 @@ class Check(Result):
     value: Any
     limit: float
     reason: str
+    at_least: bool = False
 
     @property
     def ok(self) -> Any:
         """Whether the condition holds, at each load."""
-        return np.asarray(self.value <= self.limit)[()]
+        return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
 
     @property
     def warning(self) -> str | None:
         """What to tell the user, or None if the condition holds at every load."""
         if np.all(self.ok):
             return None
-        worst = float(np.max(self.value))
+        worst = float(np.min(self.value) if self.at_least else np.max(self.value))
         count = int(np.size(self.ok))
         where = "" if np.ndim(self.value) == 0 else f" (worst of {int(count - np.sum(self.ok))} loads out of {count})"
-        excess = "above 1" if self.limit == 1.0 else f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
+        excess = f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
+        if self.at_least:
+            excess = f"below {self.limit:.4g}"
         return f"{self.meaning} is {worst:.4g}{where}, {excess}: {self.reason}"
 
 
@@ -149,7 +151,7 @@ class Validity(Result):
 def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
     """Where the state stands against the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.range_ratio`); contact
+    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.least_valid_force`); contact
     radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the longitudinal and transverse
     ratios); the top of the branches over the lowest resonance of a free ball; and, if the material has a
     ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at 1.07).
@@ -167,16 +169,17 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
         "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
         "resonance": lattice.top_frequency * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
-    if state.packing.width:
-        values = {"medium": np.asarray(state.range_ratio), **values}
     if material.yield_strength is not None:
         values["yield"] = state.force / (np.pi * (radius * d / 2.0) ** 2) / material.yield_strength
-    return Validity(
-        tuple(
-            Check(name, _LIMITS[name][1], np.asarray(value), _LIMITS[name][0], _LIMITS[name][2])
-            for name, value in values.items()
-        )
-    )
+    checks = []
+    for name, value in values.items():
+        limit, meaning, reason = _LIMITS[name]
+        checks.append(Check(name, meaning, np.asarray(value), limit, reason))
+    if state.packing.width:
+        reason = f"pressed so little, the balls differ too much for the medium {state.medium!r}"
+        force = np.asarray(state.force)
+        checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
+    return Validity(tuple(checks))
 
 
 def local_exponent(state: ContactState) -> Any:

@@ -101,7 +101,11 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
         if not spread.width:
             raise InputError(message("diameters that are all the same cannot be spread", mend="Give another spread"))
         mean, scale = spread.mean, uniform.width / spread.width
-        return replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
+        scaled = replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
+        if uniform.width:
+            # rounding of the diameters must not make it another shape, whose law would be solved anew
+            scaled.__dict__["shape"] = spread.shape
+        return scaled
     return uniform
 
 

@@ -769,3 +769,69 @@ def test_separated_balls_have_zero_force_constants():
     assert calc.get_property("energy", balls) == 0.0
     assert calc.get_force_constants(balls, format="csr").nnz == 0
     np.testing.assert_array_equal(calc.get_force_constants(balls), 0.0)
+
+
+# -- the law of a medium -----------------------------------------------------------------------------------------------
+
+SPREAD = gp.Uniform(0.1 * DIAMETER)  # wide, so that steps of a finite difference are small against it
+#: overlaps over the width; contacts of the mean ball are open at the last
+MEAN_OVERLAPS = (0.6, 0.2, -0.1)
+every_medium = pytest.mark.parametrize("medium", [gp.AveragedForce, gp.EffectiveMedium])
+
+
+def medium_state(medium, part, friction=False):
+    packing = gp.Packing(STEEL, DIAMETER, spread=SPREAD, friction=friction)
+    return medium(packing).at_overlap(part * packing.width)
+
+
+@every_medium
+@pytest.mark.parametrize("part", MEAN_OVERLAPS)
+@both_frictions
+def test_forces_and_stress_are_slopes_of_the_energy_of_a_medium(medium, part, friction):
+    state = medium_state(medium, part, friction)
+    balls = shaken(gp.atoms(state).repeat((3, 3, 1)), deviations=False)
+    balls.calc = gp.HertzMindlin(state)
+    np.testing.assert_allclose(balls.get_forces(), calculate_numerical_forces(balls, eps=1e-5), rtol=0.0, atol=2e-8)
+    one = gp.atoms(state).repeat((2, 2, 1))
+    one.calc = gp.HertzMindlin(state)
+    differences = calculate_numerical_stress(one, eps=1e-5)
+    np.testing.assert_allclose(one.get_stress()[[0, 1, 5]], differences[[0, 1, 5]], rtol=0.0, atol=2e-8)
+
+
+@every_medium
+@pytest.mark.parametrize("part", MEAN_OVERLAPS)
+def test_stress_and_force_constants_of_a_medium_are_those_of_its_state(medium, part):
+    state = medium_state(medium, part)
+    balls = gp.atoms(state)
+    pressure = -balls.get_stress()[:2] * state.scales.modulus
+    np.testing.assert_allclose(pressure, state.pressure / DIAMETER, rtol=1e-12)
+    assert medium(state.packing).at_pressure(state.pressure).overlap == pytest.approx(state.overlap, rel=1e-12)
+    big = balls.repeat((3, 3, 1))
+    constants = gp.HertzMindlin(state).get_force_constants(big)
+    equal = at_overlap(friction=False)
+    np.testing.assert_allclose(
+        constants, gp.HertzMindlin(equal).get_force_constants(gp.atoms(equal).repeat((3, 3, 1))), rtol=0.0, atol=1e-13
+    )
+    # a difference of the forces at an overlap that may be below zero
+    differenced = differenced_force_constants(gp.HertzMindlin(state), big, 1e-5)
+    np.testing.assert_allclose(constants[..., :2, :2], differenced[..., :2, :2], rtol=0.0, atol=1e-6)
+
+
+@every_medium
+def test_bands_of_a_medium_scale_with_the_root_of_its_stiffness(medium):
+    qpoints = np.array([[0.1, 0.0, 0.0], [1 / 3, 1 / 3, 0.0], [0.21, -0.13, 0.0]])
+    states = [medium_state(medium, part, friction=True) for part in MEAN_OVERLAPS]
+    scaled = [gp.Phonons(state).frequencies(qpoints) / np.sqrt(state.normal_stiffness) for state in states]
+    for other in scaled[1:]:
+        np.testing.assert_allclose(other, scaled[0], rtol=1e-11)
+
+
+@every_medium
+def test_balls_with_diameters_of_their_own_have_no_mean_law(medium):
+    balls = gp.atoms(medium_state(medium, 0.6)).repeat((3, 3, 1))
+    balls.calc = gp.HertzMindlin(medium_state(medium, 0.6))
+    balls.arrays["diameter_deviations"][0] = 1e-3
+    with pytest.raises(InputError, match="count twice"):
+        balls.get_potential_energy()
+    with pytest.raises(InputError, match="count twice"):
+        balls.calc.get_force_constants(balls)

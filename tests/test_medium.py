@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import json
 import math
+import pickle
 
 import mpmath
 import numpy as np
@@ -13,7 +16,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.errors import InputError
+from granphon.errors import InputError, MechanismError, PrecisionError
+from granphon.observables import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
 REDUCED = (
@@ -291,3 +295,225 @@ def test_a_state_does_not_share_the_callers_memory(packing):
     state = gp.AveragedLattice(packing).at_force(view)
     load[0] = -5.0
     assert_allclose(state.force, [1.0, 2.0])
+
+
+# -- balls that differ --------------------------------------------------------------------------------------------------
+
+SPREADS = {
+    "uniform": lambda w: gp.Uniform(w),
+    "normal": lambda w: gp.Normal(w / math.sqrt(12.0)),
+    "discrete": lambda w: gp.Discrete((8e-3 - w / 3.0, 8e-3 + w / 3.0), (0.5, 0.5)),
+    "measured": lambda w: gp.Measured((8e-3 - w, 8e-3, 8e-3 + w)),
+}
+LADDER = (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium)
+every_rung = pytest.mark.parametrize("rung", LADDER)
+every_spread = pytest.mark.parametrize("spread", SPREADS)
+
+
+def differing(steel, width=2.04e-6, spread="uniform", **options):
+    return gp.Packing(steel, 8e-3, spread=SPREADS[spread](width), **options)
+
+
+def unit_of_force(packing):
+    return packing.law.coefficient * math.sqrt(packing.width) ** 3
+
+
+@given(
+    part=st.floats(-3.0, 17.0), width=st.floats(-16.0, -1.0), name=st.sampled_from(NAMED), finite=st.booleans(),
+    rung=st.sampled_from(LADDER), spread=st.sampled_from(["uniform", "normal"]),
+)  # fmt: skip
+def test_round_trips_of_balls_that_differ(steel, part, width, name, finite, rung, spread):
+    packing = differing(steel, 8e-3 * 10.0**width, spread)
+    # twenty decades up from f* = 1e-3, as long as balls are not pressed flat
+    load = min(unit_of_force(packing) * 10.0**part, 0.1 * packing.law.force(8e-3))
+    state = rung(packing).at_force(load, finite_overlap=finite)
+    again = getattr(rung(packing), f"at_{name}")(getattr(state, name), finite_overlap=finite)
+    # an overlap near zero comes back to rounding of W, and the force to what that is worth
+    size = abs(state.overlap) + packing.width
+    assert again.overlap == pytest.approx(state.overlap, rel=0.0, abs=1e-14 * size)
+    room = 1e-14 * (1.0 + size * state.normal_stiffness / state.force)
+    assert again.force == pytest.approx(state.force, rel=room)
+    assert again.pressure == pytest.approx(state.pressure, rel=room)
+
+
+@every_rung
+@every_spread
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3)])
+def test_states_of_balls_that_differ_have_the_shape_of_the_load(steel, rung, spread, shape):
+    medium = rung(differing(steel, spread=spread))
+    loads = 5.0 * (1.0 + np.arange(math.prod(shape))).reshape(shape)
+    state = medium.at_force(loads)
+    for attribute in (*SI, *REDUCED, "stiffness_ratio", "effective_density"):
+        values = getattr(state, attribute)
+        assert np.shape(values) == shape
+        if shape == () and attribute not in ("valid", "regime"):
+            assert type(values) is float
+    for index in np.ndindex(shape):
+        alone = medium.at_force(float(loads[index]))
+        assert np.asarray(state.normal_stiffness)[index] == pytest.approx(alone.normal_stiffness, rel=1e-13)
+        assert np.asarray(state.contact_fraction)[index] == pytest.approx(alone.contact_fraction, rel=1e-12)
+
+
+@every_rung
+@every_spread
+def test_stiffness_of_balls_that_differ_is_the_derivative_of_the_force(steel, rung, spread):
+    medium = rung(differing(steel, spread=spread))
+    width = medium.packing.width
+    overlaps = width * np.array([0.2, 0.7, 2.5, 30.0])
+    state = medium.at_overlap(overlaps)
+    weights = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+    steps = np.array([-4, -3, -2, -1, 1, 2, 3, 4])
+    for delta, k in zip(overlaps, state.normal_stiffness, strict=True):
+        step = 1e-2 * delta
+        slope = weights @ medium.at_overlap(delta + step * steps).force / step
+        assert slope == pytest.approx(k, rel=1e-9)
+
+
+@every_rung
+@pytest.mark.parametrize("spread", ["uniform", "normal"])
+def test_equal_balls_are_the_limit_of_width_zero(steel, rung, spread):
+    equal = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(18.446)
+    widths = 8e-3 * 10.0 ** np.arange(-16.0, -4.0)
+    for width in widths:
+        state = rung(differing(steel, width, spread)).at_force(18.446)
+        # k/k_ala - 1 = -r/96 (W/delta)^2, at most 1/96
+        room = 4e-15 + 1.1 / 96.0 * (state.packing.width / equal.overlap) ** 2
+        assert abs(state.normal_stiffness / equal.normal_stiffness - 1.0) < room
+        assert abs(state.overlap / equal.overlap - 1.0) < 4e-15 + (state.packing.width / equal.overlap) ** 2
+    far = [rung(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0 for w in (4e-7, 2e-7)]
+    if rung is not gp.AveragedLattice:
+        assert math.log2(far[0] / far[1]) == pytest.approx(2.0, abs=0.01)
+
+
+@every_rung
+@pytest.mark.parametrize(
+    "spread", [None, gp.Uniform(0.0), gp.Normal(0.0), gp.Discrete((8e-3,), (1.0,)), gp.Measured((8e-3,) * 3)]
+)
+def test_no_width_is_exactly_equal_balls(steel, rung, spread):
+    state = rung(gp.Packing(steel, 8e-3, spread=spread)).at_force([1.0, 18.446])
+    equal = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 18.446])
+    for name in (*SI, *REDUCED):
+        assert np.array_equal(getattr(state, name), getattr(equal, name))
+
+
+@pytest.mark.parametrize("width", [1e-150, 1e-205, 1e-240, 1e-300])
+def test_widths_near_the_end_of_the_floating_range(steel, width):
+    for rung in LADDER:
+        state = rung(gp.Packing(steel, 8e-3, spread=gp.Uniform(width))).at_force(18.446)
+        assert state.reduced_force > 1e200
+        assert state.stiffness_ratio == pytest.approx(1.0, rel=1e-15)
+        assert state.contact_fraction == 1.0
+        assert 0.0 <= state.force_fluctuation < 1e-100
+
+
+@pytest.mark.parametrize("rung", LADDER[1:])
+def test_mean_overlaps_below_zero(steel, rung):
+    medium = rung(differing(steel))
+    width = medium.packing.width
+    state = medium.at_overlap(-0.1 * width)
+    assert state.force > 0.0
+    assert state.reduced_spacing == pytest.approx(0.4, rel=1e-14)
+    assert state.regime == "low"
+    assert state.pressure > 0.0
+    assert gp.sound_velocities(state).longitudinal > 0.0
+    with pytest.raises(InputError, match="no balls touch"):
+        medium.at_overlap([0.0, -0.5 * width])
+
+
+@pytest.mark.parametrize("rung", LADDER[1:])
+def test_loads_too_low_for_the_medium(steel, rung):
+    medium = rung(differing(steel))
+    unit = unit_of_force(medium.packing)
+    for load in (1e-45 * unit, [unit, 1e-45 * unit]):
+        with pytest.raises(PrecisionError, match="load"):
+            medium.at_force(load)
+    for load, text in ((0.0, "zero"), (-1.0, "tensile"), (math.nan, "finite")):
+        with pytest.raises(InputError, match=text):
+            medium.at_force(load)
+    if rung is gp.EffectiveMedium:
+        assert medium.at_force(1.001e-6 * unit).valid is False
+        with pytest.raises(PrecisionError, match="1e-06"):
+            medium.at_force(0.999e-6 * unit)
+
+
+def test_validity_and_regime_at_their_borders(steel):
+    packing = differing(steel)
+    medium, unit = gp.EffectiveMedium(packing), unit_of_force(packing)
+    state = medium.at_force(unit * np.array([0.0799999, 0.0800001, 100.0]))
+    assert state.valid.tolist() == [False, True, True]
+    rms, root = packing.width / math.sqrt(12.0), math.sqrt(10.0)
+    for rung in LADDER[:2]:
+        overlaps = rms * np.array([1.0 / root * (1 - 1e-9), 1.0 / root * (1 + 1e-9), root * (1 - 1e-9), root * (1 + 1e-9)])
+        state = rung(packing).at_overlap(overlaps)
+        assert state.regime.tolist() == ["low", "intermediate", "intermediate", "high"]
+        assert state.valid.tolist() == [False, False, False, True]
+
+
+def test_states_of_every_medium_and_spread_come_back(steel):
+    for spread, rung in itertools.product(SPREADS, LADDER):
+        state = rung(differing(steel, spread=spread)).at_force([5.0, 18.446])
+        for again in (gp.ContactState.from_dict(json.loads(json.dumps(state.to_dict()))), pickle.loads(pickle.dumps(state))):
+            assert again == state
+            assert np.array_equal(again.contact_fraction, state.contact_fraction)
+            assert np.array_equal(again.law.force(again.overlap), state.law.force(state.overlap))
+
+
+@pytest.mark.parametrize("lattice", ["square", "kagome"])
+def test_effective_medium_of_other_lattices(steel, lattice):
+    medium = gp.EffectiveMedium(differing(steel, lattice=lattice))
+    xi = medium.local_field.xi
+    state = medium.at_force(unit_of_force(medium.packing) * np.array([0.0801, 1.0, 1e5]))
+    assert np.all(state.valid)
+    assert state.stiffness_ratio[-1] == pytest.approx(1.0, rel=1e-7)
+    y = (state.overlap / medium.packing.width)[-1]
+    assert state.force_fluctuation[-1] == pytest.approx(0.75 / math.sqrt(12.0) * xi / (1.0 + xi) / y, rel=1e-3)
+    with pytest.raises(MechanismError):
+        gp.EffectiveMedium(differing(steel, lattice=lattice, friction=False)).at_force(18.446)
+
+
+# -- macroscopic properties (47)-(49) -----------------------------------------------------------------------------------
+
+
+@every_rung
+@pytest.mark.parametrize("friction", [False, True])
+def test_moduli_and_velocities_follow_the_stiffness(steel, rung, friction):
+    packing = differing(steel, friction=friction)
+    state = rung(packing).at_force(unit_of_force(packing) * np.logspace(-2, 4, 25))
+    eta, velocities, moduli = packing.mindlin_ratio, gp.sound_velocities(state), gp.moduli(state)
+    np.testing.assert_allclose((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta), rtol=1e-13)
+    np.testing.assert_allclose(moduli.bulk, math.sqrt(0.75) * state.normal_stiffness / packing.diameter, rtol=1e-13)
+    np.testing.assert_allclose(moduli.shear, 0.5 * (1 + eta) * moduli.bulk, rtol=1e-13)
+    density = state.effective_density
+    np.testing.assert_allclose(density * velocities.longitudinal**2, moduli.bulk + moduli.shear, rtol=1e-13)
+
+
+@every_rung
+@pytest.mark.parametrize("spread", ["uniform", "normal"])
+def test_local_exponent_is_the_slope_of_log_velocity(steel, rung, spread):
+    packing = differing(steel, spread=spread)
+    medium = rung(packing)
+    weights = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+    steps = 0.02 * np.array([-4, -3, -2, -1, 1, 2, 3, 4])
+    for reduced in (0.12, 1.0, 30.0):
+        pressure = medium.at_force(reduced * unit_of_force(packing)).pressure
+        velocities = gp.sound_velocities(medium.at_pressure(pressure * np.exp(steps))).longitudinal
+        slope = weights @ np.log(velocities) / 0.02
+        assert local_exponent(medium.at_pressure(pressure)) == pytest.approx(slope, rel=1e-8)
+    high = medium.at_force(unit_of_force(packing) * 10.0 ** np.array([3.0, 5.0]))
+    # 1/6 (1 + r/12 (W/delta)^2 ...): W/delta = f*^(-2/3)
+    departure = np.abs(6.0 * local_exponent(high) - 1.0)
+    assert np.all(departure < 0.2 * 10.0 ** (-4.0 / 3.0 * np.array([3.0, 5.0])) + 4e-15)
+
+
+def test_the_ladder_is_ordered(steel):
+    # "They frame the exact and the EMA results from below and from above"
+    packing = differing(steel)
+    overlaps = packing.width * np.linspace(0.05, 20.0, 200)
+    lattice, average, effective = (rung(packing).at_overlap(overlaps).force for rung in LADDER)
+    assert np.all(lattice < effective)
+    assert np.all(effective < average)
+    forces = unit_of_force(packing) * np.logspace(-1.0, 5.0, 100)
+    for rung in LADDER[1:]:
+        ratio = rung(packing).at_force(forces).stiffness_ratio
+        assert np.all(ratio < 1.0)
+        assert np.all(np.diff(ratio) > 0.0)

@@ -105,8 +105,8 @@ def test_equal_balls_and_other_media_have_no_local_field(work):
 def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
     told = (
-        "granphon: warning: least load of the medium's range over the load is 1.592, above 1: "
-        "the medium does not describe so much disorder\n"
+        "granphon: warning: contact force in N is 1, below 1.592: "
+        "pressed so little, the balls differ too much for the medium 'ema'\n"
     )
     assert main(["check", "scene.yaml"]) == 0
     assert capsys.readouterr().err == told
@@ -151,7 +151,7 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
     assert got["valid"] is False
     told = [f"granphon: warning: {text}" for text in got["warnings"]]
     assert err.splitlines() == told
-    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: least load of the medium's range over the load is ")
+    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: contact force in N is ")
     assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
     assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
@@ -349,7 +349,7 @@ def test_check_describes_a_sweep(work, capsys):
         "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):  # fmt: skip
         assert expected in out
-    assert "granphon: warning: ala, width = 1e-06 m: least load of the medium's range over the load is " in err
+    assert "granphon: warning: ala, width = 1e-06 m: contact force in N is " in err
     assert listed(work) == {"scene.yaml"}
 
 

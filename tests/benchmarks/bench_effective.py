@@ -1,0 +1,127 @@
+"""Benchmarks of the effective medium: ratios, each measured side by side in one run.
+
+    python tests/benchmarks/bench_effective.py [--json FILE] [--repeats N]
+
+Nothing is asserted about time: machines are shared and noisy. The documentation quotes a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from bench_ordered import alternate
+from scipy.integrate import solve_ivp
+
+import granphon as gp
+from granphon.effective import effective_curve
+from granphon.laws import FORCE, STIFFNESS, high_pressure_series
+from granphon.local_field import local_field
+from granphon.shapes import NormalShape, Shape, UniformShape
+
+XI = local_field(mindlin_ratio=0.84).xi
+SHAPES: dict[str, Shape] = {"uniform": UniformShape(), "normal": NormalShape(3.0)}
+LOADS = 200_000
+#: f* at the lower end of the integration
+LEAST = 1e-4
+
+
+def plain(shape: Shape) -> tuple[float, float]:
+    """y and k at f* = 1e-4 by scipy alone: k' = (k - G_y)/G_k with the same averages, downwards from the same start."""
+    start = high_pressure_series(shape, XI).start
+
+    def balance(y: float, k: float) -> tuple[float, float, float]:
+        x, weights = shape.nodes(y)
+        force, stiffness, slope = shape.force(y, x), shape.stiffness(y, x), shape.stiffness_slope(y, x)
+        part = weights / (stiffness + XI * k)
+        f = np.sum(part * force) / np.sum(part)
+        bent = part / (stiffness + XI * k) * (force - f)
+        by_y = (np.sum(part * stiffness) - np.sum(bent * slope)) / np.sum(part)
+        return f, by_y, -XI * np.sum(bent) / np.sum(part)
+
+    def slope(y: float, k: np.ndarray) -> list[float]:
+        _, by_y, by_k = balance(y, k[0])
+        return [(k[0] - by_y) / by_k]
+
+    def least(y: float, k: np.ndarray) -> float:
+        return math.log(balance(y, k[0])[0] / LEAST)
+
+    least.terminal = True  # type: ignore[attr-defined]
+    k = high_pressure_series(shape, XI).value(start, STIFFNESS)
+    # no absolute tolerance: k falls by three decades
+    out = solve_ivp(slope, (start, shape.openings[0]), [k], "Radau", rtol=1e-8, atol=0.0, events=least)
+    return float(out.t[-1]), float(out.y[0, -1])
+
+
+def cold(shape: Shape) -> object:
+    """The curve, with nothing kept."""
+    effective_curve.cache_clear()
+    high_pressure_series.cache_clear()
+    return effective_curve(shape, XI)
+
+
+def curves(repeats: int) -> dict[str, dict[str, float]]:
+    """A cold solution against a plain Radau integration of the same equation over the same range."""
+    results = {}
+    for name, shape in SHAPES.items():
+        y, k = plain(shape)
+        curve = effective_curve(shape, XI)
+        found = float(curve.value(np.array([y]), FORCE)[0]), float(curve.value(np.array([y]), STIFFNESS)[0])
+        assert np.allclose(found, (LEAST, k), rtol=1e-6), "the two disagree: the ratio would mean nothing"
+        calls: dict[str, Callable[[], object]] = {
+            "granphon": lambda shape=shape: cold(shape), "radau": lambda shape=shape: plain(shape),
+        }  # fmt: skip
+        seconds = alternate(repeats, **calls)
+        results[name] = {"granphon_s": seconds["granphon"], "radau_s": seconds["radau"],
+                         "ratio": seconds["granphon"] / seconds["radau"]}  # fmt: skip
+    return results
+
+
+def printed(y: np.ndarray) -> np.ndarray:
+    """The averaged force of the uniform distribution in powers, as one would type it: loses digits at large y."""
+    sides = (np.maximum(y + s, 0.0) ** 3.5 for s in (0.5, 0.0, -0.5))
+    above, middle, below = sides
+    return 16.0 / 35.0 * (above - 2.0 * middle + below)
+
+
+def loads(repeats: int) -> dict[str, float]:
+    """200,000 loads through the medium, the curve known, against one evaluation of the averaged force on the same loads."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    effective, average = gp.EffectiveMedium(packing), gp.AveragedForce(packing)
+    forces = packing.law.coefficient * math.sqrt(packing.width) ** 3 * np.geomspace(1e-3, 1e3, LOADS)
+    overlaps = effective.at_force(forces).overlap
+    seconds = alternate(
+        repeats,
+        granphon=lambda: effective.at_force(forces),
+        averaged=lambda: average.law.force(overlaps),
+        printed=lambda: printed(overlaps / packing.width),
+    )
+    ratios = {f"ratio_to_{name}": seconds["granphon"] / seconds[name] for name in ("averaged", "printed")}
+    return {**{f"{name}_s": value for name, value in seconds.items()}, **ratios}
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser.add_argument("--json", type=Path, help="also write the results here")
+    parser.add_argument("--repeats", type=int, default=7)
+    options = parser.parse_args(argv)
+    results: dict[str, object] = {
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
+        "curves": curves(options.repeats),
+        "loads": loads(options.repeats),
+    }
+    text = json.dumps(results, indent=2)
+    print(text)
+    if options.json:
+        options.json.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
