@@ -112,6 +112,44 @@ class _Step:
         """A derivative of the energy at the upper end."""
         return float(np.sum(self.series[order]))
 
+    def overlap(self, force: Array) -> Array:
+        """y at forces between those at the ends: a series for u, mended by Newton's method."""
+        series, ends = self._inverse
+        w = self._smooth(force)
+        root = np.asarray(chebyshev.chebval((2.0 * w - ends[0] - ends[1]) / (ends[1] - ends[0]), series), float)
+        return np.asarray(self.origin + self._descended(root, force) ** 2)
+
+    @cached_property
+    def _inverse(self) -> tuple[Array, tuple[float, float]]:
+        """Chebyshev series of u in the variable of :meth:`_smooth`, and the ends of the latter."""
+        low, high = self._smooth(np.array([self._bottom, self.top(FORCE)]))
+        w = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(_STAGES)
+        force = np.square(w) + self._bottom if self.middle == self.half else np.exp(w)
+        u = self.middle + self.half * np.linspace(-1.0, 1.0, 33)
+        exact = self._descended(np.interp(force, self.value(u, FORCE), u), force)
+        series = chebyshev.chebfit(chebyshev.chebpts1(_STAGES), exact, _STAGES - 1)
+        return np.asarray(series, float), (float(low), float(high))
+
+    @cached_property
+    def _bottom(self) -> float:
+        """The force at the lower end."""
+        return float(self.value(np.array(self.middle - self.half), FORCE))
+
+    def _smooth(self, force: Array) -> Array:
+        """A variable in which u is smooth: where contacts open the force rises as u^2, elsewhere it may span decades."""
+        return np.sqrt(np.maximum(force - self._bottom, 0.0)) if self.middle == self.half else np.log(force)
+
+    def _descended(self, root: Array, force: Array) -> Array:
+        """u at these forces, by Newton's method from ``root``."""
+        low, high = self.middle - self.half, self.middle + self.half
+        for _ in range(12):
+            slope = 2.0 * root * self.value(root, STIFFNESS)
+            change = np.divide(force - self.value(root, FORCE), slope, out=np.zeros_like(root), where=slope > 0.0)
+            root = np.clip(root + change, low, high)
+            if np.all(np.abs(change) <= 1e-9 * high):  # convergence is quadratic: this was the last one needed
+                break
+        return root
+
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
@@ -134,7 +172,7 @@ class EffectiveCurve:
     @cached_property
     def start(self) -> float:
         """y at the start of the curve."""
-        return float(_inverted(self.steps[0], np.array([self.least_force]))[0])
+        return float(self.steps[0].overlap(np.array([self.least_force]))[0])
 
     @cached_property
     def energy_offset(self) -> float:
@@ -150,28 +188,17 @@ class EffectiveCurve:
     def overlap(self, force: Array) -> Array:
         """y at forces between those at the two ends."""
         edges = [step.top(FORCE) for step in self.steps[:-1]]
-        return self._by_step(np.searchsorted(edges, force), force, _inverted)
+        return self._by_step(np.searchsorted(edges, force), force, _Step.overlap)
 
     def _by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[_Step, Array], Array]) -> Array:
-        out = np.empty(values.shape)
-        for number in np.unique(index):
-            where = index == number
-            out[where] = of(self.steps[number], values[where])
-        return out
-
-
-def _inverted(step: _Step, force: Array) -> Array:
-    """y on a step: Newton's method from a table."""
-    t = np.linspace(-1.0, 1.0, 33)
-    u = step.middle + step.half * t
-    root = np.interp(force, step.value(u, FORCE), u)
-    for _ in range(12):
-        slope = 2.0 * root * step.value(root, STIFFNESS)
-        change = np.divide(force - step.value(root, FORCE), slope, out=np.zeros_like(root), where=slope > 0.0)
-        root = np.clip(root + change, u[0], u[-1])
-        if np.all(np.abs(change) <= 1e-15 * u[-1]):
-            break
-    return np.asarray(step.origin + root * root)
+        # sorted by step, so that each works on one piece; small integers sort in linear time
+        order = np.argsort(index.ravel().astype(np.min_scalar_type(len(self.steps))), kind="stable")
+        ascending, numbers = values.ravel()[order], index.ravel()[order]
+        out = np.empty(order.size)
+        first = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])) if numbers.size else np.empty(0, int)
+        for begin, end in pairwise([*first.tolist(), order.size]):
+            out[order[begin:end]] = of(self.steps[numbers[begin]], ascending[begin:end])
+        return out.reshape(values.shape)
 
 
 @lru_cache(maxsize=64)
