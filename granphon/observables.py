@@ -186,7 +186,7 @@ def local_exponent(state: ContactState) -> Any:
     """d log v / d log P of both sound velocities, of the shape of the load, where terms of order delta/d are left out.
 
     v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
-    for equal balls.
+    for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there.
     """
     slope = state.law.stiffness_slope(state.overlap)
     return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / state.normal_stiffness))[()]
