@@ -23,11 +23,11 @@ def positive(name: str, value: float, unit: str = "") -> float:
     """``value`` as a float, or :class:`InputError` if it is not a finite number above zero."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
         where = f" (in {unit})" if unit else ""
-        raise InputError(message(f"{name} is {value!r}", f"It must be a finite number above zero{where}"))
+        raise InputError(message(f"{name} is {value!r:.80}", f"It must be a finite number above zero{where}"))
     return number
 
 

@@ -193,7 +193,8 @@ class _Listed(Spread):
     @cached_property
     def rms(self) -> float:
         """Delta_rms, m."""
-        return math.sqrt(math.fsum(self._table[2] * self._table[1] ** 2))
+        scale = float(np.max(np.abs(self._table[1]))) or 1.0
+        return scale * math.sqrt(math.fsum(self._table[2] * (self._table[1] / scale) ** 2))
 
     @cached_property
     def shape(self) -> PointShape:
@@ -260,20 +261,21 @@ def _at_least_zero(name: str, value: Any) -> float:
     """``value`` as a float, or :class:`InputError` if it is not a finite number, zero or above."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not 0.0 <= number < math.inf:
-        raise InputError(message(f"{name} is {value!r}", "It must be a finite number, zero or above (in m)"))
+        raise InputError(message(f"{name} is {value!r:.80}", "It must be a finite number, zero or above (in m)"))
     return number
 
 
 def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
     """A list of finite numbers above zero, or at least ``zero``; else :class:`InputError`."""
     try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError):
+        given = np.asarray(values)
+        array = np.asarray(given, float) if given.dtype.kind in "iuf" else np.empty(0)
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
-    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+    if array.ndim != 1 or isinstance(values, np.ma.MaskedArray) or not array.size or not np.all(np.isfinite(array)):
         raise InputError(message(f"{name}: {values!r:.80}", "One or more finite numbers belong here"))
     if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
         raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))

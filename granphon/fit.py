@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 #: widths are tried from f* = 1e4 at the least force, where nothing is left of disorder, to f* = 1e-2 at the largest
 _NARROWEST, _WIDEST = 1e4, 1e-2
 _TRIALS_PER_DECADE = 2
+#: errors of the velocities below this part of them, or above its inverse, are taken for mistakes
+_LEAST_ERROR = 1e-12
+#: velocities below this part of those of equal balls, or above its inverse, are taken for mistakes
+_LEAST_RATIO = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
 _SAME = 1e-6
 
@@ -198,6 +202,15 @@ class _Problem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
+        with np.errstate(all="ignore"):
+            ratio = data.velocity / replace(model, choice=MediumChoice("ala"))(model.start(1e-9 * model.packing.diameter))[0]
+        if not (np.all(ratio > _LEAST_RATIO) and np.all(ratio < 1.0 / _LEAST_RATIO)):
+            what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
+            raise InputError(message(what, mend="Check the units of force and velocity"))
+        part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
+        if not (np.all(part > _LEAST_ERROR) and np.all(part < 1.0 / _LEAST_ERROR)):
+            what = f"sigma is as little as {np.min(part):.3g} and as much as {np.max(part):.3g} times the velocity"
+            raise InputError(message(what, "No measurement has such an error", "Check its units"))
         if len(data.force) < len(model.names) + (data.sigma is None):
             what = f"found {len(data.force)} data, to which {' and '.join(model.names)} cannot be fitted"
             why = "Without sigma one more is needed, for the scatter" if data.sigma is None else ""
@@ -285,11 +298,13 @@ def _descended(problem: _Problem, start: Array) -> Array:
 def _covariance(problem: _Problem, logs: Array, residuals: Array, matrix: Array) -> tuple[Array, Array]:
     """Covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem."""
     norms = np.linalg.norm(matrix, axis=0)
+    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
+    same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME * singular[0]
+    never = same and len(problem.model.names) == len(VARIABLE)  # whatever the data
     # were the others known, the standard error of a parameter would be one over its norm
-    if np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0]):
+    if not never and (np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0])):
         raise _undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    left, singular, right = np.linalg.svd(matrix / norms, full_matrices=False)
-    if singular[-1] < _SAME * singular[0]:
+    if same:
         why = "Long waves know E/d and E d^(1/2) W^(3/2) only" if len(problem.model.names) == len(VARIABLE) else ""
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
@@ -318,7 +333,7 @@ def _undetermined(problem: _Problem, logs: Array, errors: Array) -> InputError:
         best = f": the best is {width:.3g} m, its standard error {error * width:.3g} m"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
-        why = f"From {least:.3g} N up the velocities rise with the force as those of equal balls do, within their errors"
+        why = f"From {least:.3g} N up the data show no slowing that grows as the force falls, beyond their errors"
         return InputError(message(what, why, "Measure at lower forces, or more precisely"))
     what = f"no width fits: the sum of squares still falls at {width:.3g} m, where the medium {model.choice.label!r} ends"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"

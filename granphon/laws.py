@@ -167,14 +167,14 @@ class SpreadLaw(ABC):
         if not np.all(load > 0.0):
             what = "the mean force of the contacts is not above zero"
             raise InputError(message(what, "One-sided contacts carry no tension, and none at any overlap small enough"))
-        with np.errstate(over="ignore", divide="ignore"):
-            reduced = load / self._unit(FORCE)
-        far = reduced >= self._series.value(self._series.start, FORCE)
 
         def near(part: Array) -> Array:
             return self.width * self._near_overlap(part / self._unit(FORCE))
 
-        return self._parts(load, far, self._far_overlap, near)
+        # W may be so small that its force is below the floating range: the load is then far above it
+        with np.errstate(over="ignore", under="ignore", divide="ignore"):
+            far = load / self._unit(FORCE) >= self._series.value(self._series.start, FORCE)
+            return self._parts(load, far, self._far_overlap, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Delta f / f of Section IV: rms over balls of the force of their contacts, relaxed, over the mean."""
@@ -237,7 +237,7 @@ class SpreadLaw(ABC):
         def near(part: Array) -> Array:
             return self._unit(order) * self._near(part / self.width, order)
 
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", under="ignore"):
             return self._parts(delta, delta / self.width >= self._series.start, far, near)
 
     @staticmethod
@@ -264,10 +264,10 @@ class SpreadLaw(ABC):
 
     def _joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
         """A function of y that is known in two parts."""
-        with np.errstate(over="ignore"):
-            y = np.asarray(np.asarray(overlap, float) / self.width)
         parts = (lambda values: _blockwise(far, values)), (lambda values: _blockwise(near, values))
-        return self._parts(y, y >= self._series.start, *parts)
+        with np.errstate(over="ignore", under="ignore"):
+            y = np.asarray(np.asarray(overlap, float) / self.width)
+            return self._parts(y, y >= self._series.start, *parts)
 
 
 def _blockwise(evaluate: Callable[[Array], Array], y: Array) -> Array:
@@ -308,16 +308,18 @@ class AveragedLaw(SpreadLaw):
                     "Raise the load",
                 )
             )
-        depth = np.interp(wanted, logs, depths)
-        for _ in range(60):
-            # Newton's step for log f against the logarithm of the depth, nearly a straight line
-            y = first + np.exp(depth)
-            value = np.asarray(self.shape.force(y))
-            step = (wanted - np.log(value)) * value / (np.asarray(self.shape.stiffness(y)) * np.exp(depth))
-            depth = np.clip(depth + step, depths[0], depths[-1])
-            if np.all(np.abs(step) <= 1e-15 * (2.0 + np.abs(depth))):
-                break
-        return first + np.exp(depth)
+        # the force is convex: from an overlap too large Newton's method comes down to the root, past any kink
+        y = np.ravel(first + np.exp(depths[np.searchsorted(logs, wanted)]))
+        goal, going = np.ravel(force), np.ones(y.shape, bool)
+        for _ in range(200):
+            step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(self.shape.stiffness(y[going]))
+            # a step that rounding has turned round, or that is no more than rounding, was the last
+            small = step <= 2e-16 * np.abs(y[going])
+            y[going] -= np.where(small, 0.0, step)
+            going[going] = ~small
+            if not np.any(going):
+                return y.reshape(np.shape(force))
+        raise PrecisionError(message("the overlap of the averaged force has not settled", mend="Give a less uneven spread"))
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """The part of the pairs that overlaps."""

@@ -240,10 +240,16 @@ class _ByLaw(ABC):
     def _law(self) -> Law:
         """The law of balls that differ."""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.packing, Packing):
+            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the mean contact force f, N."""
         load = _compressive("force", force)
-        return self._state(load, np.asarray(self.law.overlap(load)), "force", force, finite_overlap)
+        with np.errstate(all="ignore"):  # whatever is beyond double precision is refused below
+            overlap = np.asarray(self.law.overlap(load))
+        return self._state(load, overlap, "force", force, finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
@@ -257,7 +263,7 @@ class _ByLaw(ABC):
                     f"Give an overlap above {law.least_overlap:g} m",
                 )
             )
-        with np.errstate(over="ignore"):  # an overlap that large is refused below
+        with np.errstate(all="ignore"):
             force = np.asarray(law.force(delta))
         return self._state(force, delta, "overlap", overlap, finite_overlap)
 
@@ -267,23 +273,26 @@ class _ByLaw(ABC):
         With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
         """
         load, law, d = _compressive("pressure", pressure), self.law, self.packing.diameter
-        slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
-        force = slope * d
-        delta = np.asarray(law.overlap(force))
-        if finite_overlap:
+        with np.errstate(all="ignore"):
+            slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
+            force = slope * d
+            delta = np.asarray(law.overlap(force))
             # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
-            for _ in range(100):
+            for _ in range(100 if finite_overlap else 0):
                 step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
                 delta = delta - step
                 if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
                     break
-            force = np.asarray(law.force(delta))
+            if finite_overlap:
+                force = np.asarray(law.force(delta))
         return self._state(force, delta, "pressure", pressure, finite_overlap)
 
     def _state(self, force: Array, overlap: Array, name: str, given: ArrayLike, finite: bool) -> ContactState:
         law, diameter = self.law, self.packing.diameter
-        stiffness = np.asarray(law.stiffness(overlap))
-        if not (np.all(force > 0.0) and np.all(stiffness > 0.0) and np.all(np.isfinite(force))):
+        with np.errstate(all="ignore"):
+            stiffness = np.asarray(law.stiffness(overlap))
+        known = all(np.all(np.isfinite(values)) for values in (force, overlap, stiffness))
+        if not (known and np.all(force > 0.0) and np.all(stiffness > 0.0)):
             raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
             raise InputError(
@@ -346,12 +355,13 @@ class EffectiveMedium(_ByLaw):
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
         if local_field not in self.options["local_field"]:
             raise InputError(message(f"local_field is {local_field!r}", mend="Give 'computed' or 'paper'"))
-        if local_field == "paper" and packing.structure != TRIANGULAR:
+        if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
             raise InputError(
                 message(f"the paper has no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
             )
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
+        self.__post_init__()
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
@@ -448,8 +458,9 @@ def _compressive(name: str, values: ArrayLike) -> Array:
 def _finite(name: str, values: ArrayLike) -> Array:
     try:
         given = np.asarray(values)
-        array = np.asarray(given, dtype=float) if given.dtype.kind in "iuf" else None
-    except (TypeError, ValueError):
+        with np.errstate(over="ignore"):  # infinite, and refused
+            array = np.asarray(given, dtype=float) if given.dtype.kind in "iuf" else None
+    except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or isinstance(values, np.ma.MaskedArray):
         raise InputError(message(f"{name} is {values!r}", "It must be a real number or an array of them"))

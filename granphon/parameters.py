@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,6 +18,8 @@ from granphon.packing import Packing
 
 __all__ = ["PARAMETERS", "Axis", "changed", "combinations", "numbers", "of_width"]
 
+#: more packings than this are taken for a mistake
+MOST_COMBINATIONS = 100_000
 _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
 #: the parameters of a packing and their units; None where values are no numbers
 PARAMETERS: Mapping[str, str | None] = {
@@ -127,6 +130,10 @@ def combinations(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Pack
 
     :class:`InputError` names the combination that makes no packing.
     """
+    count = math.prod(len(axis.values) for axis in axes)
+    if count > MOST_COMBINATIONS:
+        what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"
+        raise InputError(message(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"))
     out = []
     for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
         where = ", ".join(axis.worded(label) for axis, (_, label) in zip(axes, pairs, strict=True))

@@ -166,6 +166,21 @@ def repeated(count, errors, seed, **options):
     return np.array([(fit.width - WIDTH) / fit.stderr for fit in fits]), fits
 
 
+@pytest.fixture
+def remembered(monkeypatch):
+    """What the model has said of some parameters is not computed again: experiments differ by their noise alone."""
+    said, compute = {}, VelocityModel.__call__
+
+    def call(model, logs):
+        key = (model.packing, model.names, model.choice.label, model.force.tobytes(), logs.tobytes())
+        if key not in said:
+            said[key] = compute(model, logs)
+        return said[key]
+
+    monkeypatch.setattr(VelocityModel, "__call__", call)
+
+
+@pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize(("medium", "count"), [("afa", 300), ("ema", 60)])
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     sigma = np.linspace(6.0, 2.0, 12)
@@ -176,6 +191,7 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     assert kstest([fit.chi2 for fit in fits], chi2_distribution(11).cdf).pvalue > 0.01
 
 
+@pytest.mark.usefixtures("remembered")
 def test_errors_from_the_scatter_follow_student():
     pulls, fits = [], []
     noise = np.random.default_rng(2).normal(size=(120, 3)) * 4.0
@@ -188,6 +204,7 @@ def test_errors_from_the_scatter_follow_student():
     assert_allclose(np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / 240.0))
 
 
+@pytest.mark.usefixtures("remembered")
 def test_the_covariance_of_two_parameters_is_their_scatter():
     sigma = 2.0
     _, fits = repeated(100, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus"))
@@ -286,7 +303,8 @@ IDEAL = velocities(BALLS)
         ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
         ({"velocity": 0.9995 * IDEAL, "sigma": 5.0}, "the width cannot be told from zero: the best is"),
         ({"velocity": EXACT["ema"] / 1e3}, "no width fits: .* Check the units"),
-        ({"velocity": EXACT["ema"] * 1e12}, "above those of equal balls"),
+        ({"velocity": EXACT["ema"] * 1e12}, "times those of equal balls"),
+        ({"velocity": EXACT["ema"] * 1.5}, "above those of equal balls"),
         ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
         ({"sigma": 200.0, "parameters": ("width", "young_modulus")}, "its standard error|told from zero"),
         ({"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0}, "cannot tell .* apart. Long waves know E/d"),
@@ -309,7 +327,7 @@ def test_a_narrow_range_of_force_does_not_tell_two_parameters():
 def test_at_high_pressure_only_the_ideal_lattice_is_heard():
     force = FORCE * 1e3
     exact = velocities(TRUE, force=force)
-    with pytest.raises(InputError, match="rise with the force as those of equal balls do"):
+    with pytest.raises(InputError, match="show no slowing that grows as the force falls"):
         fit_width(BALLS, force, exact, 5.0)
     assert_allclose(fit_width(BALLS, force, exact, 1e-3).width, WIDTH, rtol=1e-4)
 
@@ -408,7 +426,7 @@ def test_side_forces_and_times_of_flight(folder, capsys):
         (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
         (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
-        (("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"), "no width fits"),
+        (("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"), "times those of equal balls"),
     ],
 )
 def test_one_error_and_nothing_written(folder, capsys, words, told):

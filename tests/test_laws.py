@@ -301,3 +301,23 @@ def test_orders_are_the_names_of_the_derivatives():
         hertz = (0.4 * y**2.5, y**1.5, 1.5 * y**0.5, 0.75 * y**-0.5)[order]
         assert series.value(y, order) == pytest.approx(hertz, rel=2e-3)
         assert series.value(y, order) == pytest.approx(hertz * float(series.ratio(np.array(y), order)), rel=1e-15)
+
+
+@pytest.mark.parametrize("few", [1e-3, 1e-6, 1e-8, 1e-12])
+@pytest.mark.parametrize("off", [1e-5, 1e-4, -1e-5])
+def test_averaged_force_of_uneven_lists_is_inverted(few, off):
+    # a few balls carry the load alone until the others touch: the force has a kink over which plain Newton steps jump
+    law = AveragedLaw(1.0, 1.0, gp.Discrete((8e-3, 8e-3 + off), (1.0 - few, few)).shape)
+    forces = np.geomspace(1e-9, 1e9, 300)
+    np.testing.assert_allclose(law.force(law.overlap(forces)), forces, rtol=1e-11)
+
+
+@given(st.lists(st.tuples(st.floats(-1e-4, 1e-4), st.floats(-9.0, 0.0)), min_size=2, max_size=6), st.floats(-4.0, 4.0))
+def test_averaged_force_of_any_list_is_inverted(balls, load):
+    offs, weights = np.array(balls).T
+    parts = 10.0**weights
+    shape = gp.Discrete(8e-3 + offs, parts / parts.sum()).shape
+    if shape.bounds[0] == shape.bounds[1]:
+        return
+    law, force = AveragedLaw(1.0, 1.0, shape), 10.0**load
+    assert law.force(law.overlap(force)) == pytest.approx(force, rel=1e-10)
