@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from granphon.errors import InputError, message
 from granphon.fit import WidthFit
 from granphon.plot import STYLE
+from granphon.units import prefixed
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -132,17 +133,16 @@ def _labels(dataset: Dataset, name: str) -> list[str]:
         return [_MEDIA.get(value, str(value)) for value in values]
     if not all(isinstance(value, float) for value in values):
         return [str(value) for value in values]
-    number, unit = _prefixed(max(map(abs, values)), dataset[name].attrs.get("units", ""))
+    number, unit = _multiple(max(map(abs, values)), dataset[name].attrs.get("units", ""))
     return [f"{value / number:.4g} {unit}".rstrip() for value in values]
 
 
-def _prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """The size of a decimal multiple of ``unit`` that suits a value, and its name."""
+def _multiple(largest: float, unit: str) -> tuple[float, str]:
+    """The size of a decimal multiple of ``unit`` that suits a value, and its name as it is printed."""
     if unit not in ("m", "Pa", "N", "Hz"):
         return 1.0, "" if unit == "1" else unit
-    sizes = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-    size, prefix = next(((s, p) for s, p in sizes if largest >= 0.999 * s), (1.0, ""))
-    return size, prefix + unit
+    size, name = prefixed(largest, unit)
+    return size, name.replace("u", "µ")
 
 
 def _legend(dataset: Dataset) -> list[Line2D]:
@@ -266,7 +266,7 @@ _POINTS: dict[str, Any] = {
 
 
 def _described(fit: WidthFit) -> str:
-    size, unit = _prefixed(fit.width, "m")
+    size, unit = _multiple(fit.width, "m")
     digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two of the standard error
     return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
 

@@ -102,7 +102,7 @@ class Spread(ABC):
         """
         if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > TOLERANCE * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
-            raise InputError(message(what, "Deviations are from the mean", f"Give diameter={self.mean!r}"))
+            raise InputError(message(what, "Deviations are from the mean", f"Give the mean, {self.mean!r} m, as the diameter"))
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
@@ -245,7 +245,7 @@ class Measured(_Listed):
     def from_csv(cls, path: str | Path, column: str | None = None) -> Self:
         """Read a column of a table, see :mod:`granphon.tables`: ``ball,diameter (mm)``.
 
-        ``column`` is a name without its unit; left out, it is "diameter", or the only one. Where no unit is given it is m.
+        ``column`` is a name without its unit, which the first line must give; left out, it is "diameter", or the only one.
         :class:`InputError` names the line that cannot be read.
         """
         table = Table.read(path)

@@ -82,12 +82,13 @@ class Measurements(Result):
         path : of a file with columns among :data:`COLUMNS`: force or side_force; velocity, or time and distance; and, where
             known, sigma of the velocity or time_sigma of the time, and the frequency of the pulse.
         columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
-        distance : how far sound has gone, m, where no column says it.
+        distance : how far sound has gone in each of the times, m, where no column says it.
         frame : gives the contact force of a side force, both in N.
 
         Raises
         ------
-        InputError : a file, line or cell that cannot be read; too little in it, or two columns that say the same.
+        InputError : a file, line or cell that cannot be read; too little in it, or what is said twice: by two columns, or
+            by a ``distance`` and a column of distances or of velocities.
         """
         table, named = Table.read(path), dict(columns or {})
         for name in named:
@@ -114,7 +115,13 @@ class Measurements(Result):
             why = "Contact forces follow from them and the number of balls on a side"
             mend = "Give the scene's load as side_force and balls_per_side"
             raise InputError(message(f"{path} gives side forces", why, mend))
-        if chosen("velocity", "time") != "time":
+        timed = chosen("velocity", "time") == "time"
+        told = chosen("distance" if timed else "velocity")
+        if distance is not None and told is not None:
+            why = "A distance that is given serves times of flight only, and all of them"
+            mend = "Leave it out" if timed else "Leave it out, or name the column of times"
+            raise InputError(message(f"{path} has a {told} column, and a distance is given too", why, mend))
+        if not timed:
             velocity = column("velocity")
         else:
             velocity = (column("distance") if distance is None else positive("distance", distance, "m")) / column("time")

@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 from granphon.files import closest, shown
@@ -95,29 +95,17 @@ class Quantity:
         number, _, unit = match.groups()
         if not unit:
             raise Refused(f"{shown(value)}, without a unit", self.allowed, tip)
-        factor = self._factor(unit, number, value)
+        try:
+            factor = _factor(self, unit)
+        except ValueError as wrong:
+            meant = closest(unit, self.common.split(", "))
+            mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
+            raise Refused(f"{shown(value)}, {wrong}", self.allowed, mend) from None
         return self._value(number, factor, value)
 
     def write(self, value: float) -> str:
         """The text of an SI value, from which :meth:`read` gives it back to the last bit."""
         return f"{value!r} {self.unit}"
-
-    def _factor(self, unit: str, number: str, value: str) -> Fraction:
-        common = self.common.split(", ")
-        meant = closest(unit, common)
-        mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
-        if not _UNIT.fullmatch(unit):
-            raise Refused(f"{shown(value)}, which is not one number and one unit", self.allowed, mend)
-        registry = _registry()
-        text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").removeprefix("1/")
-        text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
-        try:
-            parsed = registry.parse_units("1/" + text if unit.startswith("1/") else text)
-        except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
-            raise Refused(f"{shown(value)}, whose unit is not known", self.allowed, mend) from None
-        if parsed.dimensionality != registry.parse_units(self.unit).dimensionality:
-            raise Refused(f"{shown(value)}, whose unit is not one of {self.name}", self.allowed, mend)
-        return Fraction(registry.Quantity(Decimal(1), parsed).to(self.unit).magnitude)
 
     def _value(self, number: str, factor: Fraction, value: str) -> float:
         rough = float(number)
@@ -136,6 +124,23 @@ class Quantity:
         if not 0.0 < abs(exact) < math.inf:
             raise Refused(f"{shown(value)}, which is too small or too large for double precision", self.allowed)
         return exact
+
+
+@lru_cache(maxsize=256)  # the cells of a column share their unit
+def _factor(kind: Quantity, unit: str) -> Fraction:
+    """How many SI units of its ``kind`` a unit is, exactly; ValueError says why it is none."""
+    if not _UNIT.fullmatch(unit):
+        raise ValueError("which is not one number and one unit")
+    registry = _registry()
+    text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").removeprefix("1/")
+    text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
+    try:
+        parsed = registry.parse_units("1/" + text if unit.startswith("1/") else text)
+    except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
+        raise ValueError("whose unit is not known") from None
+    if parsed.dimensionality != registry.parse_units(kind.unit).dimensionality:
+        raise ValueError(f"whose unit is not one of {kind.name}")
+    return Fraction(registry.Quantity(Decimal(1), parsed).to(kind.unit).magnitude)
 
 
 LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")

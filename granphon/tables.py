@@ -23,6 +23,10 @@ from granphon.quantities import NUMBER, Quantity
 __all__ = ["Heading", "Table"]
 
 
+#: the largest file that is read
+MAX_BYTES = 50_000_000
+
+
 @dataclass(frozen=True)
 class Heading:
     """What heads a column: its ``name`` and its ``unit``, empty where none is given."""
@@ -61,14 +65,22 @@ class Table:
     def read(cls, path: str | os.PathLike[str]) -> Self:
         """Read a file in UTF-8; :class:`~granphon.errors.InputError` names file and line of what cannot be read."""
         try:
-            lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+            place = Path(path)
+            if place.exists() and not place.is_file():
+                raise InputError(message(f"{path} cannot be read: it is no file", mend="Give a table of numbers"))
+            if place.stat().st_size > MAX_BYTES:
+                what = f"{path} holds more than {MAX_BYTES // 1_000_000} MB"
+                raise InputError(message(what, mend="A table of measurements is shorter; is this the right file"))
+            lines = place.read_text(encoding="utf-8-sig").splitlines()
+        except InputError:
+            raise
         except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a null character in the name
             raise InputError(message(f"{path} cannot be read", getattr(error, "strerror", None) or str(error))) from None
         kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
             raise InputError(message(f"{path} is empty", mend="Head the columns by names, and put numbers below them"))
         mark = next((mark for mark in "\t;" if mark in kept[0][1]), ",")
-        (first, titles), *rows = [(n, _cells(line, mark)) for n, line in kept]
+        (first, titles), *rows = [(n, _cells(f"{path}:{n}", line, mark)) for n, line in kept]
         headings = tuple(Heading.parse(title) for title in titles)
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
@@ -80,11 +92,11 @@ class Table:
         return self._places(name) != []
 
     def column(self, name: str, kind: Quantity) -> NDArray[np.float64]:
-        """The column called ``name``, (rows,), in the SI unit of its ``kind``, which is also taken where no unit is given.
+        """The column called ``name``, (rows,), in the SI unit of its ``kind``.
 
         ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter.
-        :class:`~granphon.errors.InputError` if there is no such column or there are two, if there are no rows, or a cell
-        is not what the kind allows.
+        :class:`~granphon.errors.InputError` if there is no such column or there are two, if it has no unit, if there are no
+        rows, or a cell is not what the kind allows.
         """
         wanted, places = Heading.parse(name), self._places(name)
         if len(places) != 1:
@@ -96,8 +108,11 @@ class Table:
         if not self.rows:
             raise InputError(message(f"{self.name} has no rows below its headings"))
         place = places[0]
-        unit = wanted.unit or self.headings[place].unit or kind.unit
-        return np.array([self._value(n, cells[place], unit, self.headings[place].name, kind) for n, cells in self.rows])
+        unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
+        if not unit:
+            mend = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
+            raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=mend))
+        return np.array([self._value(n, cells[place], unit, heading, kind) for n, cells in self.rows])
 
     def _places(self, name: str) -> list[int]:
         wanted = Heading.parse(name).key
@@ -113,8 +128,11 @@ class Table:
             raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
 
 
-def _cells(line: str, mark: str) -> tuple[str, ...]:
-    return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
+def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
+    try:
+        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
+    except csv.Error as error:
+        raise InputError(message(f"{where} cannot be parted into columns", str(error))) from None
 
 
 def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:

@@ -8,13 +8,14 @@ in reduced units, and is the only place where numbers change units.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from granphon.errors import InputError, message
 
-__all__ = ["HertzPrefix", "Units"]
+__all__ = ["HertzPrefix", "Units", "prefixed"]
 
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
@@ -23,11 +24,26 @@ _INFO = {
     "mass": "granphon_mass_kg",
 }
 
-_PREFIXES = (
-    (1e-24, "yHz"), (1e-21, "zHz"), (1e-18, "aHz"), (1e-15, "fHz"), (1e-12, "pHz"), (1e-9, "nHz"),
-    (1e-6, "uHz"), (1e-3, "mHz"), (1.0, "Hz"), (1e3, "kHz"), (1e6, "MHz"), (1e9, "GHz"), (1e12, "THz"),
-    (1e15, "PHz"), (1e18, "EHz"), (1e21, "ZHz"), (1e24, "YHz"),
+#: decimal prefixes, ascending
+_SIZES = (
+    1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21, 1e24,
 )  # fmt: skip
+_PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P", "E", "Z", "Y")
+
+
+def _multiple(value: float, unit: str) -> tuple[float, str]:
+    """The decimal multiple, its size and its name, in which ``value`` lies between 1 and 1000, or the nearest to that."""
+    place = max(bisect_right(_SIZES, value) - 1, 0)
+    return _SIZES[place], _PREFIXES[place] + unit
+
+
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """The decimal multiple of ``unit`` in which people write ``value``: its size, 1e-6, and its name, "um".
+
+    One short of a multiple by its rounding counts as one. Zero, and what no prefix brings near to one, stay as they are.
+    """
+    size = abs(value) * (1.0 + 1e-8)
+    return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
 @dataclass(frozen=True)
@@ -43,21 +59,16 @@ class HertzPrefix:
 
         Beyond yHz and YHz the nearest of the two is taken.
         """
-        best = _PREFIXES[0]
-        for hertz, name in _PREFIXES:
-            if frequency >= hertz:
-                best = (hertz, name)
-        return cls(name=best[1], hertz=best[0])
+        hertz, name = _multiple(frequency, "Hz")
+        return cls(name, hertz)
 
     @classmethod
     def named(cls, name: str) -> HertzPrefix:
         """The unit called ``name``; :class:`InputError` if there is none."""
-        for hertz, known in _PREFIXES:
-            if known == name:
-                return cls(name=known, hertz=hertz)
-        raise InputError(
-            message(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(p[1] for p in _PREFIXES))
-        )
+        known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
+        if name not in known:
+            raise InputError(message(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)))
+        return cls(name, known[name])
 
 
 @dataclass(frozen=True)

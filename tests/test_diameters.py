@@ -551,7 +551,7 @@ def test_powers_that_cannot_be():
     [
         ("diameter (mm)\n7.999\n8.001\n", None),
         ("\ufeffball,Diameter [um],note\n# a lot\n1,7999,\n\n2,8001,round\n", None),
-        ('"d";"mass"\n7.999e-3;1,2\n8.001e-3;1,3\n', "d"),
+        ('"d (m)";"mass"\n7.999e-3;1,2\n8.001e-3;1,3\n', "d"),
         ("size / lot A (µm)\n7999\n8001\n", None),
         ("\tdiameter (cm)\nx\t0.7999\n\t0.8001\n", "diameter"),
     ],

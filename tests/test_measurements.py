@@ -27,7 +27,7 @@ def test_force_and_velocity(tmp_path):
 
 
 def test_everything_by_its_own_name(tmp_path):
-    data = read(tmp_path, "Force,Velocity,Sigma (mm/us),Frequency (kHz)\n2,500,0.004,6.5\n")
+    data = read(tmp_path, "Force (N),Velocity (m/s),Sigma (mm/us),Frequency (kHz)\n2,500,0.004,6.5\n")
     assert_array_equal([data.force, data.velocity, data.sigma, data.frequency], [[2.0], [500.0], [4.0], [6500.0]])
 
 
@@ -45,6 +45,14 @@ def test_one_distance_for_all_and_units_by_option(tmp_path):
     assert_array_equal([data.force, data.velocity], [[2000.0], [500.0]])
 
 
+def test_a_distance_goes_with_the_times_that_are_named(tmp_path):
+    text = "force (N),velocity (m/s),time (s),distance (m)\n2,3,4,5\n"
+    assert read(tmp_path, text, columns={"time": "time"}).velocity == [1.25]
+    assert read(tmp_path, text, columns={"velocity": "velocity"}).velocity == [3.0]
+    without = text.replace("distance", "length")
+    assert read(tmp_path, without, columns={"time": "time"}, distance=0.5).velocity == [0.125]
+
+
 def test_a_named_column_goes_before_one_found(tmp_path):
     text = "force (N),side_force (N),velocity (m/s),time (s)\n2,100,500,1\n"
     assert read(tmp_path, text, columns={"force": "force", "velocity": "velocity"}).velocity == [500.0]
@@ -53,20 +61,25 @@ def test_a_named_column_goes_before_one_found(tmp_path):
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        ("force,v\n2,5\n", {}, "no column named 'velocity'"),
-        ("f,velocity\n2,5\n", {}, "no column named 'force'"),
-        ("force,time\n2,5\n", {}, "no column named 'distance'"),
-        ("force,side_force,velocity\n2,3,5\n", {}, "has both force and side_force. Name the column that is meant"),
-        ("force,velocity,time\n2,3,5\n", {}, "has both velocity and time"),
-        ("force,velocity,sigma,time_sigma\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
-        ("side_force,velocity\n2,3\n", {}, "gives side forces. Contact forces follow from them"),
-        ("force,velocity\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is nothing that a column of measurements holds"),
-        ("force,velocity\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
-        ("force,velocity\n2,3\n", {"columns": {"x": "v"}}, "Use force, side_force, velocity, time, distance"),
-        ("force,time\n2,3\n", {"distance": -1.0}, "distance is -1.0"),
-        ("force,velocity,time_sigma\n2,3,1\n", {}, "no column named 'time'"),
+        ("force (N),v (m/s)\n2,5\n", {}, "no column named 'velocity'"),
+        ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
+        ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
+        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "has both force and side_force. Name the column that is meant"),
+        ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
+        ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
+        ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. Contact forces follow from them"),
+        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is nothing that a column of measurements holds"),
+        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
+        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"x": "v"}}, "Use force, side_force, velocity, time, distance"),
+        ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance is -1.0"),
+        ("force (N),time (s),distance (m)\n2,3,4\n", {"distance": 0.5}, "has a distance column, and a distance is given too"),
+        ("force (N),t (s),L (m)\n2,3,4\n", {"columns": {"time": "t", "distance": "L"}, "distance": 4.0}, "Leave it out"),
+        ("force (N),velocity (m/s)\n2,3\n", {"distance": 0.5}, "has a velocity column, and a distance is given too"),
+        ("force (N),v (m/s)\n2,3\n", {"columns": {"velocity": "v"}, "distance": 0.5}, "Leave it out, or name the column of times"),
+        ("force (N),v (m/s)\n2,3\n", {"distance": 0.5}, "no column named 'velocity'"),
+        ("force (N),velocity (m/s),time_sigma (s)\n2,3,1\n", {}, "no column named 'time'"),
         ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not one of velocity"),
-        ("force (N),velocity,sigma\n2,3,0\n", {}, "data.csv:2: sigma: found '0 m/s', which is zero"),
+        ("force (N),velocity (m/s),sigma (m/s)\n2,3,0\n", {}, "data.csv:2: sigma: found '0 m/s', which is zero"),
     ],
 )
 def test_what_is_missing_or_said_twice_is_named(tmp_path, text, options, words):

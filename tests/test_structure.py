@@ -74,8 +74,11 @@ def loaded_after(code: str) -> set[str]:
     return set(run.stdout.split())
 
 
+HEAVY = {"phonopy", "matplotlib", "spglib", "xarray", "h5netcdf"}
+
+
 def heavy(modules: set[str]) -> set[str]:
-    return {m for m in modules if m.split(".")[0] in ("phonopy", "matplotlib", "spglib") or m.startswith("ase.calculators")}
+    return {m for m in modules if m.split(".")[0] in HEAVY or m.startswith("ase.calculators")}
 
 
 def test_importing_granphon_loads_nothing_heavy():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from granphon import quantities
 from granphon.errors import InputError
 from granphon.quantities import LENGTH, LOADS, Quantity
 from granphon.tables import Heading, Table
@@ -43,7 +45,7 @@ def test_headings(text, name, unit):
     "text",
     [
         "force (mN),velocity (km/s)\n2000,0.5\n4000,0.625\n",
-        "\ufeffForce [N]\tnote\tVELOCITY\r\n2\ta, b\t500\r\n\r\n# between\r\n4\t; c\t625\r\n",
+        "\ufeffForce [N]\tnote\tVELOCITY [m/s]\r\n2\ta, b\t500\r\n\r\n# between\r\n4\t; c\t625\r\n",
         '"force (kN)" ; "velocity (mm/us)"\n  # a remark\n "2e-3" ; ".5"\n+4.E-3;0.625;;\n',
     ],
 )
@@ -58,12 +60,41 @@ def test_columns_in_si_to_the_last_bit(tmp_path, text):
 @given(st.lists(st.floats(1e-300, 1e300), min_size=1, max_size=20))
 def test_numbers_come_back(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("t") / "data.csv"
-    path.write_text("n,force\n" + "".join(f"{n},{value!r}\n" for n, value in enumerate(values)), encoding="utf-8")
+    path.write_text("n,force (N)\n" + "".join(f"{n},{value!r}\n" for n, value in enumerate(values)), encoding="utf-8")
     assert Table.read(path).column("force", FORCE).tolist() == values
 
 
+UNITS = st.sampled_from([("um", 10**6), ("cm", 100), ("inch", Fraction(5000, 127))])
+NUMBERS = st.integers(1, 10**25).map(str) | st.floats(1e-300, 1e280).map(repr) | st.decimals(1, 9, places=20).map(str)
+
+
+@given(st.lists(NUMBERS, min_size=1, max_size=20), UNITS)
+def test_cells_are_the_floats_nearest_to_what_is_written(tmp_path_factory, cells, unit):
+    path = tmp_path_factory.mktemp("t") / "data.csv"
+    path.write_text("\n".join([f"size ({unit[0]})", *cells]), encoding="utf-8")
+    found = Table.read(path).column("size", LENGTH)
+    assert found.tolist() == [float(Fraction(cell) / unit[1]) for cell in cells]
+    assert found.tolist() == [LENGTH.read(f"{cell} {unit[0]}") for cell in cells]
+
+
+@pytest.mark.parametrize("rows", [1, 1000])
+def test_the_unit_of_a_column_is_parsed_once_and_no_likely_intention_sought(tmp_path, monkeypatch, rows):
+    registry, parsed = quantities._registry(), []
+
+    def parse(text):
+        parsed.append(text)
+        return type(registry).parse_units(registry, text)
+
+    monkeypatch.setattr(registry, "parse_units", parse)
+    monkeypatch.setattr(quantities, "closest", None)
+    quantities._factor.cache_clear()
+    found = table(tmp_path, "diameter (um)\n" + "8000.5\n" * rows)
+    assert set(found.column("diameter", LENGTH)) == {8.0005e-3}
+    assert parsed == ["um", "m"]
+
+
 def test_names_are_compared_as_words_and_a_name_may_carry_the_unit(tmp_path):
-    found = table(tmp_path, "Side-Force,v (m/s)\n1,2\n")
+    found = table(tmp_path, "Side-Force (N),v (m/s)\n1,2\n")
     assert found.column("side_force", FORCE) == [1.0]
     assert found.column("Side force (kN)", FORCE) == [1000.0]
     assert found.column("V", SPEED) == [2.0]
@@ -79,6 +110,7 @@ def test_only_the_columns_that_are_asked_for_are_read(tmp_path):
     [
         ("", "is empty"),
         ("# nothing\n\n", "is empty"),
+        ("force\n2\n", "the column 'force' has no unit. Head it 'force (N)'"),
         ("2.0,500\n4,600\n", "csv:1: found the number 2.0 where the columns are headed"),
         ("force (N),velocity\n", "no rows below its headings"),
         ("forse (N)\n1\n", "no column named 'force'. Its columns are 'forse'. Did you mean 'forse'"),
@@ -102,6 +134,9 @@ def test_what_cannot_be_read_is_named(tmp_path, text, words):
 
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    for path in (tmp_path, tmp_path / "none.csv", tmp_path / "binary.csv", f"{tmp_path}/\0"):
+    (tmp_path / "wide.csv").write_text("force (N)\n" + "1" * 200_000)  # more than one cell of a table can hold
+    for path in (tmp_path, "/dev/null", tmp_path / "none.csv", tmp_path / "binary.csv", f"{tmp_path}/\0"):
         with pytest.raises(InputError, match="cannot be read"):
             Table.read(path)
+    with pytest.raises(InputError, match="csv:2 cannot be parted into columns"):
+        Table.read(tmp_path / "wide.csv")

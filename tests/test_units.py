@@ -1,0 +1,48 @@
+"""Decimal prefixes: of hertz, which are part of the files, and of numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granphon.errors import InputError
+from granphon.units import HertzPrefix, prefixed
+
+
+@given(st.floats(1e-24, 9.99e26))
+def test_a_frequency_lies_between_one_and_a_thousand_of_its_unit(frequency):
+    unit = HertzPrefix.for_top(frequency)
+    assert unit.hertz <= frequency
+    assert frequency < 1000.0 * unit.hertz * (1.0 + 1e-15)  # 1e-21 is not a thousand times 1e-24 to the last bit
+    assert HertzPrefix.named(unit.name) == unit
+
+
+@pytest.mark.parametrize(
+    ("frequency", "name", "hertz"),
+    [
+        (999.999999999, "Hz", 1.0), (1e3, "kHz", 1e3), (6.5e6, "MHz", 1e6), (2e-6, "uHz", 1e-6), (1e-30, "yHz", 1e-24),
+        (0.0, "yHz", 1e-24), (1e30, "YHz", 1e24),
+    ],
+)  # fmt: skip
+def test_units_of_hertz(frequency, name, hertz):
+    assert HertzPrefix.for_top(frequency) == HertzPrefix(name, hertz)
+
+
+def test_a_unit_of_hertz_that_is_none():
+    with pytest.raises(InputError, match=r"'khz' is no decimal unit of hertz. Use one of yHz, .*, Hz, kHz, .*, YHz"):
+        HertzPrefix.named("khz")
+
+
+@pytest.mark.parametrize(
+    ("value", "size", "name"),
+    [
+        (2.04e-6, 1e-6, "um"), (-2.04e-6, 1e-6, "um"), (8e-3, 1e-3, "mm"), (1.0, 1.0, "m"), (2e11, 1e9, "Gm"),
+        (3e-14, 1e-15, "fm"), (math.nextafter(1e-3, 0.0), 1e-3, "mm"), (0.999e-3, 1e-6, "um"),
+        (0.0, 1.0, "m"), (1e-300, 1.0, "m"), (1e27, 1.0, "m"), (math.inf, 1.0, "m"),
+    ],
+)  # fmt: skip
+def test_multiples_for_reading(value, size, name):
+    assert prefixed(value, "m") == (size, name)
