@@ -238,7 +238,7 @@ def fit(
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
     # the medium of a scene of equal balls says nothing about those that differ
-    medium = read.media[0] if read.packing.width or read.media[0].name != "ala" else "ema"
+    medium = read.media[0] if read.balls_differ or read.media[0].name != "ala" else "ema"
     balls = read.load.balls_per_side
     measured = Measurements.read(
         data,

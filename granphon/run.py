@@ -19,11 +19,10 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.errors import InputError
 from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
@@ -41,6 +40,7 @@ from granphon.observables import (
 from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
+from granphon.tasks import kept
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -57,7 +57,7 @@ RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png", "dos.png", "sweep.nc",
     "sweep.csv", "sweep.png", DIAMETERS_FILE,
 )  # fmt: skip
-#: the folder, inside that of the result, where a sweep is made; what it leaves there when it is cut off is taken up again
+#: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
 WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
     **ContactState.units, **SoundVelocities.units, **Moduli.units, "width": "m", "mindlin_ratio": "1", "mass": "kg",
@@ -69,7 +69,8 @@ _UNITS = {
 class RunResult:
     """What a scene of one state gave. What it did not ask for is None.
 
-    ``files`` are the paths written, ``folder`` where they are. ``local_field`` is that of the effective medium; None in
+    ``files`` are the paths written, ``folder`` where they are. ``phonons`` are those of the bands and of the density of
+    states. ``local_field`` is that of the effective medium; None in
     another, and for equal balls.
     """
 
@@ -80,6 +81,7 @@ class RunResult:
     validity: Validity
     velocities: SoundVelocities | None
     moduli: Moduli | None
+    phonons: Phonons | None
     bands: Bands | None
     dos: DensityOfStates | None
     files: tuple[Path, ...]
@@ -110,6 +112,27 @@ class RunResult:
             out["top_frequency"] = float(self.bands.frequencies.max())
         return out
 
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """What the computation took, besides numpy and scipy."""
+        return () if self.phonons is None else ("ase", "phonopy", "spglib")
+
+    def write(self, place: Path, step: Step) -> None:
+        """Write the files of the spectra into a folder that is there."""
+        if self.bands is not None and self.phonons is not None:
+            self.bands.write(place / "band.yaml")
+            self.phonons.save(place / "phonopy_params.yaml")
+            step.advance(2)
+        if self.dos is not None:
+            self.dos.write_csv(place / "dos.csv")
+            step.advance()
+        drawn = figure_name(self.bands is not None)
+        if self.folder / drawn in self.files:
+            from granphon.plot import bands_figure
+
+            bands_figure(bands=self.bands, dos=self.dos).savefig(place / drawn)
+            step.advance()
+
 
 @dataclass(frozen=True)
 class SweepResult:
@@ -117,6 +140,9 @@ class SweepResult:
 
     ``files`` are the paths written, ``folder`` where they are.
     """
+
+    #: what the computation took, besides numpy and scipy
+    packages: ClassVar[tuple[str, ...]] = ("xarray", "h5netcdf")
 
     folder: Path
     dataset: Dataset
@@ -135,6 +161,18 @@ class SweepResult:
         for name in ("force", "overlap", "longitudinal", "transverse"):
             out[name] = [float(data[name].min()), float(data[name].max())]
         return out | {"valid": bool(data["valid"].all())}
+
+    def write(self, place: Path, step: Step) -> None:
+        """Write the data set, its table and its figure into a folder that is there."""
+        from granphon.sweeps import write_sweep
+
+        write_sweep(self.dataset, place / "sweep.nc")
+        step.advance(2)
+        if self.folder / "sweep.png" in self.files:
+            from granphon.charts import sweep_figure
+
+            sweep_figure(self.dataset).savefig(place / "sweep.png")
+            step.advance()
 
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
@@ -192,12 +230,12 @@ def run(
     text = scene.to_yaml()
     files = tuple(target / name for name in names)
     result: RunResult | SweepResult
-    if scene.is_sweep:
-        result, packages, write = _swept(scene, files, progress, resume, executor)
-    else:
-        result, packages, write = _single(scene, files, progress)
-    used = versions("numpy", "scipy", *packages)
-    try:
+    with kept(target / WORK_FOLDER if scene.is_sweep else None, resume) as store:
+        if scene.is_sweep:
+            result = SweepResult(target, scene.sweep(progress, executor, store=store), files)
+        else:
+            result = _single(scene, files, progress)
+        used = versions("numpy", "scipy", *result.packages)
         with staging(target, names, force, _stale(target, names)) as place:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
             _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
@@ -205,10 +243,7 @@ def run(
             if scene.diameters is not None:
                 _write(place / DIAMETERS_FILE, scene.diameters)
             with progress.step("writing", len(names)) as step:
-                write(place, step)
-    finally:
-        if scene.is_sweep:
-            shutil.rmtree(target / WORK_FOLDER, ignore_errors=True)
+                result.write(place, step)
     return result
 
 
@@ -221,12 +256,8 @@ def _stale(target: Path, names: Sequence[str]) -> list[str]:
     return [name for name in RESULT_FILES if name in earlier.difference(names)]
 
 
-#: writes the result's own files into a place, and tells how many
-_Writer = Callable[[Path, Step], None]
-
-
-def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> tuple[RunResult, tuple[str, ...], _Writer]:
-    """The result of a scene of one state, the packages that it took, and what writes its files."""
+def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunResult:
+    """The result of a scene of one state."""
     target, state, finite, (choice,) = files[0].parent, scene.state(), scene.finite_overlap, scene.media
     velocities, constants = None, None
     if "velocities" in scene.observe:
@@ -237,46 +268,9 @@ def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> tuple[
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     report = validity(state, finite_overlap=finite)
-    result = RunResult(target, state, choice.label, field, report, velocities, constants, bands, dos, files)
-
-    def write(place: Path, step: Step) -> None:
-        if bands is not None and phonons is not None:
-            bands.write(place / "band.yaml")
-            phonons.save(place / "phonopy_params.yaml")
-            step.advance(2)
-        if dos is not None:
-            dos.write_csv(place / "dos.csv")
-            step.advance()
-        drawn = figure_name(bands is not None)
-        if target / drawn in files:
-            from granphon.plot import bands_figure
-
-            bands_figure(bands=bands, dos=dos).savefig(place / drawn)
-            step.advance()
-
-    return result, () if phonons is None else ("ase", "phonopy", "spglib"), write
-
-
-def _swept(
-    scene: Scene, files: tuple[Path, ...], progress: Progress, resume: bool, executor: Executor | None
-) -> tuple[SweepResult, tuple[str, ...], _Writer]:
-    """The same of a scene of many states. Until it is complete, what is finished lies in :data:`WORK_FOLDER`."""
-    target = files[0].parent
-    kept = {"path": target / WORK_FOLDER / "sweep.nc", "resume": resume, "overwrite": True}
-    dataset = scene.sweep(progress, executor, **kept)
-
-    def write(place: Path, step: Step) -> None:
-        for name in ("sweep.nc", "sweep.csv"):
-            shutil.copyfile(target / WORK_FOLDER / name, place / name)
-            step.advance()
-        if target / "sweep.png" in files:
-            from granphon.charts import sweep_figure
-
-            sweep_figure(dataset).savefig(place / "sweep.png")
-            step.advance()
-
-    packages = ("xarray", "h5netcdf", *(("ase", "phonopy", "spglib") if "bands" in scene.observe else ()))
-    return SweepResult(target, dataset, files), packages, write
+    return RunResult(
+        target, state, choice.label, field, report, velocities, constants, phonons, bands, dos, files
+    )
 
 
 def _spectra(

@@ -11,7 +11,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import KW_ONLY, dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -22,12 +22,13 @@ from numpy.typing import ArrayLike
 
 from granphon import rules
 from granphon.contact import Material
+from granphon.diameters import Discrete, Measured
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import MAX_BYTES, Document, dump_yaml, parse_yaml, read_text, shown
 from granphon.geometry import TRIANGULAR, contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
-from granphon.medium import ContactState, MediumChoice
+from granphon.medium import ContactState, EffectiveMedium, MediumChoice
 from granphon.observables import contact_lattice
 from granphon.packing import Packing
 from granphon.parameters import Axis, changed, combinations
@@ -126,13 +127,14 @@ class Scene:
     mesh: tuple[int, int] = (64, 64)
     dim: tuple[int, int] | None = None
     source: Path | None = field(default=None, compare=False)
+    #: where the scene was read from; a copy with other values was not
+    _document: Document | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
         if isinstance(self.media, tuple | list) and not self.media:
-            differ = self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
-            object.__setattr__(self, "media", "ema" if differ else "ala")
+            object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
         checks: dict[str, Callable[[Any], Any]] = {
             "media": rules.media, "finite_overlap": rules.truth, "observe": rules.observed,
             "band_points": rules.segment_points, "mesh": rules.mesh_numbers,
@@ -152,6 +154,11 @@ class Scene:
     def path(self) -> BandPath:
         """The path of the bands."""
         return cast("BandPath", self.band)  # set when the scene was made
+
+    @property
+    def balls_differ(self) -> bool:
+        """Whether diameters differ, or a sweep makes them."""
+        return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
     @property
     def is_sweep(self) -> bool:
@@ -190,22 +197,33 @@ class Scene:
                 finite_overlap=file.packing.finite_overlap, observe=file.observe, band=band, band_points=phonopy.band_points,
                 mesh=phonopy.mesh, dim=phonopy.dim, source=source,
             )  # fmt: skip
-        scene._require_loads(document)
+        object.__setattr__(scene, "_document", document)
+        scene._require_packings(document)
         return scene
 
-    def _require_loads(self, document: Document) -> None:
-        """Raise if a medium cannot carry one of the loads; they can carry all if they carry the least and the greatest."""
-        kind, (_, values) = self.load.kind, self.load.applied
+    def _require_packings(self, document: Document) -> None:
+        """Raise if a packing is not rigid, or if a medium that is solved in a moment cannot carry the loads on it."""
+        lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
         for where, packing in self._packings(document):
-            lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
-            with _located(document, lattice, f"found {packing.structure.name!r}; allowed: a lattice that is rigid. {where}"):
+            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
+            with _located(document, lattice, found + (where and f"{where}: ")):
                 ContactLattice.of(packing.structure, packing.mindlin_ratio)
-            for choice, index in itertools.product(self.media, {int(np.argmin(values)), int(np.argmax(values))}):
-                path, given = _place(document, "load", kind, index)
-                label = f"{choice.label}: " if len(self.media) > 1 else ""
-                found = f"found {shown(given)}; allowed: a load that the balls can carry. {where}{label}"
-                with _located(document, path, found):
-                    contact_lattice(_finite(self._state(packing, choice, values[index])), self.finite_overlap)
+            for choice in self.media:
+                # every list of diameters is solved anew, and a sweep solves it in its own processes
+                listed = isinstance(packing.spread, Discrete | Measured) and choice.name == EffectiveMedium.name
+                if not (self.is_sweep and listed):
+                    self._require_loads(document, packing, choice, _labelled(choice, where))
+
+    def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
+        """Raise if a medium cannot carry one of the loads; it can carry all if it carries the least and the greatest."""
+        values = self.load.applied[1]
+        for index in {int(np.argmin(values)), int(np.argmax(values))}:
+            with self._located_load(document, index, f"{label}: "):
+                contact_lattice(_finite(self._state(packing, choice, values[index])), self.finite_overlap)
+
+    def _located_load(self, document: Document, index: int, before: str = "") -> AbstractContextManager[None]:
+        path, given = _place(document, "load", self.load.kind, index)
+        return _located(document, path, f"found {shown(given)}; allowed: a load that the balls can carry. {before}")
 
     def _packings(self, document: Document) -> list[tuple[str, Packing]]:
         """Every packing of the sweep, and which it is in words."""
@@ -216,7 +234,7 @@ class Scene:
                 with _located(document, path, f"found {shown(given)}; allowed: a value that the packing can have. "):
                     changed(self.packing, {axis.name: value})
         with _located(document, ("sweep",)):
-            return [(f"{where}: " if where else "", packing) for where, packing in combinations(self.packing, axes)]
+            return combinations(self.packing, axes)
 
     def _state(self, packing: Packing, choice: MediumChoice, values: ArrayLike) -> ContactState:
         at: Callable[..., ContactState] = getattr(choice.of(packing), f"at_{self.load.applied[0]}")
@@ -233,24 +251,39 @@ class Scene:
         return _finite(self._state(self.packing, self.media[0], self.load.applied[1][0]))
 
     def states(self) -> Iterator[tuple[str, ContactState]]:
-        """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load."""
+        """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
+
+        :class:`~granphon.errors.InputError` at the first that cannot carry the loads.
+        """
         values = np.array(self.load.applied[1])
         loads = values if len(values) > 1 else values[0]
         axes = [Axis(name, swept) for name, swept in self.parameters]
         for (where, packing), choice in itertools.product(combinations(self.packing, axes), self.media):
-            yield ", ".join(filter(None, (choice.label, where))), self._state(packing, choice, loads)
+            label = _labelled(choice, where)
+            if self._document is not None:
+                self._require_loads(self._document, packing, choice, label)
+            yield label, self._state(packing, choice, loads)
 
-    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **files: Any) -> Dataset:
-        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too."""
+    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
+        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too.
+
+        A load that cannot be carried is a :class:`~granphon.errors.SceneError` if the scene was read from a file.
+        """
         from granphon.sweeps import sweep
 
         kind, values = self.load.applied
-        bands = self.path.arrays if "bands" in self.observe else None
-        given: dict[str, Any] = {kind: values, **dict(self.parameters), **files}
-        return sweep(
-            self.packing, media=self.media, finite_overlap=self.finite_overlap, bands=bands, npoints=self.band_points,
-            progress=progress, executor=executor, **given,
-        )  # fmt: skip
+        given: dict[str, Any] = {kind: values, "media": self.media, "finite_overlap": self.finite_overlap}
+        given |= dict(self.parameters) | options
+        if "bands" in self.observe:
+            given |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
+        try:
+            return sweep(self.packing, progress=progress, executor=executor, **given)
+        except GranphonError as error:
+            index = getattr(error, "load_index", None)
+            if self._document is None or index is None:
+                raise
+            with self._located_load(self._document, index):
+                raise
 
     def to_yaml(self) -> str:
         """The scene with every default written out and quantities in SI; read again it is the same scene to the last bit.
@@ -306,9 +339,8 @@ class Scene:
         """Compute what the scene asks for and write it into ``folder``; see :func:`granphon.run.run`."""
         from granphon.run import run
 
-        return run(
-            self, folder, force=force, progress=progress or silent, figures=figures, resume=resume, executor=executor
-        )
+        told = progress or silent
+        return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
 
 
 # -- checks, and where in the file they belong ----------------------------------------------------------------------
@@ -337,6 +369,11 @@ def _place(document: Document, block: str, key: str, index: int) -> tuple[tuple[
         end = "to" if index else "from"
         return (block, key, end), given[end]
     return (block, key), given
+
+
+def _labelled(choice: MediumChoice, where: str) -> str:
+    """A medium at a combination of parameters, in words, as sweeps call it."""
+    return ", ".join(filter(None, (choice.label, where)))
 
 
 def _finite(state: ContactState) -> ContactState:

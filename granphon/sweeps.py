@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -23,20 +23,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import check_free, staging, versions
-from granphon.medium import AveragedLattice, ContactState, MediumChoice
+from granphon.geometry import Lattice
+from granphon.medium import ContactState, MediumChoice
 from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS, Axis, combinations, numbers
 from granphon.progress import Progress, silent
 from granphon.results import _plain, _restore
-from granphon.tasks import Part, Store, solve_all
+from granphon.spectra import band_path
+from granphon.tasks import Part, Store, kept, solve_all
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from granphon.spectra import Bands
-
-__all__ = ["load_sweep", "sweep", "swept_packing"]
+__all__ = ["load_sweep", "sweep", "swept_packing", "write_sweep"]
 
 Array = NDArray[Any]
 SCHEMA = 1
@@ -88,7 +88,7 @@ def _json(data: Any) -> str:
 
 @cache
 def _versions() -> dict[str, str]:
-    return versions("numpy", "scipy", "phonopy")
+    return versions("numpy", "scipy")
 
 
 # -- one task -------------------------------------------------------------------------------------------------------
@@ -126,13 +126,18 @@ class _Task:
 
 
 def _located(task: _Task, error: GranphonError) -> GranphonError:
-    """``error``, or that of the first load which alone gives one, with the task and the load before it."""
+    """``error``, or that of the first load which alone gives one, with the task and the load before it.
+
+    The index of that load is its attribute ``load_index``, which comes back from a worker process too.
+    """
     unit = ContactState.units[task.load]
-    for value in task.values:
+    for index, value in enumerate(task.values):
         try:
             _observed(task, task.state(np.array([value])))
         except GranphonError as alone:
-            return type(alone)(f"{task.where}, {task.load} = {value!r} {unit}: {alone}")
+            located = type(alone)(f"{task.where}, {task.load} = {value!r} {unit}: {alone}")
+            vars(located)["load_index"] = index
+            return located
     return type(error)(f"{task.where}: {error}")
 
 
@@ -183,11 +188,13 @@ def sweep(
     finite_overlap: bool = False,
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
     npoints: int = 101,
+    labels: Sequence[str] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    store: Store | None = None,
     **parameters: Any,
 ) -> Dataset:
     """States, velocities and moduli over loads, media and parameters of the packing.
@@ -196,14 +203,17 @@ def sweep(
     ----------
     packing : what is common to the sweep.
     force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
-    media : "ala", "afa", "ema", mappings with options such as {"ema": {"local_field": "paper"}}, or a list of these.
+    media : "ala", "afa", "ema", mappings with options such as {"ema": {"local_field": "paper"}}, or a list of these, each
+        once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
     bands : a path as :meth:`granphon.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
+    labels : of the corners of that path; by default the letters, or the coordinates.
     executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
     progress : told how many tasks (a medium at one combination of parameters) are done.
     path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
     resume : go on with what an interrupted sweep to ``path`` has left; the numbers are those of an uninterrupted one.
     overwrite : replace existing files.
+    store : where finished tasks are kept, instead of beside ``path``; what is there serves, and the caller clears it.
     **parameters : values of any of :data:`~granphon.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread and keeps
         its shape, uniform if there is none; a ``diameter`` leaves it as it is.
 
@@ -217,18 +227,17 @@ def sweep(
 
     Raises
     ------
-    InputError : no load or several kinds, an unknown medium or parameter, a value that makes no packing, bands over
-        parameters that change the number of branches.
+    InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
+        bands over parameters that change the number of branches.
     FileExistsInRunError, OutputError : the files cannot be written; found out before anything is computed if it can be.
-    GranphonError : a medium has no solution; names medium, parameters and load. No result is written then.
+    GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
+        result is written then.
     """
     load, values = _load(force=force, pressure=pressure, overlap=overlap)
-    choices = [MediumChoice.parse(one) for one in (media if isinstance(media, list | tuple) else [media])]
-    if not choices:
-        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+    choices = _media(media)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
-    way = None if bands is None else _way(packings, bands, npoints)
+    way = None if bands is None else _Way.of(packings, bands, npoints, labels)
     target = _target(path, resume, overwrite)
     qpoints = None if way is None else way.qpoints
     tasks = [
@@ -236,17 +245,13 @@ def sweep(
         for where, one in packings
         for choice in choices
     ]
-    store = Store(None if target is None else target.with_name(f".{target.name}.partial"))
-    if not resume:
-        store.clear()
-    parts = solve_all("sweep", tasks, executor, progress, store)
-    dataset = _dataset(tasks, parts, axes, choices, way).assign_attrs(packing=_json(packing))
-    if target is not None:
-        table = target.with_suffix(".csv").name
-        with staging(target.parent, [target.name, table], overwrite) as place:
-            _write(dataset, place / target.name)
-            _write_table(dataset, place / table)
-        store.clear()
+    own = kept(None if target is None else target.with_name(f".{target.name}.partial"), resume)
+    with own if store is None else nullcontext(store) as place:
+        parts = solve_all("sweep", tasks, executor, progress, place)
+        dataset = _dataset(tasks, parts, axes, choices, way).assign_attrs(packing=_json(packing))
+        if target is not None:
+            with staging(target.parent, _file_names(target), overwrite) as folder:
+                write_sweep(dataset, folder / target.name)
     return dataset
 
 
@@ -259,20 +264,54 @@ def _load(**given: ArrayLike | None) -> tuple[str, tuple[float, ...]]:
     return kinds[0], numbers(kinds[0], given[kinds[0]])
 
 
-def _way(packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int) -> Bands:
-    """The path of the bands: those of the first packing, in the paper's limit."""
-    from granphon.phonons import Phonons
+def _media(given: Any) -> list[MediumChoice]:
+    """The media, each once."""
+    choices = [MediumChoice.parse(one) for one in (given if isinstance(given, list | tuple) else [given])]
+    if not choices:
+        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+    double = [choice.label for choice in choices if choices.count(choice) > 1]
+    if double:
+        raise InputError(message(f"the medium {double[0]!r} is given twice", mend="Give each once"))
+    return choices
 
-    first = packings[0][1]
-    if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
-        raise InputError(
-            message(
-                "bands cannot be swept over friction or lattices",
-                "The number of branches, or the Brillouin zone, differs, and they would make no one array",
-                "Make a sweep of each",
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """The path of the bands: ``qpoints`` (s, p, 3), ``distances`` (s, p) in the paper's limit, ``labels`` (s + 1)."""
+
+    qpoints: Array
+    distances: Array
+    labels: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None
+    ) -> _Way:
+        """That of all packings; :class:`InputError` if they have no one path."""
+        first = packings[0][1]
+        if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
+            raise InputError(
+                message(
+                    "bands cannot be swept over friction or lattices",
+                    "The number of branches, or the Brillouin zone, differs, and they would make no one array",
+                    "Make a sweep of each",
+                )
             )
-        )
-    return Phonons(AveragedLattice(first).at_overlap(1e-6 * first.diameter)).bands(bands, npoints)
+        letters = _special_points(first.structure) if isinstance(bands, str) else {}
+        qpoints, ticks = band_path(bands, npoints, letters, labels)
+        cartesian = qpoints[..., :2] @ np.linalg.inv(first.structure.vectors).T
+        # the step to the first point of a segment is none, so that paths that do not join are drawn side by side
+        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
+        return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
+
+
+def _special_points(structure: Lattice) -> dict[str, Array]:
+    """The special points of the Brillouin zone by ASE's letters, as those of :class:`granphon.phonons.Phonons`."""
+    from ase.cell import Cell
+
+    cell = np.eye(3)
+    cell[:2, :2] = structure.vectors
+    return dict(Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points)
 
 
 def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) -> Path | None:
@@ -283,7 +322,7 @@ def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) 
     target = Path(path)
     if target.suffix != ".nc":
         raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
-    check_free(target.parent, [target.name, target.with_suffix(".csv").name], overwrite)
+    check_free(target.parent, _file_names(target), overwrite)
     return target
 
 
@@ -291,7 +330,7 @@ def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) 
 
 
 def _dataset(
-    tasks: Sequence[_Task], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: Bands | None
+    tasks: Sequence[_Task], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: _Way | None
 ) -> Dataset:
     from xarray import Dataset
 
@@ -331,7 +370,7 @@ def _attrs(name: str) -> dict[str, str]:
     return {"long_name": _LONG_NAMES[name]} | ({"units": _UNITS[name]} if name in _UNITS and name != "valid" else {})
 
 
-def _path_variables(way: Bands, finite_overlap: bool) -> dict[str, Any]:
+def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
     unit = "1/a" if finite_overlap else "1/d"
     return {
         "qpoints": (
@@ -353,9 +392,16 @@ def swept_packing(dataset: Dataset) -> Packing:
 # -- files ----------------------------------------------------------------------------------------------------------
 
 
-def _write(dataset: Dataset, path: Path) -> None:
+def _file_names(path: Path) -> list[str]:
+    """Of the netCDF file and of the table beside it."""
+    return [path.name, path.with_suffix(".csv").name]
+
+
+def write_sweep(dataset: Dataset, path: Path) -> None:
+    """Write the netCDF file ``path``, and the table of the same name beside it."""
     # xarray marks what is missing by nan unless told that nothing is
     dataset.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in dataset.variables})
+    _write_table(dataset, path.with_suffix(".csv"))
 
 
 def _write_table(dataset: Dataset, path: Path) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import io
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from granphon.files import staging
 from granphon.progress import Progress, silent
 
-__all__ = ["Part", "Store", "Task", "solve_all"]
+__all__ = ["Part", "Store", "Task", "kept", "solve_all"]
 
 #: the result of a task; no array holds Python objects
 Part = dict[str, NDArray[Any]]
@@ -74,6 +75,19 @@ class Store:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
+@contextmanager
+def kept(folder: Path | None, resume: bool) -> Iterator[Store]:
+    """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to ``resume``.
+
+    Without ``resume`` it begins empty.
+    """
+    store = Store(folder)
+    if not resume:
+        store.clear()
+    yield store
+    store.clear()
+
+
 def _digest(task: Task, data: bytes) -> bytes:
     # of the name too: a file that was renamed is another task's
     return hashlib.sha256(task.name.encode() + data).digest()
@@ -98,14 +112,14 @@ def solve_all(
 
     An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled.
     """
-    kept = store or Store()
-    parts = {i: part for i, task in enumerate(tasks) if (part := kept.read(task)) is not None}
+    known = store or Store()
+    parts = {i: part for i, task in enumerate(tasks) if (part := known.read(task)) is not None}
     missing = [i for i in range(len(tasks)) if i not in parts]
     with progress.step(label, len(tasks)) as step:
         step.advance(len(parts))
 
         def keep(index: int, part: Part) -> None:
-            kept.write(tasks[index], part)
+            known.write(tasks[index], part)
             parts[index] = part
             step.advance()
 

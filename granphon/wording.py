@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granphon.quantities import LOADS
+from granphon.units import prefixed
 
 if TYPE_CHECKING:
     from granphon.load import Load
@@ -15,13 +16,11 @@ if TYPE_CHECKING:
 
 __all__ = ["described", "human", "results", "span"]
 
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
-
 
 def human(value: float, unit: str) -> str:
     """``value`` with five digits and a decimal prefix."""
-    size, prefix = next(((s, p) for s, p in _PREFIXES if abs(value) >= 0.99999999 * s), (1.0, ""))
-    return f"{value / size:.5g} {prefix}{unit}"
+    size, name = prefixed(value, unit)
+    return f"{value / size:.5g} {name}"
 
 
 def span(value: float | Sequence[float], unit: str) -> str:
@@ -42,8 +41,7 @@ def described(scene: Scene) -> list[tuple[str, str]]:
     elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
     yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
     friction = "with friction" if packing.friction else "without friction"
-    equal = not packing.width and not {"width", "spread"} & set(dict(scene.parameters))
-    same = " (the same for equal balls)" if equal and len(scene.media) > 1 else ""
+    same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
     spread = f"{type(packing.spread).__name__.lower()}, W = {human(packing.width, 'm')}" if packing.width else "none"
     rows = [
         ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),

@@ -257,7 +257,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "another mean": (
         "friction: true", "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}", 9, "packing.spread.discrete",
-        "a block of keys", "diameters about the packing's", "Give diameter=0.00805",
+        "a block of keys", "diameters about the packing's", "Give the mean, 0.00805",
     ),
     "no such table": (
         "friction: true", "spread: {measured: no.csv}", 9, "packing.spread.measured", "'no.csv'", "a table with a column", "cannot be read",

@@ -178,14 +178,17 @@ def test_a_side_force_is_swept_as_the_force_of_the_contacts(work):
 
 def test_finite_overlap_and_bands_reach_a_sweep(work):
     text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace("points: 6", "points: 2")
-    text += "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_points: 3}\n"
+    text += "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: Gamma K, band_points: 3}\n"
     result = Scene.from_text(text).run("out", figures=False)
     packing = gp.Packing(result_material(result), 8e-3, gp.Uniform(2e-6))
     state = gp.EffectiveMedium(packing).at_force(20.0, finite_overlap=True)
     expected = gp.Phonons(state, finite_overlap=True).frequencies([[0, 0, 0], [1 / 6, 1 / 6, 0], [1 / 3, 1 / 3, 0]])
     got = result.dataset["frequencies"].sel(medium="ema", width=2e-6).isel(load=1, segment=0)
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-9)
-    assert set(summary("out")["versions"]) > {"phonopy", "xarray"}
+    assert result.dataset["labels"].values.tolist() == ["Gamma", "K"]
+    # the path was given in numbers, and the frequencies are those of C(q)
+    assert set(summary("out")["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
+    assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
 
 
 def test_parameters_that_make_no_figure_of_lines_have_none(work):
@@ -311,14 +314,31 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     assert listed(work / "out") == ALL
 
 
-def test_a_full_disk_at_the_end_of_a_sweep(work, monkeypatch, capsys):
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize(
+    ("where", "error", "code"),
+    [
+        ("granphon.charts.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.sweeps._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.run._summary", MemoryError(), 1),
+    ],
+)
+def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, monkeypatch, capsys, where, error, code):
+    Scene.from_yaml("scene.yaml").run("whole")
 
-    monkeypatch.setattr("granphon.run.shutil.copyfile", full)
-    assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "No space left on device" in capsys.readouterr().err
-    assert listed(work / "out") == set()
+    def fail(*_: object) -> None:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(where, fail)
+        assert main(["run", "scene.yaml", "-o", "out"]) == code
+    assert capsys.readouterr().err.count("\n") == 1
+    # the finished tasks and nothing else
+    assert listed(work / "out") == {WORK_FOLDER}
+    begun = interrupted_after(0, monkeypatch, error)
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert not begun
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc").identical(load_sweep("whole/sweep.nc"))
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")

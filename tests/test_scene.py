@@ -3,7 +3,9 @@ import math
 import random
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.errors import InputError, SceneError
+from granphon.errors import InputError, OutputError, PrecisionError, SceneError
 from granphon.medium import MediumChoice
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
 from granphon.rules import SCALES, spaced
@@ -277,10 +279,76 @@ def test_a_ladder_of_media_at_every_combination_of_parameters():
 
 def test_what_is_swept_decides_what_a_medium_must_average(packing):
     for name, value, medium in (("width", 1e-6, "ema"), ("spread", gp.Normal(1e-6), "ema"), ("density", 1.0, "ala")):
-        assert Scene(packing, Load("force", 1.0), parameters={name: [value]}).media == (MediumChoice(medium),)
+        scene = Scene(packing, Load("force", 1.0), parameters={name: [value]})
+        assert (scene.media, scene.balls_differ) == ((MediumChoice(medium),), medium == "ema")
+    assert not Scene(packing, Load("force", 1.0), media="ema").balls_differ
+    assert Scene(replace(packing, spread=gp.Uniform(1e-6)), Load("force", 1.0), media="ala").balls_differ
     # the load is carried by the packings of the sweep, not by equal balls
     text = MINIMAL.replace("force: 18.446 N", "overlap: -0.1 um")
     assert Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_sweep
+
+
+LISTED = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {discrete: {diameters: [7.999 mm, 8.001 mm], fractions: [0.5, 0.5]}}}
+load:
+  force:
+    - 5 N
+    - 9 N
+medium: [ala, ema]
+sweep: {width: [1 um, 2 um]}
+"""
+
+
+def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
+    """The processes of the sweep do; a law that is known in a moment is asked, and a single state is its own."""
+
+    def solved(*_: object) -> None:
+        raise InputError("solved")
+
+    monkeypatch.setattr("granphon.medium.EffectiveLaw", solved)
+    scene = Scene.from_text(LISTED)
+    with pytest.raises(SceneError, match="solved"):
+        scene.sweep()
+    for text in (LISTED.replace("discrete: {diameters: [7.999 mm, 8.001 mm], fractions: [0.5, 0.5]}", "normal: 1 um"),
+                 "".join(LISTED.splitlines(keepends=True)[:-2]).replace("    - 9 N\n", "")):  # fmt: skip
+        with pytest.raises(SceneError, match="solved"):
+            Scene.from_text(text)
+
+
+@pytest.mark.parametrize("load", ["[5 N, 1e-15 N]", "{from: 5 N, to: 1e-15 N, points: 9}"])
+def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load):
+    text = LISTED.replace("\n    - 5 N\n    - 9 N\n", f" {load}\n")
+    scene = Scene.from_text(text, "lot.yaml")
+    where = r"^lot\.yaml:4: load\.force\.(1|to): found '1e-15 N'; allowed: a load that the balls can carry\. "
+    with pytest.raises(SceneError, match=where + "afa, width = 1e-06 m: "):
+        Scene.from_text(text.replace("ala", "afa"), "lot.yaml")
+    where += "ema, width = 1e-06 m"
+    with pytest.raises(SceneError, match=where + ": .*Raise the load"):
+        list(scene.states())
+    with pytest.raises(SceneError, match=where + r", force = \d.* N: .*Raise the load"):
+        scene.sweep()
+    with ProcessPoolExecutor(1) as executor, pytest.raises(SceneError, match=where + r", force = \d.* N: "):
+        scene.sweep(executor=executor)
+    # a scene that was made, or changed, has no file to be named
+    for other in (replace(scene), Scene(scene.packing, scene.load, media=scene.media, parameters=scene.parameters)):
+        with pytest.raises(PrecisionError, match=r"^ema, width = 1e-06 m, force = "):
+            other.sweep()
+
+
+def test_the_line_is_that_of_the_load():
+    scene = Scene.from_text(LISTED.replace("9 N", "1e-15 N"), "lot.yaml")
+    with pytest.raises(SceneError, match=r"^lot\.yaml:6: load\.force\.1: "):
+        scene.sweep()
+
+
+def test_other_errors_of_a_sweep_are_their_own(tmp_path):
+    scene = Scene.from_text(LISTED)
+    with pytest.raises(InputError, match=r"^sweep\.csv does not end in \.nc"):
+        scene.sweep(path="sweep.csv")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError):
+        scene.sweep(path=tmp_path / "file" / "sweep.nc")
 
 
 def test_spreads_and_lattices_are_swept():

@@ -286,6 +286,38 @@ def test_without_friction_there_are_two_branches(rough):
     assert ds["frequencies"].shape == (1, 1, 1, 1, 4, 2)
 
 
+def test_labels_of_the_path_may_be_given(rough):
+    corners = [[[0, 0], [0.5, 0]], [[1 / 3, 1 / 3], [0, 0]]]
+    given = sweep(rough, force=5.0, bands=corners, npoints=3, labels=["A", "B", "C", "D"])
+    assert given["labels"].values.tolist() == ["A", "B|C", "D"]
+    letters = sweep(rough, force=5.0, bands="GM,KG", npoints=3)
+    assert letters["labels"].values.tolist() == ["G", "M|K", "G"]
+    assert given.drop_vars("labels").identical(letters.drop_vars("labels"))
+    assert_allclose(letters["distances"], Phonons(gp.AveragedLattice(rough).at_force(5.0)).bands("GM,KG", 3).distances)
+
+
+@pytest.mark.parametrize(("lattice", "path"), [("square", "GXMG"), ("kagome", "GKMG"), (CHAINED, "GXA1Y")])
+def test_the_path_is_that_of_phonons_on_every_lattice(rough, lattice, path):
+    packing = gp.Packing(rough.material, 8e-3, rough.spread, lattice)
+    ds = sweep(packing, force=5.0, bands=path, npoints=4)
+    bands = Phonons(gp.AveragedLattice(packing).at_force(5.0)).bands(path, npoints=4)
+    assert_array_equal(ds["qpoints"], bands.qpoints)
+    assert_allclose(ds["distances"], bands.distances, rtol=1e-14)
+    assert_allclose(ds["frequencies"][0, 0], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
+
+
+def test_bands_of_a_sweep_load_neither_phonopy_nor_ase():
+    code = textwrap.dedent("""
+        import sys
+        import granphon as gp
+        packing = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)
+        gp.sweep(packing, force=[1.0, 2.0], bands=[[0, 0], [0.5, 0]], npoints=3)
+        print([name for name in ("ase", "phonopy", "spglib", "matplotlib") if name in sys.modules])
+    """)
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("axis", [{"friction": [True, False]}, {"lattice": ["triangular", "kagome"]}])
 def test_bands_of_different_numbers_make_no_array(rough, axis):
     with pytest.raises(InputError, match=r"number of branches.* differs"):
@@ -308,6 +340,8 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": np.ma.masked_array([1.0, 2.0], [False, True])}, "force is "),
         ({"force": 1.0, "media": ()}, "no medium"),
         ({"force": 1.0, "media": "emma"}, "unknown medium 'emma'"),
+        ({"force": 1.0, "media": ("ema", "ala", "ema")}, "the medium 'ema' is given twice"),
+        ({"force": 1.0, "media": ["ema", {"ema": {"local_field": "computed"}}]}, "the medium 'ema' is given twice"),
         ({"force": 1.0, "media": {"ema": {"local_field": "guess"}}}, "local_field is 'guess'"),
         ({"force": 1.0, "wdith": [1e-6]}, "no parameter 'wdith'.*young_modulus.*lattice.*mean width"),
         ({"force": 1.0, "colour": ["red"]}, "no parameter 'colour'"),
@@ -323,6 +357,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]}, "diameter = 0.009 m: the mean of the diameters"),
         ({"force": 1.0, "lattice": ["hexagonal"]}, "hexagonal"),
         ({"force": 1.0, "bands": "GQ"}, "special point"),
+        ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 labels for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
         ({"force": 1.0, "resume": True}, "nothing to resume"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
@@ -808,6 +843,14 @@ def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
     run = subprocess.run([sys.executable, "-c", script], check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert run.returncode == -signal.SIGKILL
     assert resumed(rough, tmp_path, serial) == 3
+
+
+def test_a_store_of_ones_own_is_left_to_its_owner(rough, serial, interrupted):
+    store = Store(interrupted / ".sweep.nc.partial")
+    with Counting(1) as executor:
+        assert sweep(rough, store=store, executor=executor, **ARGUMENTS).identical(serial)
+    assert executor.given == 9 - 4
+    assert len(parts_in(interrupted)) == 9
 
 
 def test_a_store_without_a_folder_keeps_nothing():
