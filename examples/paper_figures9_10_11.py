@@ -2,8 +2,8 @@
 
 B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002). Above, the relative fluctuation of the contact force (Figure 9)
 and the fraction of active contacts (Figure 10) against the reduced spacing, with thick lines from f* = 0.08, the limit of
-validity of the effective medium, and thin ones below it; below, both with the stiffness over that of the ideal lattice, against the force, with
-friction (Figure 11). The simulated points of Roux are not published as numbers, and left out.
+validity of the effective medium, and thin ones below it; below, both with the stiffness over that of the ideal lattice,
+against the force, with friction (Figure 11). The simulated points of Roux are not published as numbers, and left out.
 """
 
 from __future__ import annotations

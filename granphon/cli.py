@@ -115,6 +115,7 @@ def check(scene: _SceneFile) -> None:
         for where, state in read.states()
         for warning in validity(state, finite_overlap=read.finite_overlap).warnings
     ]
+    read.to_yaml()  # what a run writes first
     _say(f"{scene} can be run.")
     _table(described(read))
     _table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])

@@ -102,7 +102,8 @@ class Spread(ABC):
         """
         if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > TOLERANCE * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
-            raise InputError(message(what, "Deviations are from the mean", f"Give the mean, {self.mean!r} m, as the diameter"))
+            mend = f"Give the mean, {self.mean!r} m, as the diameter"
+            raise InputError(message(what, "Deviations are from the mean", mend))
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.

@@ -432,7 +432,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(message(f"{path} cannot be read", str(error), "Is this the right file?")) from error
     if dataset.attrs.get("format") != _FORMAT:
         raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
-    if dataset.attrs.get("schema", 0) > SCHEMA:
-        what = f"{path} is of schema {dataset.attrs['schema']}, newer than this granphon knows ({SCHEMA})"
+    schema = dataset.attrs.get("schema")
+    if isinstance(schema, int | np.integer) and schema > SCHEMA:
+        what = f"{path} is of schema {schema}, newer than this granphon knows ({SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
+    if np.ndim(schema) or schema != SCHEMA or not {"force", "longitudinal", "transverse", "valid", "medium"} <= set(dataset.variables):
+        raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     return dataset

@@ -638,8 +638,8 @@ def _other_file(path):
     xarray.Dataset({"x": ("n", [1.0])}).to_netcdf(path, engine="h5netcdf")
 
 
-def _newer(path):
-    xarray.Dataset(attrs={"format": "granphon sweep", "schema": 99}).to_netcdf(path, engine="h5netcdf")
+def _newer(path, schema=99):
+    xarray.Dataset(attrs={"format": "granphon sweep", "schema": schema}).to_netcdf(path, engine="h5netcdf")
 
 
 @pytest.mark.parametrize(
@@ -651,6 +651,9 @@ def _newer(path):
         (lambda path: path.write_text("force,velocity\n1,2\n"), "cannot be read"),
         (_other_file, "is no sweep"),
         (_newer, "schema 99.*Update granphon"),
+        (lambda path: _newer(path, "x"), "is damaged"),
+        (lambda path: _newer(path, [1, 2]), "is damaged"),
+        (lambda path: _newer(path, 1), "is damaged"),
     ],
 )
 def test_what_is_no_sweep_is_not_loaded(tmp_path, make, words):
