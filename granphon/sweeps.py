@@ -76,6 +76,8 @@ _LONG_NAMES = {
     "lattice": "lattice of the contacts",
 }
 _VOIGT = ("xx", "yy", "xy")
+#: what figures draw
+_NEEDED = {"force", "longitudinal", "transverse", "valid", "medium"}
 #: dimensions of a variable after load, medium and parameters
 _EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
 #: of propagation, Cartesian; on an isotropic lattice any other gives the same
@@ -432,10 +434,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(message(f"{path} cannot be read", str(error), "Is this the right file?")) from error
     if dataset.attrs.get("format") != _FORMAT:
         raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
-    schema = dataset.attrs.get("schema")
-    if isinstance(schema, int | np.integer) and schema > SCHEMA:
-        what = f"{path} is of schema {schema}, newer than this granphon knows ({SCHEMA})"
+    schema: Any = dataset.attrs.get("schema")
+    number = int(schema) if isinstance(schema, int | np.integer) else 0
+    if number > SCHEMA:
+        what = f"{path} is of schema {number}, newer than this granphon knows ({SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
-    if np.ndim(schema) or schema != SCHEMA or not {"force", "longitudinal", "transverse", "valid", "medium"} <= set(dataset.variables):
+    if number < 1 or not _NEEDED <= set(dataset.variables):
         raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     return dataset
