@@ -439,6 +439,6 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if number > SCHEMA:
         what = f"{path} is of schema {number}, newer than this granphon knows ({SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
-    if number < 1 or not _NEEDED <= set(dataset.variables):
+    if number < 1 or _NEEDED - set(dataset.variables):
         raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     return dataset
