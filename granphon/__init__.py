@@ -36,7 +36,7 @@ _HOME = {
     "atoms": "calculator",
     "fit_width": "fit",
     "load_phonopy": "bridge",
-    "load_sweep": "sweeps",
+    "load_sweep": "archive",
     "local_exponent": "observables",
     "mindlin_reduction": "contact",
     "moduli": "observables",
@@ -83,6 +83,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from granphon.archive import load_sweep
     from granphon.bridge import load_phonopy
     from granphon.calculator import HertzMindlin, atoms
     from granphon.contact import HertzLaw, Material, mindlin_reduction
@@ -97,7 +98,7 @@ if TYPE_CHECKING:
     from granphon.phonons import Phonons
     from granphon.scene import Scene
     from granphon.spectra import Bands, DensityOfStates
-    from granphon.sweeps import load_sweep, sweep
+    from granphon.sweeps import sweep
     from granphon.units import Units
 
 

@@ -301,6 +301,7 @@ def _named(option: str, path: str | None) -> None:
 
 # -- what is printed ------------------------------------------------------------------------------------------------
 
+
 def _table(rows: Sequence[tuple[str, str]]) -> None:
     for name, text in rows:
         _say(f"  {name:<22}{text}")

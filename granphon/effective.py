@@ -42,8 +42,6 @@ _TOLERANCE = 1e-12
 _WORST = 1e-8
 
 
-
-
 class _Rule(NamedTuple):
     """Collocation on [-1, 1]: ``points`` (s + 1,), the Radau points, which include -1, and then +1.
 

@@ -70,8 +70,8 @@ def redraw(
 
 
 def _sweep_figure(path: Path, variable: str | None) -> Any:
+    from granphon.archive import load_sweep
     from granphon.charts import sweep_figure
-    from granphon.sweeps import load_sweep
 
     return sweep_figure(load_sweep(path), variable=variable)
 

@@ -164,7 +164,7 @@ class SweepResult:
 
     def write(self, place: Path, step: Step) -> None:
         """Write the data set, its table and its figure into a folder that is there."""
-        from granphon.sweeps import write_sweep
+        from granphon.archive import write_sweep
 
         write_sweep(self.dataset, place / "sweep.nc")
         step.advance(2)
@@ -268,9 +268,7 @@ def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunRes
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     report = validity(state, finite_overlap=finite)
-    return RunResult(
-        target, state, choice.label, field, report, velocities, constants, phonons, bands, dos, files
-    )
+    return RunResult(target, state, choice.label, field, report, velocities, constants, phonons, bands, dos, files)
 
 
 def _spectra(

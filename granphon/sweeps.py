@@ -6,7 +6,6 @@ each finished task is kept beside the result until that is written, so that an i
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import os
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import check_free, staging, versions
 from granphon.geometry import Lattice
@@ -36,18 +36,15 @@ from granphon.tasks import Part, Store, kept, solve_all
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["load_sweep", "sweep", "swept_packing", "write_sweep"]
+__all__ = ["sweep", "swept_packing"]
 
 Array = NDArray[Any]
-SCHEMA = 1
-_FORMAT = "granphon sweep"
-_LOADS = {"force": "mean contact force", "pressure": "force per length of boundary", "overlap": "d - a"}
 _UNITS = {
     **ContactState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
     **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
 }  # fmt: skip
 _LONG_NAMES = {
-    **_LOADS,
+    **LOADS,
     "relative_overlap": "overlap over the mean diameter",
     "normal_stiffness": "normal stiffness of a contact",
     "shear_stiffness": "shear stiffness of a contact",
@@ -76,8 +73,6 @@ _LONG_NAMES = {
     "lattice": "lattice of the contacts",
 }
 _VOIGT = ("xx", "yy", "xy")
-#: what figures draw
-_NEEDED = {"force", "longitudinal", "transverse", "valid", "medium"}
 #: dimensions of a variable after load, medium and parameters
 _EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
 #: of propagation, Cartesian; on an isotropic lattice any other gives the same
@@ -252,7 +247,7 @@ def sweep(
         parts = solve_all("sweep", tasks, executor, progress, place)
         dataset = _dataset(tasks, parts, axes, choices, way).assign_attrs(packing=_json(packing))
         if target is not None:
-            with staging(target.parent, _file_names(target), overwrite) as folder:
+            with staging(target.parent, file_names(target), overwrite) as folder:
                 write_sweep(dataset, folder / target.name)
     return dataset
 
@@ -286,9 +281,7 @@ class _Way:
     labels: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None
-    ) -> _Way:
+    def of(cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
         """That of all packings; :class:`InputError` if they have no one path."""
         first = packings[0][1]
         if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
@@ -324,7 +317,7 @@ def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) 
     target = Path(path)
     if target.suffix != ".nc":
         raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
-    check_free(target.parent, _file_names(target), overwrite)
+    check_free(target.parent, file_names(target), overwrite)
     return target
 
 
@@ -359,7 +352,7 @@ def _dataset(
         variables |= _path_variables(way, finite)
     warnings = [f"{task.where}: {text}" for task, part in zip(tasks, parts, strict=True) for text in part["warnings"]]
     attrs = {
-        "format": _FORMAT, "schema": SCHEMA, "versions": _json({**_versions(), **versions("xarray", "h5netcdf")}),
+        "format": FORMAT, "schema": SCHEMA, "versions": _json({**_versions(), **versions("xarray", "h5netcdf")}),
         "media": _json([{choice.name: dict(choice.options)} for choice in media]), "finite_overlap": int(finite),
         "direction": "(1, 0), Cartesian, where velocities depend on it", "warnings": _json(warnings),
     }  # fmt: skip
@@ -389,56 +382,3 @@ def swept_packing(dataset: Dataset) -> Packing:
     """The packing that a sweep was made of, before its parameters were changed."""
     packing: Packing = _restore(json.loads(dataset.attrs["packing"]), Packing)
     return packing
-
-
-# -- files ----------------------------------------------------------------------------------------------------------
-
-
-def _file_names(path: Path) -> list[str]:
-    """Of the netCDF file and of the table beside it."""
-    return [path.name, path.with_suffix(".csv").name]
-
-
-def write_sweep(dataset: Dataset, path: Path) -> None:
-    """Write the netCDF file ``path``, and the table of the same name beside it."""
-    # xarray marks what is missing by nan unless told that nothing is
-    dataset.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in dataset.variables})
-    _write_table(dataset, path.with_suffix(".csv"))
-
-
-def _write_table(dataset: Dataset, path: Path) -> None:
-    """One row for each load, medium and combination of parameters; all digits."""
-    dims = dataset["longitudinal"].dims
-    load = next(name for name in _LOADS if name in dataset.coords)
-    names = [load, *dims[1:], *(name for name, data in dataset.data_vars.items() if data.dims == dims)]
-    units = [dataset[name].attrs.get("units") for name in names]
-    columns = [dataset[name].broadcast_like(dataset["longitudinal"]).transpose(*dims).values.ravel() for name in names]
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow([name if unit is None else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)])
-        table.writerows(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def load_sweep(path: str | os.PathLike[str]) -> Dataset:
-    """The data set that :func:`sweep` wrote to ``path``, in memory.
-
-    :class:`~granphon.errors.InputError` if there is no such file, if it is damaged or no sweep, or of a newer schema.
-    """
-    from xarray import load_dataset
-
-    try:
-        dataset = load_dataset(path, engine="h5netcdf")
-    except FileNotFoundError:
-        raise InputError(message(f"{path}: there is no such file", mend="sweep(path=...) writes one")) from None
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(message(f"{path} cannot be read", str(error), "Is this the right file?")) from error
-    if dataset.attrs.get("format") != _FORMAT:
-        raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
-    schema: Any = dataset.attrs.get("schema")
-    number = int(schema) if isinstance(schema, int | np.integer) else 0
-    if number > SCHEMA:
-        what = f"{path} is of schema {number}, newer than this granphon knows ({SCHEMA})"
-        raise InputError(message(what, mend="Update granphon"))
-    if number < 1 or _NEEDED - set(dataset.variables):
-        raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
-    return dataset

@@ -124,9 +124,7 @@ def test_a_lattice_with_velocities_of_its_own_in_each_direction():
 # -- derivatives ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("frequency", "finite", "rtol"), [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)]
-)
+@pytest.mark.parametrize(("frequency", "finite", "rtol"), [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)])
 @pytest.mark.parametrize("medium", ["afa", "ema"])
 def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol):
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, finite)

@@ -12,11 +12,12 @@ import pytest
 from ruamel.yaml import YAML
 
 import granphon as gp
+from granphon.archive import load_sweep
 from granphon.cli import main
 from granphon.redraw import redraw
 from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
 from granphon.scene import Scene
-from granphon.sweeps import load_sweep, sweep
+from granphon.sweeps import sweep
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -318,7 +319,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     ("where", "error", "code"),
     [
         ("granphon.charts.sweep_figure", KeyboardInterrupt(), 130),
-        ("granphon.sweeps._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.archive._write_table", OSError(28, "No space left on device"), 1),
         ("granphon.run._summary", MemoryError(), 1),
     ],
 )

@@ -563,8 +563,12 @@ PIECES = [
 ]  # fmt: skip
 
 
-SWEPT = FULL.replace("18.446 N", "{from: 2 N, to: 20 N, points: 40, scale: log}").replace(", dos", "").replace(
-    "medium: ema", "medium: [afa, {ema: {local_field: paper}}]\nsweep: {width: [1 um], spread: [{normal: {std: 1 um}}]}"
+SWEPT = (
+    FULL.replace("18.446 N", "{from: 2 N, to: 20 N, points: 40, scale: log}")
+    .replace(", dos", "")
+    .replace(
+        "medium: ema", "medium: [afa, {ema: {local_field: paper}}]\nsweep: {width: [1 um], spread: [{normal: {std: 1 um}}]}"
+    )
 )
 
 

@@ -19,7 +19,7 @@ ORDER = [
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "effective", "branches", "medium", "observables",
     "calculator", "spectra", "bridge", "phonons",
-    "tasks", "sweeps", "measurements", "velocity_model", "fit",
+    "tasks", "archive", "sweeps", "measurements", "velocity_model", "fit",
     "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these

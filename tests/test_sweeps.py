@@ -25,11 +25,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
+from granphon.archive import load_sweep
 from granphon.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
 from granphon.medium import MediumChoice
 from granphon.parameters import PARAMETERS, Axis, changed, of_width
 from granphon.phonons import Phonons
-from granphon.sweeps import load_sweep, sweep, swept_packing
+from granphon.sweeps import sweep, swept_packing
 from granphon.tasks import Store, solve_all
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
@@ -734,7 +735,7 @@ def test_an_interruption_while_writing_keeps_the_parts(rough, serial, tmp_path, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.sweeps._write_table", interrupt)
+        patch.setattr("granphon.archive._write_table", interrupt)
         with pytest.raises(KeyboardInterrupt):
             sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
     assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
