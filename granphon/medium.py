@@ -109,7 +109,7 @@ class ContactState(Result):
             return self._constant(np.inf)
         # W may be so small that its force is below the floating range: f* is then beyond it
         with np.errstate(over="ignore", divide="ignore"):
-            return _plain(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
+            return _scalars(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
 
     @property
     def reduced_spacing(self) -> Values:
@@ -119,18 +119,18 @@ class ContactState(Result):
     @property
     def force_fluctuation(self) -> Values:
         """Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean; 0 for equal balls."""
-        return _plain(self.law.force_fluctuation(self.overlap))
+        return _scalars(self.law.force_fluctuation(self.overlap))
 
     @property
     def contact_fraction(self) -> Values:
         """N_c / 6, the fraction of contacts that carry load; 1 for equal balls."""
-        return _plain(self.law.contact_fraction(self.overlap))
+        return _scalars(self.law.contact_fraction(self.overlap))
 
     @property
     def stiffness_ratio(self) -> Values:
         """k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
         ideal = self.packing.law
-        return _plain(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
+        return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
 
     @property
     def valid(self) -> Values:
@@ -139,7 +139,7 @@ class ContactState(Result):
         That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
         and hold at high pressure (:attr:`regime`).
         """
-        return _plain(np.asarray(self.force) >= self.least_valid_force)
+        return _scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
     def least_valid_force(self) -> float:
@@ -436,7 +436,7 @@ class MediumChoice:
         return MEDIA[self.name](packing, **options)
 
 
-def _plain(values: Any) -> Values:
+def _scalars(values: Any) -> Values:
     """A float (or bool) for a single load."""
     return np.asarray(values).item() if np.ndim(values) == 0 else values
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from granphon.errors import InputError, message
 
-__all__ = ["Result", "read_only"]
+__all__ = ["Result", "plain", "read_only", "restore"]
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
@@ -66,7 +66,7 @@ class Result:
         Complex arrays become a mapping of ``real`` and ``imag`` lists; what a result holds (a packing, its scales) becomes a
         mapping of its own.
         """
-        return {**_plain(self), "schema": self.schema, "units": dict(self.units)}
+        return {**plain(self), "schema": self.schema, "units": dict(self.units)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -83,13 +83,14 @@ class Result:
                     mend="Update granphon",
                 )
             )
-        restored: Self = _restore(data, cls)
+        restored: Self = restore(data, cls)
         return restored
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Plain data of a value: of a dataclass its class and its fields, of arrays lists; other values as they are."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {"class": type(value).__name__, **{f.name: _plain(getattr(value, f.name)) for f in fields(value)}}
+        return {"class": type(value).__name__, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -97,11 +98,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     return value
 
 
-def _restore(value: Any, hint: Any) -> Any:
+def restore(value: Any, hint: Any) -> Any:
     """Build what ``hint`` says (a dataclass, perhaps in a union or a tuple; else arrays and scalars) from plain data."""
     if isinstance(value, Mapping):
         if set(value) == {"real", "imag"}:
@@ -113,11 +114,11 @@ def _restore(value: Any, hint: Any) -> Any:
                 missing = [f.name for f in fields(build) if f.name not in value]
                 if missing:
                     raise InputError(message(f"the {value['class']} data lack {', '.join(missing)}"))
-                return build(**{f.name: _restore(value[f.name], hints[f.name]) for f in fields(build)})
+                return build(**{f.name: restore(value[f.name], hints[f.name]) for f in fields(build)})
         raise InputError(message(f"data of a {value.get('class')!r} stand where {hint} belongs"))
     if isinstance(value, list):
         inner = get_args(hint)
         if inner and getattr(hint, "__origin__", None) is tuple:
-            return tuple(_restore(v, inner[0]) for v in value)
+            return tuple(restore(v, inner[0]) for v in value)
         return np.asarray(value)
     return value

@@ -29,7 +29,7 @@ from granphon.observables import Moduli, SoundVelocities, contact_lattice, local
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS, Axis, combinations, numbers
 from granphon.progress import Progress, silent
-from granphon.results import _plain, _restore
+from granphon.results import plain, restore
 from granphon.spectra import band_path
 from granphon.tasks import Part, Store, kept, solve_all
 
@@ -80,7 +80,7 @@ _DIRECTION = (1.0, 0.0)
 
 
 def _json(data: Any) -> str:
-    return json.dumps(data, default=_plain, sort_keys=True)
+    return json.dumps(data, default=plain, sort_keys=True)
 
 
 @cache
@@ -111,7 +111,7 @@ class _Task:
     @cached_property
     def name(self) -> str:
         """Of its file: the medium, and a digest of everything that determines the numbers."""
-        data = {**_plain(self), "where": "", "schema": SCHEMA, "versions": _versions()}
+        data = {**plain(self), "where": "", "schema": SCHEMA, "versions": _versions()}
         return f"{self.medium.name}-{hashlib.sha256(_json(data).encode()).hexdigest()}"
 
     def solve(self) -> Part:
@@ -380,5 +380,5 @@ def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
 
 def swept_packing(dataset: Dataset) -> Packing:
     """The packing that a sweep was made of, before its parameters were changed."""
-    packing: Packing = _restore(json.loads(dataset.attrs["packing"]), Packing)
+    packing: Packing = restore(json.loads(dataset.attrs["packing"]), Packing)
     return packing
