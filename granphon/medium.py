@@ -332,10 +332,10 @@ class AveragedForce(_ByLaw):
 class EffectiveMedium(_ByLaw):
     """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
 
-    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, or from where doubles hold
-    the solution. Each pair of listed diameters puts a kink into the law, which is resolved; of more than 64 diameters,
-    like ones are put together (f* to 1e-5, k to 1e-3 where the medium is valid, less than by what one lot of so many
-    balls differs from another).
+    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, or, of lists with kinds
+    rarer than about 1 %, from where doubles hold the solution. Each pair of listed diameters puts a kink into the law,
+    which is resolved; of more than 64 diameters, like ones are put together (k to a few parts in a thousand where the
+    medium is valid, less than by what one lot of so many balls differs from another).
 
     Parameters
     ----------

@@ -183,7 +183,7 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
 
 
 def local_exponent(state: ContactState) -> Any:
-    """d log v / d log P of both sound velocities, of the shape of the load, where terms of order delta/d are left out.
+    """d log v / d log P of both sound velocities, of the shape of the load, always without the terms of order delta/d.
 
     v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
     for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there.
