@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
 from granphon.geometry import as_direction
+from granphon.ladder import MediumChoice
 from granphon.measurements import Measurements
-from granphon.medium import ContactState, MediumChoice
+from granphon.medium import ContactState
 from granphon.observables import validity
 from granphon.packing import Packing
 from granphon.results import Result

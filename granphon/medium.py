@@ -28,7 +28,7 @@ from granphon.results import Result
 from granphon.shapes import PointShape
 from granphon.units import Units
 
-__all__ = ["MEDIA", "AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium", "MediumChoice"]
+__all__ = ["AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium"]
 
 Array = NDArray[np.float64]
 #: scalar in, scalar out; array in, array out
@@ -379,61 +379,6 @@ class EffectiveMedium(_ByLaw):
             return self.packing.law
         shape = spread.shape.condensed(MOST_SPECIES) if isinstance(spread.shape, PointShape) else spread.shape
         return EffectiveLaw(self.packing.law.coefficient, spread.width, shape, self.local_field.xi)
-
-
-#: the rungs of the ladder by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium]] = {
-    medium.name: medium for medium in (AveragedLattice, AveragedForce, EffectiveMedium)
-}
-
-
-@dataclass(frozen=True)
-class MediumChoice:
-    """A medium by its name, with the options of its class, for a packing to be given later.
-
-    :class:`~granphon.errors.InputError` for a name that is not in :data:`MEDIA`, or an option that it does not have.
-    """
-
-    name: str
-    options: tuple[tuple[str, str], ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.name not in MEDIA:
-            raise InputError(message(f"unknown medium {self.name!r}", mend="Use " + ", ".join(MEDIA)))
-        known = MEDIA[self.name].options
-        for option, value in self.options:
-            if option not in known:
-                mend = "It has " + (", ".join(known) or "none")
-                raise InputError(message(f"medium {self.name!r} has no option {option!r}", mend=mend))
-            if value not in known[option]:
-                raise InputError(message(f"{option} is {value!r}", mend="Use " + " or ".join(known[option])))
-        # two choices are equal if they mean the same: a default is not kept
-        kept = tuple((option, value) for option, value in sorted(self.options) if value != known[option][0])
-        object.__setattr__(self, "options", kept)
-
-    @classmethod
-    def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
-        """From "ema", or {"ema": {"local_field": "paper"}}."""
-        if isinstance(value, MediumChoice):
-            return value
-        if isinstance(value, Mapping) and len(value) == 1:
-            name, options = next(iter(value.items()))
-            if options is None or isinstance(options, Mapping):
-                return cls(name, tuple((options or {}).items()))
-        if isinstance(value, str):
-            return cls(value)
-        raise InputError(message(f"medium is {value!r}", mend="Give a name, or a name and its options"))
-
-    @property
-    def label(self) -> str:
-        """The name, with the options in brackets."""
-        options = ", ".join(f"{option}={value}" for option, value in self.options)
-        return f"{self.name}({options})" if options else self.name
-
-    def of(self, packing: Packing) -> AveragedLattice | AveragedForce | EffectiveMedium:
-        """The medium of this packing."""
-        options: Any = dict(self.options)
-        return MEDIA[self.name](packing, **options)
 
 
 def _scalars(values: Any) -> Values:

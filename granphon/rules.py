@@ -21,7 +21,7 @@ from granphon.diameters import Discrete, Measured, Normal, Uniform
 from granphon.errors import InputError, message
 from granphon.files import closest, shown
 from granphon.geometry import LATTICES, Lattice, lattice_named
-from granphon.medium import MEDIA, MediumChoice
+from granphon.ladder import MEDIA, MediumChoice
 from granphon.parameters import PARAMETERS
 from granphon.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Refused
 

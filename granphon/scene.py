@@ -26,9 +26,10 @@ from granphon.diameters import Discrete, Measured
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import MAX_BYTES, Document, dump_yaml, parse_yaml, read_text, shown
 from granphon.geometry import TRIANGULAR, contacts_apart
+from granphon.ladder import MediumChoice
 from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
-from granphon.medium import ContactState, EffectiveMedium, MediumChoice
+from granphon.medium import ContactState, EffectiveMedium
 from granphon.observables import contact_lattice
 from granphon.packing import Packing
 from granphon.parameters import Axis, changed, combinations

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 
 from granphon import rules
 from granphon.files import Document, shown
-from granphon.medium import MediumChoice
+from granphon.ladder import MediumChoice
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, Refused
 
 __all__ = ["SceneFile", "validated"]

@@ -24,7 +24,8 @@ from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import check_free, staging, versions
 from granphon.geometry import Lattice
-from granphon.medium import ContactState, MediumChoice
+from granphon.ladder import MediumChoice
+from granphon.medium import ContactState
 from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS, Axis, combinations, numbers

@@ -20,7 +20,8 @@ from granphon.contact import positive
 from granphon.diameters import Discrete, Measured, Spread, Uniform
 from granphon.errors import InputError, message
 from granphon.files import closest
-from granphon.medium import ContactState, MediumChoice
+from granphon.ladder import MediumChoice
+from granphon.medium import ContactState
 from granphon.observables import local_exponent, pulse_velocities, sound_velocities
 from granphon.packing import Packing
 from granphon.parameters import changed

@@ -17,8 +17,8 @@ from scipy.stats import kstest
 import granphon as gp
 from granphon.errors import InputError, UnreachableFrequencyError
 from granphon.fit import WidthFit, fit_width
+from granphon.ladder import MediumChoice
 from granphon.measurements import Measurements
-from granphon.medium import MediumChoice
 from granphon.observables import pulse_velocities, sound_velocities
 from granphon.parameters import changed
 from granphon.velocity_model import VelocityModel, Waves

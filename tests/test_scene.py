@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.errors import InputError, OutputError, PrecisionError, SceneError
-from granphon.medium import MediumChoice
+from granphon.ladder import MediumChoice
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
 from granphon.rules import SCALES, spaced
 from granphon.scene import BandPath, Load, Scene, force_of_frame

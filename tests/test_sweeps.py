@@ -27,7 +27,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.archive import load_sweep
 from granphon.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
-from granphon.medium import MediumChoice
+from granphon.ladder import MediumChoice
 from granphon.parameters import PARAMETERS, Axis, changed, of_width
 from granphon.phonons import Phonons
 from granphon.sweeps import sweep, swept_packing
