@@ -120,22 +120,22 @@ class _Step:
     @cached_property
     def _inverse(self) -> tuple[Array, tuple[float, float]]:
         """Chebyshev series of u in the variable of :meth:`_smooth`, and the ends of the latter."""
-        low, high = self._smooth(np.array([self._bottom, self.top(FORCE)]))
+        low, high = self._smooth(np.array([self.bottom, self.top(FORCE)]))
         w = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(_STAGES)
-        force = np.square(w) + self._bottom if self.middle == self.half else np.exp(w)
+        force = np.square(w) + self.bottom if self.middle == self.half else np.exp(w)
         u = self.middle + self.half * np.linspace(-1.0, 1.0, 33)
         exact = self._descended(np.interp(force, self.value(u, FORCE), u), force)
         series = chebyshev.chebfit(chebyshev.chebpts1(_STAGES), exact, _STAGES - 1)
         return np.asarray(series, float), (float(low), float(high))
 
     @cached_property
-    def _bottom(self) -> float:
+    def bottom(self) -> float:
         """The force at the lower end."""
         return float(self.value(np.array(self.middle - self.half), FORCE))
 
     def _smooth(self, force: Array) -> Array:
         """A variable in which u is smooth: where contacts open the force rises as u^2, elsewhere it may span decades."""
-        return np.sqrt(np.maximum(force - self._bottom, 0.0)) if self.middle == self.half else np.log(force)
+        return np.sqrt(np.maximum(force - self.bottom, 0.0)) if self.middle == self.half else np.log(force)
 
     def _descended(self, root: Array, force: Array) -> Array:
         """u at these forces, by Newton's method from ``root``."""
@@ -164,8 +164,7 @@ class EffectiveCurve:
     @cached_property
     def least_force(self) -> float:
         """f* at the start of the curve."""
-        step = self.steps[0]
-        return max(LEAST_FORCE, float(step.value(np.array(step.middle - step.half), FORCE)))
+        return max(LEAST_FORCE, self.steps[0].bottom)
 
     @cached_property
     def start(self) -> float:
@@ -177,16 +176,20 @@ class EffectiveCurve:
         """Energy of the curve over that of the series, where they meet."""
         return self.steps[-1].top(ENERGY) - self.far.value(self.far.start, ENERGY)
 
+    @cached_property
+    def _edges(self) -> tuple[Array, Array]:
+        """y and f* where steps meet."""
+        return np.array([step.bounds[0] for step in self.steps[1:]]), np.array([s.top(FORCE) for s in self.steps[:-1]])
+
     def value(self, y: Array, order: int) -> Array:
         """A derivative of the energy, counted from the start of the curve, at y between that and ``far.start``."""
-        edges = [step.bounds[0] for step in self.steps[1:]]
         # a kink belongs to the step below it, where the slope is finite
-        return self._by_step(np.searchsorted(edges, y), y, lambda step, part: step.value(np.sqrt(part - step.origin), order))
+        index = np.searchsorted(self._edges[0], y)
+        return self._by_step(index, y, lambda step, part: step.value(np.sqrt(part - step.origin), order))
 
     def overlap(self, force: Array) -> Array:
         """y at forces between those at the two ends."""
-        edges = [step.top(FORCE) for step in self.steps[:-1]]
-        return self._by_step(np.searchsorted(edges, force), force, _Step.overlap)
+        return self._by_step(np.searchsorted(self._edges[1], force), force, _Step.overlap)
 
     def _by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[_Step, Array], Array]) -> Array:
         # sorted by step, so that each works on one piece; small integers sort in linear time
@@ -201,7 +204,7 @@ class EffectiveCurve:
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi, to 1e-10 or better in force and stiffness; kept.
+    """Solve equation (36) for a shape and Xi, to 1e-8 or better in force and stiffness from f* = 1e-4 on; kept.
 
     Raises :class:`~granphon.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """

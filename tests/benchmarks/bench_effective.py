@@ -7,16 +7,11 @@ Nothing is asserted about time: machines are shared and noisy. The documentation
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import os
-import platform
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-from bench_ordered import alternate
+from bench_ordered import alternate, report
 from scipy.integrate import solve_ivp
 
 import granphon as gp
@@ -107,21 +102,5 @@ def loads(repeats: int) -> dict[str, float]:
     return {**{f"{name}_s": value for name, value in seconds.items()}, **ratios}
 
 
-def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
-    parser.add_argument("--json", type=Path, help="also write the results here")
-    parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args(argv)
-    results: dict[str, object] = {
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        "curves": curves(options.repeats),
-        "loads": loads(options.repeats),
-    }
-    text = json.dumps(results, indent=2)
-    print(text)
-    if options.json:
-        options.json.write_text(text + "\n", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    report("Benchmarks of the effective medium", {"curves": curves, "loads": loads})

@@ -110,15 +110,15 @@ def command(repeats: int) -> dict[str, float]:
     return {**{f"{name}_s": value for name, value in seconds.items()}, **ratios}
 
 
-def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+def report(description: str, parts: dict[str, Callable[[int], object]], argv: list[str] | None = None) -> None:
+    """Run each part with as many repeats as the command line says, and print and perhaps write what they give."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", type=Path, help="also write the results here")
     parser.add_argument("--repeats", type=int, default=7)
     options = parser.parse_args(argv)
     results: dict[str, object] = {
         "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        "bands": bands(options.repeats),
-        "command": command(options.repeats),
+        **{name: part(options.repeats) for name, part in parts.items()},
     }
     text = json.dumps(results, indent=2)
     print(text)
@@ -127,4 +127,4 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    report("Benchmarks of the ordered lattice", {"bands": bands, "command": command})
