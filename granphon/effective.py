@@ -94,9 +94,9 @@ class _Step:
         return cls(*place, tuple(np.asarray(one, float) for one in series))
 
     @property
-    def bounds(self) -> tuple[float, float]:
-        """The least and the largest y."""
-        return self.origin + (self.middle - self.half) ** 2, self.origin + (self.middle + self.half) ** 2
+    def start(self) -> float:
+        """The least y."""
+        return self.origin + (self.middle - self.half) ** 2
 
     def value(self, root: Array, order: int) -> Array:
         """A derivative of the energy at u = ``root``."""
@@ -179,7 +179,7 @@ class EffectiveCurve:
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
         """y and f* where steps meet."""
-        return np.array([step.bounds[0] for step in self.steps[1:]]), np.array([s.top(FORCE) for s in self.steps[:-1]])
+        return np.array([step.start for step in self.steps[1:]]), np.array([s.top(FORCE) for s in self.steps[:-1]])
 
     def value(self, y: Array, order: int) -> Array:
         """A derivative of the energy, counted from the start of the curve, at y between that and ``far.start``."""
