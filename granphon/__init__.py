@@ -18,6 +18,7 @@ _HOME = {
     "ContactLattice": "lattice",
     "ContactState": "medium",
     "DensityOfStates": "spectra",
+    "DirectSimulation": "simulation",
     "Discrete": "diameters",
     "EffectiveMedium": "medium",
     "GranphonError": "errors",
@@ -30,7 +31,9 @@ _HOME = {
     "Normal": "diameters",
     "Packing": "packing",
     "Phonons": "phonons",
+    "Sample": "simulation",
     "Scene": "scene",
+    "SimulatedState": "simulation",
     "Uniform": "diameters",
     "Units": "units",
     "atoms": "calculator",
@@ -54,6 +57,7 @@ __all__ = [
     "ContactLattice",
     "ContactState",
     "DensityOfStates",
+    "DirectSimulation",
     "Discrete",
     "EffectiveMedium",
     "GranphonError",
@@ -66,7 +70,9 @@ __all__ = [
     "Normal",
     "Packing",
     "Phonons",
+    "Sample",
     "Scene",
+    "SimulatedState",
     "Uniform",
     "Units",
     "atoms",
@@ -97,6 +103,7 @@ if TYPE_CHECKING:
     from granphon.packing import Packing
     from granphon.phonons import Phonons
     from granphon.scene import Scene
+    from granphon.simulation import DirectSimulation, Sample, SimulatedState
     from granphon.spectra import Bands, DensityOfStates
     from granphon.sweeps import sweep
     from granphon.units import Units

@@ -8,6 +8,7 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 __all__ = [
+    "ConvergenceError",
     "FileExistsInRunError",
     "GranphonError",
     "InputError",
@@ -48,6 +49,10 @@ class PrecisionError(InputError):
 
 class InstabilityError(GranphonError, RuntimeError):
     """The state is not a minimum of the energy: a squared frequency is negative."""
+
+
+class ConvergenceError(GranphonError, RuntimeError):
+    """An iteration has not reached its tolerance; says what it has reached."""
 
 
 class UnsupportedError(GranphonError, NotImplementedError):

@@ -33,12 +33,55 @@ __all__ = ["AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium"
 Array = NDArray[np.float64]
 #: scalar in, scalar out; array in, array out
 Values = Any
-#: the contact law of a medium
-Law = HertzLaw | AveragedLaw | EffectiveLaw
 #: more different diameters than this are condensed to as many or fewer before the effective medium is solved
 MOST_SPECIES = 64
 #: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
 _MUCH = math.sqrt(10.0)
+
+
+class ContactLaw(Protocol):
+    """The contact law of a medium: scalars or arrays of any shape, in SI; floats in, floats out."""
+
+    @property
+    def coefficient(self) -> float:
+        """c of equal balls, N/m^(3/2)."""
+        ...
+
+    @property
+    def least_overlap(self) -> float:
+        """The overlap up to which all balls are apart, m."""
+        ...
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Of a contact, J."""
+        ...
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """f, N."""
+        ...
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """df/d(delta), N/m."""
+        ...
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """d^2f/d(delta)^2, N/m^2."""
+        ...
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta, m."""
+        ...
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f."""
+        ...
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """N_c / 6."""
+        ...
+
+
+Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -246,7 +289,7 @@ class _ByLaw(ABC):
 
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the mean contact force f, N."""
-        load = _compressive("force", force)
+        load = compressive("force", force)
         with np.errstate(all="ignore"):  # whatever is beyond double precision is refused below
             overlap = np.asarray(self.law.overlap(load))
         return self._state(load, overlap, "force", force, finite_overlap)
@@ -254,7 +297,7 @@ class _ByLaw(ABC):
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
         law = self.law
-        delta = _compressive("overlap", overlap) if law.least_overlap == 0.0 else _finite("overlap", overlap)
+        delta = compressive("overlap", overlap) if law.least_overlap == 0.0 else finite("overlap", overlap)
         if np.any(delta <= law.least_overlap):
             raise InputError(
                 message(
@@ -272,7 +315,7 @@ class _ByLaw(ABC):
 
         With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
         """
-        load, law, d = _compressive("pressure", pressure), self.law, self.packing.diameter
+        load, law, d = compressive("pressure", pressure), self.law, self.packing.diameter
         with np.errstate(all="ignore"):
             slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
             force = slope * d
@@ -386,9 +429,9 @@ def _scalars(values: Any) -> Values:
     return np.asarray(values).item() if np.ndim(values) == 0 else values
 
 
-def _compressive(name: str, values: ArrayLike) -> Array:
+def compressive(name: str, values: ArrayLike) -> Array:
     """Loads as an array; :class:`InputError` if one is not a finite number above zero."""
-    array = _finite(name, values)
+    array = finite(name, values)
     if np.any(array < 0.0):
         raise InputError(
             message(f"{name} is {values!r}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
@@ -400,7 +443,7 @@ def _compressive(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def _finite(name: str, values: ArrayLike) -> Array:
+def finite(name: str, values: ArrayLike) -> Array:
     try:
         given = np.asarray(values)
         with np.errstate(over="ignore"):  # infinite, and refused

@@ -16,6 +16,7 @@ from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.results import Result
+from granphon.simulation import SimulatedState, standard_error
 
 __all__ = [
     "Check",
@@ -71,6 +72,15 @@ def _velocity_scale(state: ContactState) -> Array:
     return np.asarray(state.packing.diameter * (np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)))
 
 
+def _scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+    """d (k/M)^1/2 of each branch: of a simulation, such that long waves have the velocities of its samples."""
+    if not isinstance(state, SimulatedState):
+        return [_velocity_scale(state)] * len(names)
+    found = _raw_velocities(state, direction, False)
+    ideal, _ = contact_lattice(state).sound_velocities(direction)
+    return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
+
+
 def _is_isotropic(lattice: ContactLattice) -> bool:
     c = lattice.elastic_tensor()
     off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
@@ -79,6 +89,8 @@ def _is_isotropic(lattice: ContactLattice) -> bool:
 
 def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: bool) -> Array:
     """(..., 2) longitudinal and transverse, m/s."""
+    if isinstance(state, SimulatedState):
+        return _from_moduli(_bulk_and_shear(_simulated_tensor(state, finite_overlap)), state.effective_density)
     lattice = contact_lattice(state)
     scale = _velocity_scale(state)
     if not finite_overlap:
@@ -87,6 +99,41 @@ def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: b
     # every length scales with the spacing; the prestress alone enters the shape of the tensor
     velocities, _ = lattice.sound_velocities(direction, _prestress(state))
     return np.asarray((scale * (1.0 - state.relative_overlap))[..., None] * velocities)
+
+
+def _simulated_tensor(state: SimulatedState, finite_overlap: bool) -> Array:
+    """(..., 3, 3) Pa; :class:`InputError` with finite overlap."""
+    if finite_overlap:
+        raise InputError(
+            message(
+                "the linear response of a simulation has no terms of finite overlap",
+                "It is found in the paper's limit, spread and overlap small against the diameter",
+                "Leave finite_overlap out",
+            )
+        )
+    return state.elastic_tensor
+
+
+def _bulk_and_shear(tensor: Array) -> Array:
+    """(..., 2) K and G of an elastic tensor (..., 3, 3), isotropic or nearly: G is the mean of its two orientations."""
+    return np.stack([_bulk(tensor), np.mean(_shears(tensor), axis=-1)], axis=-1)
+
+
+def _bulk(tensor: Array) -> Array:
+    c = tensor[..., :2, :2]
+    return np.asarray(np.sum(c, axis=(-2, -1)) / 4.0)
+
+
+def _shears(tensor: Array) -> Array:
+    """(..., 2) G for the shear xx - yy, and for xy."""
+    c = tensor
+    return np.stack([(c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0, c[..., 2, 2]], axis=-1)
+
+
+def _from_moduli(bulk_and_shear: Array, density: ArrayLike) -> Array:
+    """(..., 2) v_L and v_T, m/s (equation 16)."""
+    bulk, shear = np.moveaxis(bulk_and_shear, -1, 0)
+    return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))
 
 
 # -- validity -------------------------------------------------------------------------------------------------------
@@ -186,8 +233,13 @@ def local_exponent(state: ContactState) -> Any:
     """d log v / d log P of both sound velocities, of the shape of the load, always without the terms of order delta/d.
 
     v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
-    for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there.
+    for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there. Of a
+    simulation, whose moduli are not all proportional to k, it is the exponent of the longitudinal velocity, f M'/2kM with
+    M = K + G, along the samples' own equilibria.
     """
+    if isinstance(state, SimulatedState):
+        modulus, slope = (np.sum(_bulk_and_shear(values), axis=-1) for values in (state.elastic_tensor, state.elastic_slope))
+        return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / modulus))[()]
     slope = state.law.stiffness_slope(state.overlap)
     return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / state.normal_stiffness))[()]
 
@@ -197,14 +249,19 @@ def local_exponent(state: ContactState) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
-    """Velocities of long waves, m/s, with the shape of the load, and the warnings that go with them."""
+    """Velocities of long waves, m/s, with the shape of the load, and the warnings that go with them.
 
-    units = {"longitudinal": "m/s", "transverse": "m/s"}
+    ``longitudinal_error`` and ``transverse_error`` are standard errors over the samples of a simulation; else None.
+    """
+
+    units = {"longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s"}
 
     longitudinal: Any
     transverse: Any
     direction: Array
     warnings: tuple[str, ...]
+    longitudinal_error: Any = None
+    transverse_error: Any = None
 
 
 def sound_velocities(
@@ -216,7 +273,8 @@ def sound_velocities(
     ----------
     state : at one load or many.
     direction : of propagation, Cartesian; may be left out where sound is isotropic, as on the triangular lattice.
-        Elsewhere the two are the quasi-longitudinal and quasi-transverse waves.
+        Elsewhere the two are the quasi-longitudinal and quasi-transverse waves. Of a simulation, isotropic on average,
+        velocities are those of its mean bulk and shear modulus.
     finite_overlap : keep the terms of relative order delta/d.
 
     Raises
@@ -234,33 +292,52 @@ def sound_velocities(
             )
         direction = (1.0, 0.0)
     v = _raw_velocities(state, direction, finite_overlap)
-    return SoundVelocities(v[..., 0], v[..., 1], as_direction(direction), validity(state, finite_overlap).warnings)
+    errors: tuple[Any, ...] = (None, None)
+    if isinstance(state, SimulatedState) and state.n_samples > 1:
+        every = state.over_samples(lambda sample: _bulk_and_shear(sample.elasticity.tensor))
+        velocities = _from_moduli(every, np.asarray(state.effective_density)[..., None])
+        errors = tuple(np.moveaxis(standard_error(velocities, -2), -1, 0))
+    warnings = validity(state, finite_overlap).warnings
+    return SoundVelocities(v[..., 0], v[..., 1], as_direction(direction), warnings, *errors)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Moduli(Result):
     """Elastic constants of the layer taken one diameter thick, Pa.
 
-    ``tensor`` (..., 3, 3) is in Voigt order xx, yy, xy, after the shape of the load.
+    ``tensor`` (..., 3, 3) is in Voigt order xx, yy, xy, after the shape of the load. A simulated sample is ``isotropic`` on
+    average only; ``bulk_error`` and ``shear_error`` are standard errors over the samples of a simulation, else None.
     """
 
-    units = {"tensor": "Pa", "bulk": "Pa", "shear": "Pa"}
+    units = {
+        "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
+    }  # fmt: skip
 
     tensor: Array
     isotropic: bool
     warnings: tuple[str, ...]
+    bulk_error: Any = None
+    shear_error: Any = None
 
     @property
     def bulk(self) -> Any:
         """K, Pa (equation 17); :class:`~granphon.errors.InputError` if the lattice is not isotropic."""
         self._require_isotropic()
-        return (0.5 * (self.tensor[..., 0, 0] + self.tensor[..., 0, 1]))[()]
+        return _bulk(self.tensor)[()]
 
     @property
     def shear(self) -> Any:
-        """G, Pa (equation 17); :class:`~granphon.errors.InputError` if the lattice is not isotropic."""
+        """G, Pa (equation 17); :class:`~granphon.errors.InputError` if the lattice is not isotropic.
+
+        The mean of two orientations, which differ in a sample of finite size.
+        """
+        return np.mean(self.shears, axis=-1)[()]
+
+    @property
+    def shears(self) -> Array:
+        """(..., 2) Pa: G of the shear xx - yy, and of xy; their difference measures the isotropy of a sample."""
         self._require_isotropic()
-        return self.tensor[..., 2, 2][()]
+        return _shears(self.tensor)
 
     def _require_isotropic(self) -> None:
         if not self.isotropic:
@@ -273,6 +350,13 @@ def moduli(state: ContactState, finite_overlap: bool = False) -> Moduli:
     With ``finite_overlap`` these are the coefficients between Cauchy stress and strain under the static pressure, for which
     equation (16) still holds.
     """
+    if isinstance(state, SimulatedState):
+        tensor = _simulated_tensor(state, finite_overlap)
+        errors: tuple[Any, ...] = (None, None)
+        if state.n_samples > 1:
+            every = state.over_samples(lambda sample: _bulk_and_shear(sample.elasticity.tensor))
+            errors = tuple(np.moveaxis(standard_error(every, -2), -1, 0))
+        return Moduli(tensor, True, validity(state).warnings, *errors)
     lattice = contact_lattice(state)
     tensor = lattice.elastic_tensor(_prestress(state) if finite_overlap else np.zeros(state.shape))
     scale = np.asarray(state.normal_stiffness / state.packing.diameter)
@@ -333,7 +417,8 @@ def pulse_velocities(
     state : at one load or many.
     frequency : Hz; a scalar or an array that broadcasts against the load.
     direction : of propagation, Cartesian; (1, 0) is Gamma-K, (0, 1) Gamma-M.
-    finite_overlap : keep the terms of relative order delta/d.
+    finite_overlap : keep the terms of relative order delta/d. A simulation has none: its branches are those of the lattice,
+        each with the velocity of the samples' own long waves.
     branches : those wanted, in the order wanted.
 
     Returns
@@ -352,30 +437,34 @@ def pulse_velocities(
     if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
         raise InputError(message(f"frequency is {frequency!r}", "It must be finite and above zero (Hz)"))
     names = (branches,) if isinstance(branches, str) else tuple(branches)
+    if isinstance(state, SimulatedState):
+        _simulated_tensor(state, finite_overlap)
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:
         raise InputError(message(f"unknown branch {unknown}", mend="Use longitudinal, transverse or both"))
-    scale, d = _velocity_scale(state), state.packing.diameter
+    d = state.packing.diameter
     try:
-        target, scale = np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale)
+        pairs = [np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale) for scale in _scales(state, direction, names)]
     except ValueError:
         raise InputError(
             message(f"frequencies of shape {hertz.shape} do not go with loads of shape {state.shape}")
         ) from None
-    wavenumber, group = np.empty((2, len(names), *target.shape))
+    target, scale = (np.stack(rows) for rows in zip(*pairs, strict=True))
+    wavenumber, group = np.empty((2, *target.shape))
     # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
     parts: list[tuple[ContactState, tuple[Any, ...]]] = [(state, (...,))]
     if finite_overlap and state.shape:
         force, overlap, stiffness = (
-            np.broadcast_to(x, target.shape) for x in (state.force, state.overlap, state.normal_stiffness)
+            np.broadcast_to(x, target.shape[1:]) for x in (state.force, state.overlap, state.normal_stiffness)
         )
         every = ContactState(state.packing, state.medium, state.law, force, overlap, stiffness, True)
-        parts = [(every[index], index) for index in np.ndindex(target.shape)]
+        parts = [(every[index], index) for index in np.ndindex(target.shape[1:])]
     for part, index in parts:
         found = acoustic_branches(contact_lattice(part, finite_overlap), direction)
         for row, name in enumerate(names):
-            q, slope = _on_branch(found[name], np.asarray(target[index]), np.asarray(scale[index] / d))
-            wavenumber[(row, *index)], group[(row, *index)] = q, slope
+            here = (row, *index)
+            q, slope = _on_branch(found[name], np.asarray(target[here]), np.asarray(scale[here] / d))
+            wavenumber[here], group[here] = q, slope
     return PulseVelocities(
         names, target / wavenumber * scale, group * scale, wavenumber / d, hertz, as_direction(direction),
         validity(state, finite_overlap).warnings,

@@ -17,7 +17,8 @@ PACKAGE = Path(granphon.__file__).parent
 ORDER = [
     "errors", "units", "results", "progress", "files", "quantities", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
-    "local_field", "laws", "effective", "branches", "medium", "ladder", "observables",
+    "local_field", "laws", "effective", "branches", "medium",
+    "stencils", "equilibrium", "response", "simulation", "ladder", "observables",
     "calculator", "spectra", "bridge", "phonons",
     "tasks", "archive", "sweeps", "measurements", "velocity_model", "fit",
     "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",

@@ -1,0 +1,545 @@
+"""The disordered array itself: every ball with its own diameter, at rest under load, as a medium.
+
+Section III of Velicky and Caroli replaces the array by an average one. Here it is simulated: a periodic sample of L1 x L2
+balls in mechanical equilibrium (:mod:`granphon.equilibrium`), without friction, which the statics of this limit do not
+depend on as long as the array is pressed together without it; and then its linear response (:mod:`granphon.response`) with
+shear springs at every contact that carries load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.contact import HertzLaw
+from granphon.diameters import Measured
+from granphon.equilibrium import Equilibrium, Load, equilibrate
+from granphon.errors import InputError, message
+from granphon.geometry import BALL, TRIANGULAR
+from granphon.medium import ContactState, compressive, finite
+from granphon.packing import Packing
+from granphon.response import Elasticity, elasticity
+from granphon.results import Result, read_only
+from granphon.stencils import Stencils
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+__all__ = ["DirectSimulation", "Sample", "SampleLaw", "SimulatedState", "standard_error"]
+
+Array = NDArray[np.float64]
+#: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
+LEAST_CONTACT = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sample(Result):
+    """One array of balls at rest under one load.
+
+    Attributes
+    ----------
+    packing : what it is a sample of.
+    seed : of its diameters; None if these were given.
+    equilibrium : the solution, in units of W and c W^(3/2).
+
+    Arrays are indexed by the cell (p, q): the ball's site is p a1 + q a2. Of contacts, the last axis is the direction, as in
+    the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
+    """
+
+    packing: Packing
+    seed: int | None
+    equilibrium: Equilibrium
+
+    @property
+    def _length(self) -> float:
+        return _unit_of_length(self.packing)
+
+    @property
+    def _force(self) -> float:
+        return float(self.packing.law.force(self._length))
+
+    @property
+    def _stiffness(self) -> float:
+        return self._force / self._length
+
+    @property
+    def diameters(self) -> Array:
+        """(L1, L2) m; their mean is the packing's diameter."""
+        return np.asarray(self.packing.diameter + self._length * self.equilibrium.deviations)
+
+    @property
+    def displacements(self) -> Array:
+        """(L1, L2, 2) from the sites, m; balls that nothing holds are where the iteration left them."""
+        reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
+        return self._length * np.moveaxis(reduced, 0, -1)
+
+    @property
+    def contact_overlaps(self) -> Array:
+        """(L1, L2, 3) m, below zero where balls are apart."""
+        return self._length * np.moveaxis(self.equilibrium.overlaps, 0, -1)
+
+    @property
+    def contact_forces(self) -> Array:
+        """(L1, L2, 3) N, zero where balls are apart."""
+        return self._force * np.moveaxis(self.equilibrium.forces, 0, -1)
+
+    @property
+    def overlap(self) -> float:
+        """delta = d - a, m."""
+        return self._length * self.equilibrium.overlap
+
+    @property
+    def force(self) -> float:
+        """f, the mean over all contacts, N."""
+        return self._force * self.equilibrium.force
+
+    @property
+    def normal_stiffness(self) -> float:
+        """df/d(delta), N/m."""
+        return self._stiffness * self.equilibrium.stiffness
+
+    @property
+    def stiffness_slope(self) -> float:
+        """d^2f/d(delta)^2, N/m^2."""
+        return self._stiffness / self._length * self.equilibrium.stiffness_slope
+
+    @property
+    def energy(self) -> float:
+        """Mean energy of a contact, J."""
+        return self._force * self._length * self.equilibrium.energy
+
+    @property
+    def residual(self) -> float:
+        """Largest force left on a ball over the mean contact force."""
+        return self.equilibrium.residual
+
+    @property
+    def force_fluctuation(self) -> float:
+        """Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
+        state = self.equilibrium
+        return float(np.std(state.stencils.around(state.excess) / 6.0)) / state.force
+
+    @property
+    def contact_force_fluctuation(self) -> float:
+        """rms over single contacts of the difference from the mean force, over the mean."""
+        return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
+
+    def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
+        """N_c / 6, the part of the contacts that carry more than ``threshold`` of the mean force."""
+        return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
+
+    def force_distribution(self, bins: int = 60, largest: float = 6.0) -> tuple[Array, Array]:
+        """(bins + 1,) edges of f/<f>, and (bins,) probability density of the contacts that carry load.
+
+        Forces are counted up to ``largest`` times the mean; the density integrates to one over all forces.
+        """
+        forces = self.equilibrium.forces
+        forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
+        counts, edges = np.histogram(forces, bins, (0.0, largest))
+        return edges, counts / (forces.size * np.diff(edges))
+
+    @cached_property
+    def elasticity(self) -> Elasticity:
+        """Elastic tensor (3, 3), Pa, in Voigt order, of the layer taken one diameter thick, and its slope, Pa/m."""
+        reduced = elasticity(self.equilibrium, self.packing.mindlin_ratio)
+        scale = self._stiffness / self.packing.diameter
+        return Elasticity(scale * reduced.tensor, scale / self._length * reduced.slope)
+
+    def atoms(self) -> Atoms:
+        """The sample as an ``ase.Atoms``, in the reduced units of the calculator.
+
+        Balls are at their displaced places; arrays as in :mod:`granphon.calculator`, and ``force`` (the mean force of a
+        ball's six contacts over the mean of all) and ``contacts`` (how many carry load). The scales are in ``info``.
+        """
+        from ase import Atoms
+
+        from granphon.units import Units
+
+        packing, (rows, columns) = self.packing, self.equilibrium.deviations.shape
+        d = packing.diameter
+        scales = Units(d, self.normal_stiffness, packing.mass)
+        cell = np.eye(3)
+        cell[:2, :2] = TRIANGULAR.vectors * np.array([[rows], [columns]])
+        index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)
+        moved = np.zeros((len(index), 3))
+        moved[:, :2] = self.displacements.reshape(-1, 2) / d
+        sites = np.zeros_like(moved)
+        sites[:, :2] = index @ TRIANGULAR.vectors
+        balls = Atoms([BALL] * len(index), positions=sites + moved, cell=cell, pbc=(True, True, False))
+        deviations = self._length / d * self.equilibrium.deviations.ravel()
+        balls.set_masses((1.0 + deviations) ** 3)
+        forces = self.equilibrium.forces / self.equilibrium.force
+        around = self.equilibrium.stencils.around
+        balls.set_array("radius", 0.5 * (1.0 + deviations))
+        balls.set_array("diameter_deviations", deviations)
+        balls.set_array("displacements", moved)
+        balls.set_array("rotations", np.zeros(len(index)))
+        balls.set_array("force", around(forces).ravel() / 6.0)
+        balls.set_array("contacts", around((forces > LEAST_CONTACT).astype(int)).ravel())
+        balls.info.update(scales.to_info(), relative_overlap=self.overlap / d)
+        return balls
+
+
+def standard_error(values: Array, axis: int) -> Array:
+    """Of the mean along an axis of two or more independent values."""
+    return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
+
+
+def _unit_of_length(packing: Packing) -> float:
+    """W; the diameter where balls are equal, and there is no other."""
+    return packing.width or packing.diameter
+
+
+@dataclass(frozen=True)
+class SampleLaw:
+    """The law of the samples of a simulation: mean force, stiffness and energy of a contact against the overlap.
+
+    Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap is an equilibrium of every sample:
+    found when first asked for, and kept.
+    """
+
+    simulation: DirectSimulation
+
+    @property
+    def coefficient(self) -> float:
+        """c of equal balls, N/m^(3/2)."""
+        return self.simulation.packing.law.coefficient
+
+    @property
+    def least_overlap(self) -> float:
+        """The overlap (m, below zero) up to which all balls are apart where they sit on their sites."""
+        largest = max(float(np.max(self.simulation.deviations(index))) for index in range(self.simulation.samples))
+        return -largest * _unit_of_length(self.simulation.packing)
+
+    def _mean(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
+        values = np.asarray(overlap, float)
+        different, where = np.unique(values, return_inverse=True)
+        means = [np.mean([of(one) for one in self._samples(value)]) for value in different.tolist()]
+        return np.array(means)[where].reshape(values.shape)[()]
+
+    def _samples(self, overlap: float) -> tuple[Sample, ...]:
+        kept = self._kept
+        if overlap not in kept:
+            kept[overlap] = self.simulation.at_overlap(overlap).samples
+        return kept[overlap]
+
+    @cached_property
+    def _kept(self) -> dict[float, tuple[Sample, ...]]:
+        return {}
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Energy of a contact, J."""
+        return self._mean(overlap, lambda sample: sample.energy)
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """f, N."""
+        return self._mean(overlap, lambda sample: sample.force)
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """df/d(delta), N/m."""
+        return self._mean(overlap, lambda sample: sample.normal_stiffness)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """d^2f/d(delta)^2, N/m^2."""
+        return self._mean(overlap, lambda sample: sample.stiffness_slope)
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f over the balls."""
+        return self._mean(overlap, lambda sample: sample.force_fluctuation)
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """The part of the contacts that carries load."""
+        return self._mean(overlap, lambda sample: sample.contact_fraction())
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta at a mean contact force, m."""
+        return self.simulation.at_force(force).overlap
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedState(ContactState):
+    """The contacts of simulated samples: means over the samples, and the samples themselves.
+
+    At given force or pressure every sample bears the same, and overlaps are averaged; at given overlap forces are. In both
+    cases ``normal_stiffness`` is the exact derivative of one mean by the other.
+
+    Attributes
+    ----------
+    samples : one for each load (in C order) and, running fastest, each sample.
+    """
+
+    units = {**ContactState.units, "contact_force_fluctuation": "1"}
+
+    law: HertzLaw | SampleLaw = field(repr=False)
+    samples: tuple[Sample, ...] = field(default=(), repr=False)
+
+    def __getitem__(self, index: Any) -> SimulatedState:
+        """The state at some of the loads, as arrays are indexed."""
+        samples = tuple(self._table[index].ravel().tolist())
+        f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
+        return SimulatedState(self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, samples)
+
+    @property
+    def _table(self) -> NDArray[Any]:
+        """(*loads, samples)."""
+        table = np.empty(len(self.samples), dtype=object)
+        table[:] = self.samples
+        return table.reshape(*self.shape, -1)
+
+    @property
+    def n_samples(self) -> int:
+        """How many samples are averaged."""
+        return len(self.samples) // int(np.prod(self.shape, dtype=int))
+
+    @property
+    def sample(self) -> Any:
+        """The first sample; of several loads an array of them, indexed like the load."""
+        first = self._table[..., 0]
+        return first if self.shape else self.samples[0]
+
+    def over_samples(self, of: Callable[[Sample], ArrayLike]) -> Array:
+        """(*loads, samples, ...): a quantity of every sample."""
+        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
+
+    def standard_error(self, of: str | Callable[[Sample], ArrayLike]) -> Any:
+        """Standard error of the mean over samples of a quantity: the name of one of :class:`Sample`, or a function of it.
+
+        The shape of the load, then that of the quantity. :class:`~granphon.errors.InputError` with one sample alone.
+        """
+        if self.n_samples < 2:
+            raise InputError(
+                message("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
+            )
+        values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
+        return standard_error(values, len(self.shape))[()]
+
+    def _average(self, of: Callable[[Sample], ArrayLike]) -> Any:
+        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
+
+    @property
+    def force_fluctuation(self) -> Any:
+        """Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
+        return self._average(lambda sample: sample.force_fluctuation)
+
+    @property
+    def contact_force_fluctuation(self) -> Any:
+        """rms over single contacts of the difference from the mean force, over the mean."""
+        return self._average(lambda sample: sample.contact_force_fluctuation)
+
+    @property
+    def contact_fraction(self) -> Any:
+        """N_c / 6, the part of the contacts that carry more than 1e-6 of the mean force."""
+        return self._average(lambda sample: sample.contact_fraction())
+
+    @property
+    def stiffness_slope(self) -> Any:
+        """d^2f/d(delta)^2, N/m^2, mean over samples."""
+        return self._average(lambda sample: sample.stiffness_slope)
+
+    @property
+    def elastic_tensor(self) -> Array:
+        """(..., 3, 3) Pa, Voigt order xx, yy, xy: mean over samples of their linear response."""
+        return np.asarray(self._average(lambda sample: sample.elasticity.tensor))
+
+    @property
+    def elastic_slope(self) -> Array:
+        """(..., 3, 3) Pa/m: derivative of the elastic tensor by the overlap, mean over samples."""
+        return np.asarray(self._average(lambda sample: sample.elasticity.slope))
+
+    @property
+    def least_valid_force(self) -> float:
+        """0: the simulation holds at every load at which it finds an equilibrium."""
+        return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DirectSimulation:
+    """Samples of the packing, ball by ball, at rest under load.
+
+    Parameters
+    ----------
+    packing : the balls, on the triangular lattice.
+    shape : (L1, L2) balls of a periodic sample, along a1 and a2 of the cell.
+    seed : of the first sample; the next ones have the next seeds. Diameters are the same on any machine.
+    samples : how many are averaged.
+    diameters : (L1, L2) m, instead of a shape and a seed: one sample of just these balls. They are shifted to have the
+        packing's diameter as their mean; a packing without a spread takes theirs.
+    executor : any that follows :class:`concurrent.futures.Executor`, for samples side by side.
+    workers : threads for each Fourier transform. Neither changes the numbers.
+
+    Raises
+    ------
+    InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples.
+
+    ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.errors.InputError` for a load that
+    is not finite or not compressive, and for an overlap at which a sample carries no load (near and below the rigidity
+    threshold a* = 0.343), and :class:`~granphon.errors.ConvergenceError` where no equilibrium is found.
+    """
+
+    name = "simulation"
+
+    packing: Packing
+    shape: tuple[int, int] = (128, 128)
+    seed: int = 0
+    samples: int = 1
+    diameters: Array | None = None
+    executor: Executor | None = field(default=None, compare=False, repr=False)
+    workers: int = field(default=1, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.packing, Packing):
+            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        if self.packing.structure != TRIANGULAR:
+            raise InputError(
+                message(
+                    f"the {self.packing.structure.name} lattice is not simulated",
+                    "Without friction, only the triangular lattice holds its shape",
+                    "Use another medium, or the triangular lattice",
+                )
+            )
+        if self.diameters is None:
+            shape = tuple(_whole("shape", length, 1) for length in _pair(self.shape))
+            object.__setattr__(self, "shape", shape)
+        else:
+            self._take(self.diameters)
+        object.__setattr__(self, "seed", _whole("seed", self.seed, 0))
+        object.__setattr__(self, "samples", _whole("samples", self.samples, 1))
+        _whole("workers", self.workers, 1)
+        if self.diameters is not None and self.samples > 1:
+            raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, DirectSimulation):
+            return NotImplemented
+        return self._key == other._key and bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        """All that determines the numbers, but for given diameters."""
+        return self.packing, self.shape, self.seed, self.samples, self.diameters is None
+
+    def _take(self, diameters: ArrayLike) -> None:
+        """Given diameters: their shape, and their spread if the packing has none."""
+        try:
+            array = read_only(diameters, float)
+        except (TypeError, ValueError):
+            array = np.array(math.nan)
+        if array.ndim != 2 or not array.size or not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
+            raise InputError(message("diameters must be an array (L1, L2) of finite numbers above zero (m)"))
+        packing = self.packing
+        if packing.spread is None:
+            off = array - np.mean(array)
+            shifted = packing.diameter + off
+            if np.any(off):
+                # the mean of the list, which its own rounding may move, is the packing's
+                spread = Measured(tuple(shifted.ravel().tolist()))
+                packing = replace(packing, spread=spread, diameter=spread.mean)
+        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "diameters", array)
+        object.__setattr__(self, "shape", array.shape)
+
+    @cached_property
+    def law(self) -> HertzLaw | SampleLaw:
+        """Mean force against overlap; Hertz's law for equal balls."""
+        return SampleLaw(replace(self, executor=None)) if self.packing.width else self.packing.law
+
+    def deviations(self, index: int) -> Array:
+        """(L1, L2) x = Delta/W of a sample, of mean zero."""
+        packing = self.packing
+        if packing.spread is None:
+            return np.zeros(self.shape)
+        given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
+        # twice: the mean of what is left is then zero to its own rounding
+        off = given - np.mean(given)
+        return np.asarray((off - np.mean(off)) / _unit_of_length(packing))
+
+    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
+        """State at the mean contact force f, N, of every sample."""
+        load = compressive("force", force)
+        wanted = [Load(force=one) for one in (load / self._unit_of_force).ravel().tolist()]
+        return self._state(wanted, load.shape, finite_overlap, force=load)
+
+    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
+        """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
+        delta = finite("overlap", overlap) if self.packing.width else compressive("overlap", overlap)
+        wanted = [Load(overlap=one) for one in (delta / _unit_of_length(self.packing)).ravel().tolist()]
+        return self._state(wanted, delta.shape, finite_overlap, overlap=delta)
+
+    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
+        """State at the force per length P, N/m: P d = sqrt(3) f, or P a = sqrt(3) f if the boundary follows the balls."""
+        slope = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
+        force, slope = slope * self.packing.diameter, slope * (_unit_of_length(self.packing) if finite_overlap else 0.0)
+        wanted = [Load(None, *one) for one in zip(force.ravel().tolist(), slope.ravel().tolist(), strict=True)]
+        return self._state(wanted, force.shape, finite_overlap)
+
+    @property
+    def _unit_of_force(self) -> float:
+        return float(self.packing.law.force(_unit_of_length(self.packing)))
+
+    def _state(
+        self,
+        loads: Sequence[Load],
+        shape: tuple[int, ...],
+        finite_overlap: bool,
+        force: Array | None = None,
+        overlap: Array | None = None,
+    ) -> SimulatedState:
+        """The state of all samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
+        # from the highest load down, each from the one above; the result does not depend on where it began
+        order = sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
+        descending = [loads[i] for i in order]
+        jobs = [(self.deviations(index), descending, self.workers) for index in range(self.samples)]
+        if self.executor is None:
+            found = [_equilibria(*job) for job in jobs]
+        else:
+            found = [future.result() for future in [self.executor.submit(_equilibria, *job) for job in jobs]]
+        seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
+        samples = [
+            Sample(self.packing, seed, column[place])
+            for place in np.argsort(order).tolist()
+            for seed, column in zip(seeds, found, strict=True)
+        ]
+        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*shape, self.samples, 3)
+        forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
+        # the exact derivative of the means: at common spacing stiffnesses add up, at common force compliances
+        k = np.mean(stiffnesses, axis=-1) if overlap is not None else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        f = np.mean(forces, axis=-1) if force is None else force
+        delta = np.mean(overlaps, axis=-1) if overlap is None else overlap
+        return SimulatedState(
+            self.packing, self.name, self.law, f[()], delta[()], k[()], bool(finite_overlap), tuple(samples)
+        )  # fmt: skip
+
+
+def _equilibria(deviations: Array, loads: Sequence[Load], workers: int) -> list[Equilibrium]:
+    """One sample under all loads, each found from the one before."""
+    deviations = read_only(deviations)  # one array for all of them
+    stencils, out = Stencils(deviations.shape, workers=workers), list[Equilibrium]()
+    for load in loads:
+        out.append(equilibrate(deviations, load, stencils, out[-1] if out else None))
+        _ = out[-1].stiffness  # needed by every state; here, so that it is worked out side by side
+    return out
+
+
+def _pair(shape: Any) -> tuple[Any, Any]:
+    try:
+        first, second = shape
+    except (TypeError, ValueError):
+        raise InputError(message(f"shape is {shape!r}", mend="Give two whole numbers, (L1, L2)")) from None
+    return first, second
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise InputError(message(f"{name} is {value!r}", f"It must be a whole number, {least} or more"))
+    return int(value)
