@@ -25,7 +25,7 @@ from granphon.errors import ConvergenceError, InputError, message
 from granphon.results import Result
 from granphon.stencils import Motion, Stencils, dot
 
-__all__ = ["TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response"]
+__all__ = ["TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response", "uniform_part"]
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
@@ -33,9 +33,13 @@ TOLERANCE = 1e-10
 #: f* below which a sample with open contacts is said to carry no load: it is at its rigidity threshold to 1e-5 W, or below
 LEAST_FORCE = 1e-8
 #: steps of Newton's method, and of conjugate gradients in each
-_NEWTON, _CONJUGATE = 400, 3000
+_NEWTON, _CONJUGATE = 1000, 3000
+#: f* below which an equilibrium at given force is approached from ten times the force
+_EASY = 1e-2
 #: a load is met within this part of it
 _ROUNDING = 1e-15
+#: part of a tension that rounding may leave unbalanced
+_NOISE = 1e-14
 #: stiffness that is lent to all contacts, as a part of the mean one and of the distance from equilibrium: where many are
 #: open the rest is no solid, and a step would have no end
 _LENT = 1e-2
@@ -124,7 +128,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """(3, L1, L2): change of the contacts' overlaps with y; worked out anew at each call."""
         stiffness = self.stiffnesses
-        balls = linear_response(self.stencils, stiffness, stiffness - np.mean(stiffness))
+        balls = linear_response(self.stencils, stiffness, stiffness - uniform_part(stiffness))
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -141,6 +145,15 @@ class Equilibrium(Result):
     def stiffness_slope(self) -> float:
         """d^2f*/dy^2: by the (2n + 1)-theorem the third derivative of the energy needs the first response only."""
         return self._derivatives[1]
+
+
+def uniform_part(stiffness: Array) -> float:
+    """What may be taken from the stiffness of every contact under a uniform strain, as uniform tension moves nothing.
+
+    The mean, where all contacts are closed and nearly alike, so that no digits are lost. Not where some are open: what
+    rounding leaves of it would then pull at balls that nothing holds.
+    """
+    return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
 def _pair_means(deviations: Array, stencils: Stencils) -> Array:
@@ -180,14 +193,24 @@ def equilibrate(
 
     Raises
     ------
-    InputError : at this overlap the sample carries no load.
+    InputError : at this overlap the sample carries no load; or a force below f* = 1e-8.
     ConvergenceError : the tolerance is not reached; says what is.
     """
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
     means = _pair_means(deviations, stencils)
+    if start is None and free and load.force < _EASY and np.ptp(deviations):
+        if load.force < LEAST_FORCE:
+            raise InputError(
+                message(
+                    f"a mean contact force of f* = {load.force:.3g} is below {LEAST_FORCE:g}",
+                    "There a sample is at its rigidity threshold, and what holds it is not found",
+                    "Raise the load",
+                )
+            )
+        start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     if start is None:
-        y = load.overlap if load.overlap is not None else max(load.force, LEAST_FORCE) ** (2.0 / 3.0)
+        y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
     contacts = means.size
@@ -200,7 +223,8 @@ def equilibrate(
         force = common + mean
         pull = stencils.forces(excess)
         push = ((load.force - load.slope * y) - common) - mean if free else 0.0
-        push *= abs(push) > _ROUNDING * force
+        # near the rigidity threshold overlaps are so small that y itself is not fine enough for the load
+        push *= abs(push) > _ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
         scale = min(force, float(np.std(excess)))
         if not free and force < LEAST_FORCE and not np.all(root):
@@ -278,7 +302,9 @@ def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Arr
     :class:`ConvergenceError` if conjugate gradients do not get there.
     """
     force = Motion(stencils.forces(tension), 0.0)
-    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE)[0].balls
+    # a tension that is balanced by itself but for rounding moves nothing
+    floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
+    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE, floor=floor)[0].balls
 
 
 def _conjugate_gradients(
@@ -288,10 +314,12 @@ def _conjugate_gradients(
     reduction: float,
     spring: float | None = None,
     most: int | None = None,
+    floor: float = 0.0,
 ) -> tuple[Motion, int]:
     """Solve C^T K C u = ``force`` until the error of the energy norm has fallen by about ``reduction``; and the steps taken.
 
-    With ``spring`` the compression moves too, held by this stiffness. Motions that cost nothing are left alone. More than
+    ``floor`` is a square of that norm which is only rounding. With ``spring`` the compression moves too, held by this
+    stiffness. Motions that cost nothing are left alone. More than
     ``most`` steps raise :class:`ConvergenceError`; without it the iteration ends, and Newton's method goes on from there.
     """
     contacts = stencils.n_contacts * stiffness[0].size
@@ -305,7 +333,7 @@ def _conjugate_gradients(
     product = first = dot(left, better) + held * press * press
     inner[...] = better
     squeeze, count = held * press, 0
-    while product > reduction**2 * first:
+    while product > max(reduction**2 * first, floor):
         if count == (most or _CONJUGATE):
             if most is None:
                 break
@@ -313,6 +341,8 @@ def _conjugate_gradients(
         stencils.wrap(way)
         change, pull, energy = stencils.product(stiffness, way, squeeze, out)
         energy += (spring or 0.0) * squeeze * squeeze
+        if energy <= 0.0:  # nothing but rounding is left
+            break
         length = product / energy
         for rows in stencils.blocks():
             balls[:, rows] += length * inner[:, rows]

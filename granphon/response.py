@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.equilibrium import Equilibrium, linear_response
+from granphon.equilibrium import Equilibrium, linear_response, uniform_part
 from granphon.geometry import TRIANGULAR
 from granphon.stencils import Motion, Stencils, dot
 
@@ -50,8 +50,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Elasticity:
     normal = state.stiffnesses
     stiffness, changes = stencils.weights(normal), stencils.weights(state.stiffness_slopes * state.response())
     affine = np.concatenate(_strained()[: 1 + (mindlin_ratio > 0.0)], axis=1)[..., None, None]
-    # uniform tension moves nothing: without its mean no digits are lost where contacts are nearly alike
-    means = stencils.weights(np.full((3, 1, 1), np.mean(normal)))
+    means = stencils.weights(np.full((3, 1, 1), uniform_part(normal)))
     motions = [linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
     area = TRIANGULAR.area * state.deviations.size
