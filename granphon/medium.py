@@ -25,7 +25,6 @@ from granphon.laws import AveragedLaw
 from granphon.local_field import LocalField, local_field, paper_local_field
 from granphon.packing import Packing
 from granphon.results import Result
-from granphon.shapes import PointShape
 from granphon.units import Units
 
 __all__ = ["AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium"]
@@ -33,10 +32,6 @@ __all__ = ["AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium"
 Array = NDArray[np.float64]
 #: scalar in, scalar out; array in, array out
 Values = Any
-#: more different diameters than this are condensed to as many or fewer before the effective medium is solved
-MOST_SPECIES = 64
-#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
-_MUCH = math.sqrt(10.0)
 
 
 class ContactLaw(Protocol):
@@ -82,6 +77,8 @@ class ContactLaw(Protocol):
 
 
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
+#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
+_MUCH = math.sqrt(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -375,10 +372,9 @@ class AveragedForce(_ByLaw):
 class EffectiveMedium(_ByLaw):
     """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
 
-    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, or, of lists with kinds
-    rarer than about 1 %, from where doubles hold the solution. Each pair of listed diameters puts a kink into the law,
-    which is resolved; of more than 64 diameters, like ones are put together (k to a few parts in a thousand where the
-    medium is valid, less than by what one lot of so many balls differs from another).
+    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, to 1e-8 or better in force
+    and stiffness from 1e-4 on. Each pair of listed diameters puts a kink into the law, which is resolved. Of some lists
+    with kinds rarer than about 1 % the stiffness falls to zero at a higher f*, and the equation has no solution below.
 
     Parameters
     ----------
@@ -417,11 +413,8 @@ class EffectiveMedium(_ByLaw):
 
     @property
     def _law(self) -> Law:
-        spread = self.packing.spread
-        if spread is None:
-            return self.packing.law
-        shape = spread.shape.condensed(MOST_SPECIES) if isinstance(spread.shape, PointShape) else spread.shape
-        return EffectiveLaw(self.packing.law.coefficient, spread.width, shape, self.local_field.xi)
+        spread, law = self.packing.spread, self.packing.law
+        return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi) if spread else law
 
 
 def _scalars(values: Any) -> Values:

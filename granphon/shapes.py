@@ -253,11 +253,6 @@ class PointShape(Shape):
         """The first and the last position."""
         return self.positions[0], self.positions[-1]
 
-    def condensed(self, most: int) -> PointShape:
-        """The same, or a like shape of at most ``most`` positions: see :func:`condensed`."""
-        x, w = condensed(*self._points, most)
-        return PointShape(tuple(x.tolist()), tuple(w.tolist()))
-
     @cached_property
     def _points(self) -> tuple[Array, Array]:
         return np.array(self.positions), np.array(self.weights)

@@ -17,7 +17,7 @@ PACKAGE = Path(granphon.__file__).parent
 ORDER = [
     "errors", "units", "results", "progress", "files", "quantities", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
-    "local_field", "laws", "effective", "branches", "medium",
+    "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "medium",
     "stencils", "equilibrium", "response", "simulation", "cost", "ladder", "observables",
     "calculator", "spectra", "bridge", "phonons",
     "tasks", "archive", "sweeps", "measurements", "velocity_model", "fit",

@@ -23,6 +23,8 @@ from granphon.shapes import NormalShape, Shape, UniformShape
 XI = local_field(mindlin_ratio=0.84).xi
 SHAPES: dict[str, Shape] = {"uniform": UniformShape(), "normal": NormalShape(3.0)}
 LOADS = 200_000
+#: numbers of diameters
+LOTS = (16, 64, 100)
 #: f* at the lower end of the integration
 LEAST = 1e-4
 
@@ -78,6 +80,20 @@ def curves(repeats: int) -> dict[str, dict[str, float]]:
     return results
 
 
+def lots(repeats: int) -> dict[str, dict[str, float]]:
+    """A cold solution for random lots of balls, each diameter another, against that of the uniform spread."""
+    results = {}
+    for n in LOTS:
+        shape = gp.Measured(tuple(8e-3 + 1e-6 * np.random.default_rng(n).normal(size=n))).shape
+        calls: dict[str, Callable[[], object]] = {
+            "lot": lambda shape=shape: cold(shape), "uniform": lambda: cold(SHAPES["uniform"]),
+        }  # fmt: skip
+        seconds = alternate(repeats, **calls)
+        results[str(n)] = {"lot_s": seconds["lot"], "uniform_s": seconds["uniform"],
+                           "ratio": seconds["lot"] / seconds["uniform"]}  # fmt: skip
+    return results
+
+
 def printed(y: np.ndarray) -> np.ndarray:
     """The averaged force of the uniform distribution in powers, as one would type it: loses digits at large y."""
     sides = (np.maximum(y + s, 0.0) ** 3.5 for s in (0.5, 0.0, -0.5))
@@ -103,4 +119,4 @@ def loads(repeats: int) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    report("Benchmarks of the effective medium", {"curves": curves, "loads": loads})
+    report("Benchmarks of the effective medium", {"curves": curves, "lots": lots, "loads": loads})
