@@ -288,7 +288,7 @@ class SimulatedState(ContactState):
 
     @property
     def _table(self) -> NDArray[Any]:
-        """(*loads, samples)."""
+        """The samples by load and index."""
         table = np.empty(len(self.samples), dtype=object)
         table[:] = self.samples
         return table.reshape(*self.shape, -1)
@@ -305,7 +305,7 @@ class SimulatedState(ContactState):
         return first if self.shape else self.samples[0]
 
     def over_samples(self, of: Callable[[Sample], ArrayLike]) -> Array:
-        """(*loads, samples, ...): a quantity of every sample."""
+        """A quantity of every sample: the axes of the load, that of the samples, those of the quantity."""
         values = np.array([np.asarray(of(sample)) for sample in self.samples])
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
