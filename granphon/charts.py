@@ -1,4 +1,4 @@
-"""Figures over load: sweeps of many states, and fits to measured velocities.
+"""Figures over load: sweeps of many states, and fits to measured velocities; and the force chains of a simulated sample.
 
 As in :mod:`granphon.plot`, whose style they share, every function draws on an Axes and returns it, and matplotlib's global
 state is left alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is dashed.
@@ -13,7 +13,8 @@ import matplotlib
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
@@ -21,13 +22,18 @@ from numpy.typing import NDArray
 
 from granphon.errors import InputError, message
 from granphon.fit import WidthFit
+from granphon.geometry import TRIANGULAR
 from granphon.plot import STYLE
+from granphon.simulation import Sample, SimulatedState
 from granphon.units import prefixed
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["fit_figure", "plot_exponent", "plot_fit", "plot_sweep", "sweep_figure"]
+__all__ = [
+    "fit_figure", "forces_figure", "plot_exponent", "plot_fit", "plot_force_distribution", "plot_forces", "plot_sweep",
+    "sweep_figure",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: told apart by every eye, and in grey
@@ -280,4 +286,112 @@ def fit_figure(fit: WidthFit) -> Figure:
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
         axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="upper left")
+    return figure
+
+
+# -- force chains ---------------------------------------------------------------------------------------------------
+
+#: light for contacts that carry little, dark for those that carry much, uniform to every eye
+_CHAINS = matplotlib.colormaps["cividis_r"]
+#: width of the line of a contact with the mean force: in diameters, but no more than so many points
+_WIDTH, _WIDEST = 0.15, 1.5
+#: balls are outlined in samples of no more
+_OUTLINED = 400
+
+
+def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
+    """Draw the contact forces of a sample: a line from site to site, as wide and as dark as f/<f>; strong ones on top.
+
+    Rows of the periodic array are moved by whole periods to fill a rectangle. A contact across its edge is drawn on both
+    sides, and cut off there. Contacts that carry nothing are left out; small samples show their balls. Axes are in mean
+    diameters: displacements, of the order of the spread, would not be seen.
+
+    ``ax``: of a new figure, one column wide, if it is not given.
+    """
+    if ax is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_forces(sample, Figure((3.4, _height(sample)), dpi=300, layout="constrained").subplots())
+    figure: Any = ax.get_figure()
+    rows, columns = sample.equilibrium.deviations.shape
+    sites, step = _sites(rows, columns), float(TRIANGULAR.vectors[1, 1])
+    segments, forces = _lines_of(sites, np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1))
+    # of a diameter on paper, as near as is known before the layout
+    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / [rows, step * columns]))
+    if rows * columns <= _OUTLINED:
+        size, style = np.ones(rows * columns), {"facecolors": "none", "edgecolors": "0.7", "linewidths": 0.4}
+        place: dict[str, Any] = {"offsets": sites.reshape(-1, 2), "offset_transform": ax.transData, "gid": "balls"}
+        ax.add_collection(EllipseCollection(size, size, 0.0 * size, units="xy", **style, **place), autolim=False)
+    chains = LineCollection(list(segments), array=forces, cmap=_CHAINS, norm=Normalize(0.0, float(forces[-1])), gid="forces")
+    chains.set(linewidths=min(_WIDTH * points, _WIDEST) * forces, capstyle="round")
+    ax.add_collection(chains, autolim=False)
+    ax.set(xlim=(-0.25, rows - 0.25), ylim=(-0.5 * step, (columns - 0.5) * step), aspect="equal")
+    ax.set(xlabel="$x/d$", ylabel="$y/d$", title=_load_of(sample))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+    figure.colorbar(chains, ax=ax, location="bottom", aspect=40, pad=0.02, label="Contact force over its mean")
+    return ax
+
+
+def _height(sample: Sample) -> float:
+    """Of a figure, in inches, with the array 2.9 inches wide."""
+    rows, columns = sample.equilibrium.deviations.shape
+    return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
+
+
+def _sites(rows: int, columns: int) -> Array:
+    """(rows, columns, 2) p a1 + q a2, in diameters, moved by whole periods of a1 into a rectangle."""
+    index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
+    sites = np.asarray(index @ TRIANGULAR.vectors)
+    sites[..., 0] = np.mod(sites[..., 0], rows)
+    return sites
+
+
+def _lines_of(sites: Array, forces: Array) -> tuple[Array, Array]:
+    """(n, 2, 2) lines and (n,) forces, rising, of contacts that carry any; across an edge one at each of the two balls."""
+    table = TRIANGULAR.contacts
+    others = np.stack([np.roll(sites, (-p, -q), (0, 1)) for p, q in table.shift.tolist()], axis=2)
+    way, own = np.broadcast_to(table.normal, others.shape), np.broadcast_to(sites[:, :, None], others.shape)
+    lines = np.stack([np.stack([own, own + way], axis=-2), np.stack([others - way, others], axis=-2)])
+    shown = np.stack([forces > 0.0, (forces > 0.0) & (np.linalg.norm(others - own - way, axis=-1) > 0.5)])
+    values = np.stack([forces, forces])[shown]
+    order = np.argsort(values, kind="stable")
+    return lines[shown][order], values[order]
+
+
+def _load_of(sample: Sample) -> str:
+    """f*, a* (of equal balls the force), and N_c."""
+    state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
+    if not sample.packing.width:
+        return f"$f$ = {sample.force:.4g} N, {contacts}"
+    return f"$f^*$ = {state.force:.3g}, $a^*$ = {state.overlap + 0.5:.4g}, {contacts}"
+
+
+def plot_force_distribution(state: SimulatedState, ax: Axes) -> Axes:
+    """Draw the probability density of f/<f> over the contacts that carry load, mean over the samples, on a log scale.
+
+    Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.errors.InputError` for several loads.
+    """
+    _ = state.scales  # one load only
+    largest = max(float(np.max(sample.equilibrium.forces)) / sample.equilibrium.force for sample in state.samples)
+    bins = int(np.clip(4.0 * largest / max(state.contact_force_fluctuation, 0.01), 20, 400))
+    found = [sample.force_distribution(bins, largest * (1.0 + 0.5 / bins)) for sample in state.samples]
+    edges, density = found[0][0], np.mean([each for _, each in found], axis=0)
+    first, last = np.flatnonzero(density)[[0, -1]].tolist()
+    ax.stairs(density[first : last + 1], edges[first : last + 2], baseline=None, color=_COLOURS[0], gid="density")
+    ax.axvline(1.0, color=_GREY, linewidth=0.6, zorder=0.5)
+    ax.set(yscale="log", xlabel="Contact force over its mean", ylabel="Probability density")
+    return ax
+
+
+def forces_figure(state: SimulatedState) -> Figure:
+    """Force chains of the first sample, and beside them the distribution of forces in all; two columns wide.
+
+    See :func:`plot_forces` and :func:`plot_force_distribution`. :class:`~granphon.errors.InputError` for several loads.
+    """
+    _ = state.scales  # one load only
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.0, _height(state.sample)), dpi=300, layout="constrained")
+        left, right = figure.subplots(1, 2)
+        plot_forces(state.sample, left)
+        plot_force_distribution(state, right)
     return figure

@@ -15,6 +15,7 @@ import granphon as gp
 from granphon import charts
 from granphon.errors import InputError
 from granphon.fit import fit_width
+from granphon.geometry import TRIANGULAR
 from granphon.medium import EffectiveMedium
 from granphon.observables import pulse_velocities, sound_velocities
 from granphon.sweeps import sweep
@@ -195,6 +196,115 @@ def test_exact_data_have_a_figure_too(tmp_path):
     figure = charts.fit_figure(fit_width(PACKING, force, exact))
     figure.savefig(tmp_path / "fit.png")
     assert texts(figure.axes[0].get_legend())[1] == "ema: W = 2.040000 ± 0.000000 µm"
+
+
+# -- force chains ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Near the threshold: many contacts are open."""
+    return gp.DirectSimulation(PACKING, (12, 10), seed=3, samples=3).at_overlap(2.04e-6 * (0.45 - 0.5))
+
+
+def chains(ax):
+    """Segments (n, 2, 2), forces and widths of the contacts drawn."""
+    (lines,) = [c for c in ax.collections if c.get_gid() == "forces"]
+    return np.array(lines.get_segments()), np.asarray(lines.get_array()), np.asarray(lines.get_linewidths())
+
+
+def wrapped(places, shape):
+    """The cell (p, q) of each place, which must be a site."""
+    cells = places @ np.linalg.inv(TRIANGULAR.vectors)
+    assert_allclose(cells, np.round(cells), atol=1e-9)
+    return np.mod(np.round(cells).astype(int), shape)
+
+
+def test_every_contact_that_carries_load_is_a_line_between_its_balls(simulated, ax):
+    sample = simulated.sample
+    assert charts.plot_forces(sample, ax) is ax
+    segments, values, widths = chains(ax)
+    forces = sample.contact_forces / sample.force
+    starts, ways = wrapped(segments[:, 0], (12, 10)), segments[:, 1] - segments[:, 0]
+    kinds = np.argmax(ways @ TRIANGULAR.contacts.normal.T, axis=1)
+    assert_allclose(ways, TRIANGULAR.contacts.normal[kinds], atol=1e-12)
+    # each line has the force of its contact, and every closed contact has one line, or two if it crosses an edge
+    assert_allclose(values, forces[starts[:, 0], starts[:, 1], kinds], rtol=1e-12)
+    contacts, lines = np.unique(np.column_stack([starts, kinds]), axis=0, return_counts=True)
+    assert len(contacts) == np.count_nonzero(forces) < 0.8 * forces.size
+    assert set(lines.tolist()) == {1, 2}
+    assert_allclose(widths / values, widths[0] / values[0], rtol=1e-12)
+    assert np.all(np.diff(values) >= 0.0)  # the strong on top
+
+
+def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
+    segments, _, _ = chains(charts.plot_forces(simulated.sample, ax))
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    height = 10 * np.sqrt(0.75)
+    assert (right - left, top - bottom) == pytest.approx((12.0, height))
+    inside = np.all((segments > [left, bottom]) & (segments < [right, top]), axis=2)
+    assert np.all(np.any(inside, axis=1))  # nothing is drawn wholly outside
+    middles = segments[~np.all(inside, axis=1)].mean(axis=1)
+    # of the two lines of a contact one is the other moved by a period: (12, 0), or (-5, 10 sqrt(3)/2), or both
+    periods = np.array([(12.0, 0.0), (-5.0, height), (7.0, height), (-17.0, height)])
+    moved = (middles[:, None, None] + np.concatenate([periods, -periods])[:, None])[:, :, 0]
+    apart = np.linalg.norm(moved[:, :, None] - middles, axis=-1)
+    assert np.all(np.sum(apart < 1e-9, axis=(1, 2)) == 1)
+    assert len(middles) > 20
+
+
+def test_the_map_says_what_it_shows(simulated):
+    ax = charts.plot_forces(simulated.sample)
+    state, figure = simulated.sample.equilibrium, ax.get_figure()
+    assert ax.get_title() == f"$f^*$ = {state.force:.3g}, $a^*$ = 0.45, $N_c$ = {simulated.sample.contact_fraction():.3f}"
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("$x/d$", "$y/d$", 1.0)
+    assert figure.axes[1].get_xlabel() == "Contact force over its mean"
+    assert figure.axes[1].get_xlim() == pytest.approx((0.0, chains(ax)[1].max()))
+    assert figure.get_size_inches()[0] == 3.4
+    assert len([c for c in ax.collections if c.get_gid() == "balls"]) == 1
+    many = charts.plot_forces(gp.DirectSimulation(PACKING, (40, 40)).at_force(20.0).sample)
+    assert [c.get_gid() for c in many.collections] == ["forces"]
+
+
+def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated, ax):
+    charts.plot_force_distribution(simulated, ax)
+    (steps,) = [p for p in ax.patches if p.get_gid() == "density"]
+    density, edges, _ = steps.get_data()
+    assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)
+    each = [s.contact_forces[s.contact_forces > 1e-6 * s.force] / s.force for s in simulated.samples]
+    expected = [np.histogram(one, edges)[0] / one.size / np.diff(edges) for one in each]
+    assert_allclose(density, np.mean(expected, axis=0), rtol=1e-9)
+    assert edges[-2] < max(one.max() for one in each) < edges[-1]
+    assert np.diff(edges)[0] == pytest.approx(0.25 * simulated.contact_force_fluctuation, rel=0.1)
+    assert ax.get_yscale() == "log"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (8, 5), (7, 40), (40, 7)])
+@pytest.mark.parametrize("packing", [PACKING, gp.Packing(STEEL, 8e-3)], ids=["spread", "equal"])
+def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
+    state = gp.DirectSimulation(packing, shape).at_force(2.0)
+    figure = charts.forces_figure(state)
+    figure.savefig(tmp_path / "forces.png")
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert width == 7.0
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+    (left, right), bar = figure.axes[:2], figure.axes[2]
+    assert right.get_ylabel() == "Probability density"
+    assert bar.get_xlabel() == right.get_xlabel()
+    closed = np.count_nonzero(state.sample.contact_forces)
+    assert len(chains(left)[0]) >= closed
+    if not packing.width:
+        assert left.get_title() == "$f$ = 2 N, $N_c$ = 1.000"
+        assert_allclose(chains(left)[1], 1.0, rtol=1e-12)
+
+
+def test_the_forces_of_several_loads_are_not_one_figure():
+    states = gp.DirectSimulation(PACKING, (4, 4)).at_force([2.0, 3.0])
+    for draw in (charts.forces_figure, lambda state: charts.plot_force_distribution(state, Figure().subplots())):
+        with pytest.raises(InputError, match="2 loads"):
+            draw(states)
 
 
 def test_the_global_state_of_matplotlib_is_left_alone():

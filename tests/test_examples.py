@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from numpy.testing import assert_allclose
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = (
-    "fit_width", "modes_K_M", "paper_figure2", "paper_figure5", "paper_figures6_7_8", "paper_figures9_10_11",
-    "pulse_dispersion", "steel_bands",
+    "conjecture", "fit_width", "force_chains", "modes_K_M", "paper_figure2", "paper_figure5", "paper_figures6_7_8",
+    "paper_figures9_10_11", "pulse_dispersion", "steel_bands",
 )  # fmt: skip
 
 
@@ -60,3 +61,18 @@ def test_the_pulse_figure_starts_at_the_velocities_of_long_waves():
         assert lines[f"longitudinal, {kind}"][1][0] == pytest.approx(790.96, rel=1e-4)
         assert lines[f"transverse, {kind}"][1][0] == pytest.approx(547.51, rel=1e-4)
     assert np.all(lines["longitudinal, group"][1] <= lines["longitudinal, phase"][1])
+
+
+def test_the_points_of_the_simulation_are_in_the_figures_of_the_paper():
+    six, seven, eight = figure_of("paper_figures6_7_8").axes
+    points = [ax.containers[0][0].get_xydata() for ax in (six, seven, eight)]
+    assert_allclose(points[1][:, 0], points[0][:, 0] + 0.343, rtol=1e-12)
+    assert_allclose(points[1][:, 1] ** 1.5, points[0][:, 1], rtol=1e-12)
+    assert_allclose(points[2][:, 0], points[0][:, 1], rtol=1e-12)
+    # the last is at a force where the array is nearly ideal: f* = (a* - 1/2)^(3/2), k* = (3/2) (a* - 1/2)^(1/2)
+    y = points[0][-1, 0] - 0.157
+    assert points[0][-1, 1] == pytest.approx(y**1.5, rel=1e-3)
+    assert points[2][-1, 1] == pytest.approx(np.sqrt(1.5 * np.sqrt(y)), rel=1e-3)
+    for ax in (six, seven, eight):
+        bars = np.concatenate([np.ptp(np.array(c.get_segments())[..., 1], axis=1) for c in ax.containers[0][2][-1:]])
+        assert np.all(bars > 0.0)
