@@ -29,6 +29,8 @@ _WORKING, _TURNING, _KEPT = 450.0, 620.0, 24.0
 #: a* and f* of uniform diameters, between which loads given as overlaps are placed
 _SPACING = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
 _FORCE = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
+#: a linear response over its equilibrium, without and with rotations
+_STILL, _TURNED = 0.8, 1.4
 #: the small sample
 _SHAPE, _AT = (96, 96), 1.0
 
@@ -73,7 +75,7 @@ def estimate(
         return Cost(memory, 0.1 * _second_per_ball() * balls * count, balls, count)
     force = np.maximum(_reduced_force(simulation, kind, loads), _FORCE[0])
     rest = _steps(force)
-    linear = rest * ((1.5 + 0.3 * force**-0.7) if turning else 0.8) if moduli else 0.0
+    linear = rest * (_TURNED if turning else _STILL) if moduli else 0.0
     unit = _second_per_ball() / _steps(np.interp(_AT, _SPACING, _FORCE))
     return Cost(memory, float(np.sum(rest + linear) * unit * balls * simulation.samples), balls, count)
 

@@ -45,6 +45,8 @@ _NOISE = 1e-14
 _LENT = 1e-2
 #: trials of the length of a step
 _SEARCH = 30
+#: times the residual force on a ball, the least that a contact carries: others are far below one, or above a hundred
+_CARRIED = 10.0
 #: relative residual of linear responses: stiffnesses have errors of its square, times the condition of the array
 _RESPONSE = 1e-7
 
@@ -106,14 +108,24 @@ class Equilibrium(Result):
 
     @property
     def stiffnesses(self) -> Array:
-        """(3, L1, L2): those of the contacts, (3/2) h_+^(1/2)."""
-        return 1.5 * np.sqrt(np.maximum(self.overlaps, 0.0))
+        """(3, L1, L2): those of the contacts that carry load, (3/2) h^(1/2); else zero."""
+        return 1.5 * self._roots
 
     @property
     def stiffness_slopes(self) -> Array:
-        """(3, L1, L2): derivatives of the stiffnesses by h, (3/4) h^(-1/2); zero where balls are apart."""
-        root = np.sqrt(np.maximum(self.overlaps, 0.0))
+        """(3, L1, L2): derivatives of the stiffnesses by h, (3/4) h^(-1/2); zero where no load is carried."""
+        root = self._roots
         return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
+
+    @property
+    def _roots(self) -> Array:
+        """h^(1/2) of the contacts that carry load; zero where the force may be what the iteration has left on a ball.
+
+        Balls that nothing holds are left where they touch by a trace of it. Shear springs there would hold them.
+        """
+        overlaps = self.overlaps
+        least = (_CARRIED * self.residual * self.force) ** (2.0 / 3.0)
+        return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
 
     @property
     def force(self) -> float:
@@ -199,17 +211,18 @@ def equilibrate(
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
     means = _pair_means(deviations, stencils)
-    if start is None and free and load.force < _EASY and np.ptp(deviations):
-        if load.force < LEAST_FORCE:
-            raise InputError(
-                message(
-                    f"a mean contact force of f* = {load.force:.3g} is below {LEAST_FORCE:g}",
-                    "There a sample is at its rigidity threshold, and what holds it is not found",
-                    "Raise the load",
-                )
+    equal = not np.ptp(deviations)
+    if free and load.force < LEAST_FORCE and not equal:
+        raise InputError(
+            message(
+                f"a mean contact force of f* = {load.force:.3g} is below {LEAST_FORCE:g}",
+                "There a sample is at its rigidity threshold, and what holds it is not found",
+                "Raise the load",
             )
+        )
+    if start is None and free and load.force < _EASY and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
-    if start is None:
+    if start is None or equal:  # Hertz's law, from which equal balls do not differ
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0

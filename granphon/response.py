@@ -43,8 +43,8 @@ def _strained() -> tuple[Array, Array]:
 def elasticity(state: Equilibrium, mindlin_ratio: float) -> Elasticity:
     """The elastic tensor of the sample with shear springs eta k at every contact that carries load.
 
-    The slope takes it that the springs change along the sample's own equilibria. As both are variational, an error of the
-    linear response enters them squared. :class:`~granphon.errors.ConvergenceError` if that is not found.
+    The slope takes it that the springs change along the sample's own equilibria. An error of the linear response enters the
+    tensor squared, and the slope once. :class:`~granphon.errors.ConvergenceError` if that is not found.
     """
     stencils = Stencils(state.deviations.shape, mindlin_ratio, state.stencils.workers)
     normal = state.stiffnesses

@@ -23,7 +23,7 @@ from granphon.diameters import Measured
 from granphon.equilibrium import Equilibrium, Load, equilibrate
 from granphon.errors import InputError, message
 from granphon.geometry import BALL, TRIANGULAR
-from granphon.medium import ContactState, compressive, finite
+from granphon.medium import AveragedLattice, ContactState, compressive, finite
 from granphon.packing import Packing
 from granphon.response import Elasticity, elasticity
 from granphon.results import Result, read_only
@@ -380,8 +380,9 @@ class DirectSimulation:
     InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.errors.InputError` for a load that
-    is not finite or not compressive, and for an overlap at which a sample carries no load (near and below the rigidity
-    threshold a* = 0.343), and :class:`~granphon.errors.ConvergenceError` where no equilibrium is found.
+    is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
+    carries none (at and below the rigidity threshold a* = 0.343); and :class:`~granphon.errors.ConvergenceError` where no
+    equilibrium is found.
     """
 
     name = "simulation"
@@ -415,6 +416,8 @@ class DirectSimulation:
         _whole("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
+        if self.executor is not None and not hasattr(self.executor, "submit"):
+            raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
@@ -438,15 +441,15 @@ class DirectSimulation:
         if array.ndim != 2 or not array.size or not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
             raise InputError(message("diameters must be an array (L1, L2) of finite numbers above zero (m)"))
         packing = self.packing
-        if packing.spread is None:
-            off = array - np.mean(array)
-            shifted = packing.diameter + off
-            if np.any(off):
-                # the mean of the list, which its own rounding may move, is the packing's
-                spread = Measured(tuple(shifted.ravel().tolist()))
-                packing = replace(packing, spread=spread, diameter=spread.mean)
+        if packing.spread is None and np.ptp(array):
+            # the mean of the list, which its own rounding may move, is the packing's
+            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+            packing = replace(packing, spread=spread, diameter=spread.mean)
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "diameters", array)
+        if tuple(_pair(self.shape)) not in (DirectSimulation.shape, array.shape):
+            what = f"shape is {self.shape!r}, and the diameters have {array.shape}"
+            raise InputError(message(what, "A sample of given balls has their shape", "Leave shape out"))
         object.__setattr__(self, "shape", array.shape)
 
     @cached_property
@@ -464,20 +467,31 @@ class DirectSimulation:
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / _unit_of_length(packing))
 
+    @property
+    def _hertz(self) -> AveragedLattice:
+        """The medium of equal balls, which refuses loads that no balls can bear: beyond its law, or by a whole diameter."""
+        return AveragedLattice(replace(self.packing, spread=None))
+
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the mean contact force f, N, of every sample."""
-        load = compressive("force", force)
+        load = np.asarray(self._hertz.at_force(force).force)
         wanted = [Load(force=one) for one in (load / self._unit_of_force).ravel().tolist()]
         return self._state(wanted, load.shape, finite_overlap, force=load)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
-        delta = finite("overlap", overlap) if self.packing.width else compressive("overlap", overlap)
+        if self.packing.width:
+            delta = finite("overlap", overlap)
+            if np.max(delta) > self.packing.width:
+                self._hertz.at_overlap(float(np.max(delta)))
+        else:
+            delta = np.asarray(self._hertz.at_overlap(overlap).overlap)
         wanted = [Load(overlap=one) for one in (delta / _unit_of_length(self.packing)).ravel().tolist()]
         return self._state(wanted, delta.shape, finite_overlap, overlap=delta)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the force per length P, N/m: P d = sqrt(3) f, or P a = sqrt(3) f if the boundary follows the balls."""
+        self._hertz.at_pressure(pressure, finite_overlap)
         slope = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
         force, slope = slope * self.packing.diameter, slope * (_unit_of_length(self.packing) if finite_overlap else 0.0)
         wanted = [Load(None, *one) for one in zip(force.ravel().tolist(), slope.ravel().tolist(), strict=True)]

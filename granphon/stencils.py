@@ -59,8 +59,7 @@ class Stencils:
         self.basis: Array = table.normal[:2]
         normals = table.normal @ np.linalg.inv(self.basis)
         tangents = table.tangent @ np.linalg.inv(self.basis)
-        turn = (0.5,) if mindlin_ratio else ()
-        still = (0.0,) * len(turn)
+        still = (0.0,) if mindlin_ratio else ()
         #: cells between the balls of each kind of contact
         self.shifts = [(int(a), int(b)) for a, b in table.shift]
         # numbers that are whole but for rounding
@@ -69,7 +68,7 @@ class Stencils:
         if mindlin_ratio:
             for shift, t, arm_i, arm_j in zip(self.shifts, tangents.tolist(), table.arm_i, table.arm_j, strict=True):
                 self._rows.append(_Row(shift, (*t, -float(arm_j)), (*t, float(arm_i))))
-        self.n_fields = 2 + len(turn)
+        self.n_fields = 2 + len(still)
         self.n_contacts = len(table)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -1,0 +1,556 @@
+"""Samples as a medium: the contract of its states, statistics over samples, other spreads, other engines, wrong input."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import math
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import ase.io
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.equilibrium import Load, equilibrate
+from granphon.errors import ConvergenceError, InputError
+from granphon.simulation import SampleLaw, SimulatedState
+
+WIDTH, D = 2.04e-6, 8e-3
+FORCES = np.array([[2.0, 5.0], [18.0, 0.5], [5.0, 50.0]])
+
+
+@pytest.fixture(scope="module")
+def spread(steel):
+    return gp.Packing(steel, D, gp.Uniform(WIDTH))
+
+
+@pytest.fixture(scope="module")
+def medium(spread):
+    return gp.DirectSimulation(spread, (9, 8), seed=5, samples=3)
+
+
+@pytest.fixture(scope="module")
+def states(medium):
+    """Six loads, unsorted, one of them twice, of three samples."""
+    return medium.at_force(FORCES)
+
+
+def unit_of_force(packing):
+    return packing.law.coefficient * WIDTH**1.5
+
+
+# -- equal balls --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 1), (4, 5)], ids=str)
+@pytest.mark.parametrize("force", [1e-12, 5.0, 1e6])
+def test_equal_balls_are_the_averaged_lattice(packing, shape, force):
+    state = gp.DirectSimulation(packing, shape, samples=2).at_force(force)
+    hertz = gp.AveragedLattice(packing).at_force(force)
+    for name in ("force", "overlap", "normal_stiffness", "shear_stiffness", "pressure"):
+        assert getattr(state, name) == pytest.approx(getattr(hertz, name), rel=1e-13)
+    assert state.reduced_force == state.reduced_spacing == math.inf
+    assert (state.force_fluctuation, state.contact_force_fluctuation, state.contact_fraction) == (0.0, 0.0, 1.0)
+    one, other = gp.sound_velocities(state), gp.sound_velocities(hertz)
+    assert (one.longitudinal, one.transverse) == pytest.approx((other.longitudinal, other.transverse), rel=1e-13)
+    assert gp.moduli(state).shear == pytest.approx(gp.moduli(hertz).shear, rel=1e-13)
+    assert gp.local_exponent(state) == pytest.approx(1.0 / 6.0, rel=1e-12)
+    pulses = [gp.pulse_velocities(of, 100.0).group for of in (state, hertz)]
+    np.testing.assert_allclose(pulses[0], pulses[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("none", [None, gp.Uniform(0.0), gp.Discrete((D,), (1.0,))], ids=str)
+def test_a_spread_without_width_is_none(steel, none):
+    packing = gp.Packing(steel, D, none)
+    state = gp.DirectSimulation(packing, (3, 3)).at_overlap([1e-9, 1e-6])
+    np.testing.assert_allclose(state.force, packing.law.force(np.array([1e-9, 1e-6])), rtol=1e-13)
+    with pytest.raises(InputError, match="tensile"):
+        gp.DirectSimulation(packing, (3, 3)).at_overlap(-1e-9)
+
+
+def test_given_equal_diameters_leave_the_packing_as_it_is(packing):
+    medium = gp.DirectSimulation(packing, diameters=np.full((3, 4), 7e-3))
+    assert medium.packing == packing
+    assert medium.at_force(5.0).overlap == pytest.approx(float(packing.law.overlap(5.0)), rel=1e-14)
+
+
+# -- units --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_sample_is_its_equilibrium_in_si(spread):
+    sample = gp.DirectSimulation(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
+    x = (sample.diameters - D) / WIDTH
+    assert np.mean(x) == pytest.approx(0.0, abs=1e-12)
+    reduced = equilibrate(x - np.mean(x), Load(overlap=0.1))
+    force = unit_of_force(spread)
+    assert sample.force == pytest.approx(force * reduced.force, rel=1e-9)
+    assert sample.normal_stiffness == pytest.approx(force / WIDTH * reduced.stiffness, rel=1e-9)
+    assert sample.stiffness_slope == pytest.approx(force / WIDTH**2 * reduced.stiffness_slope, rel=1e-6)
+    assert sample.energy == pytest.approx(force * WIDTH * reduced.energy, rel=1e-9)
+    np.testing.assert_allclose(sample.contact_forces, force * np.moveaxis(reduced.forces, 0, -1), atol=1e-8 * sample.force)
+    # contact by contact in SI, from diameters and displacements: the direction of the last axis
+    u, d = sample.displacements, sample.diameters
+    steps = {0: ((0, 1), (-0.5, math.sqrt(0.75))), 1: ((1, 0), (1.0, 0.0)), 2: ((1, 1), (0.5, math.sqrt(0.75)))}
+    for kind, (step, normal) in steps.items():
+        other_d, other_u = (np.roll(a, (-step[0], -step[1]), (0, 1)) for a in (d, u))
+        h = sample.overlap + 0.5 * (d + other_d) - D - (other_u - u) @ np.array(normal)
+        np.testing.assert_allclose(sample.contact_overlaps[..., kind], h, rtol=0.0, atol=1e-12 * WIDTH + 1e-17)
+        np.testing.assert_allclose(
+            sample.contact_forces[..., kind], spread.law.coefficient * np.maximum(h, 0.0) ** 1.5, atol=1e-6 * sample.force
+        )
+    assert sample.force == pytest.approx(float(np.mean(sample.contact_forces)), rel=1e-13)
+    around = np.zeros((7, 6))
+    for kind, (step, _) in steps.items():
+        around += sample.contact_forces[..., kind] + np.roll(sample.contact_forces[..., kind], step, (0, 1))
+    assert sample.force_fluctuation == pytest.approx(float(np.std(around / 6.0)) / sample.force, rel=1e-12)
+    rms = float(np.std(sample.contact_forces)) / sample.force
+    assert sample.contact_force_fluctuation == pytest.approx(rms, rel=1e-12)
+
+
+def test_length_and_material_are_only_scales(steel):
+    glass = gp.Material(70e9, 0.276, 2500.0)  # of steel's Poisson ratio
+    one = gp.DirectSimulation(gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), (8, 8)).at_overlap(0.3e-6)
+    two = gp.DirectSimulation(gp.Packing(glass, 1e-4, gp.Uniform(4e-9)), (8, 8)).at_overlap(0.6e-9)
+    for name in ("reduced_force", "reduced_spacing", "force_fluctuation", "contact_fraction"):
+        assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
+    moduli = gp.moduli(one), gp.moduli(two)
+    assert moduli[0].shear / moduli[0].bulk == pytest.approx(moduli[1].shear / moduli[1].bulk, rel=1e-8)
+    assert gp.local_exponent(one) == pytest.approx(gp.local_exponent(two), rel=1e-6)
+
+
+# -- the contract of a state --------------------------------------------------------------------------------------------
+
+
+def test_shapes_are_those_of_the_load(medium, states):
+    assert isinstance(states, gp.ContactState)
+    for name in (
+        "force", "pressure", "overlap", "normal_stiffness", "shear_stiffness", "reduced_force", "reduced_spacing", "valid",
+        "force_fluctuation", "contact_force_fluctuation", "contact_fraction", "stiffness_slope", "sample", "regime",
+    ):  # fmt: skip
+        assert np.shape(getattr(states, name)) == FORCES.shape, name
+    assert np.array_equal(states.force, FORCES)
+    assert states.over_samples(lambda sample: sample.force).shape == (3, 2, 3)
+    assert states.elastic_tensor.shape == states.elastic_slope.shape == (3, 2, 3, 3)
+    assert states.standard_error("overlap").shape == (3, 2)
+    assert states.standard_error(lambda sample: sample.elasticity.tensor).shape == (3, 2, 3, 3)
+    assert gp.sound_velocities(states).longitudinal_error.shape == (3, 2)
+    assert gp.moduli(states).shears.shape == (3, 2, 2)
+    assert gp.local_exponent(states).shape == (3, 2)
+    assert gp.pulse_velocities(states, 100.0).group.shape == (2, 3, 2)
+    one = medium.at_force(5.0)
+    for name in ("force", "overlap", "normal_stiffness", "force_fluctuation", "contact_fraction", "stiffness_slope"):
+        assert isinstance(getattr(one, name), float), name
+    assert isinstance(gp.sound_velocities(one).longitudinal_error, float)
+    assert one.sample is one.samples[0]
+    assert one.elastic_tensor.shape == (3, 3)
+
+
+def test_order_and_repetition_of_loads_do_not_matter(medium, states):
+    for index in np.ndindex(FORCES.shape):
+        alone = medium.at_force(FORCES[index])
+        assert states.overlap[index] == pytest.approx(alone.overlap, rel=1e-9)
+        assert states.normal_stiffness[index] == pytest.approx(alone.normal_stiffness, rel=1e-8)
+        assert states[index].force == FORCES[index]
+        np.testing.assert_allclose(
+            states[index].sample.contact_forces, alone.sample.contact_forces, rtol=0.0, atol=1e-8 * FORCES[index]
+        )
+    assert states.overlap[0, 1] == pytest.approx(states.overlap[2, 0], rel=1e-12)
+
+
+def test_indexing(states):
+    part = states[1:, 0]
+    assert part.shape == (2,)
+    assert part.n_samples == states.n_samples == 3
+    assert [sample.seed for sample in states[0, 1].samples] == [5, 6, 7]
+    assert states[0, 1].sample is states.sample[0, 1]
+    assert np.array_equal(states[states.force > 3.0].force, FORCES[FORCES > 3.0])
+    assert states[..., 1].elastic_tensor.shape == (3, 3, 3)
+    np.testing.assert_array_equal(states.elastic_tensor[2, 1], states[2, 1].elastic_tensor)
+
+
+def test_state_is_plain_data_that_pickles(states):
+    for again in (
+        pickle.loads(pickle.dumps(states)), copy.deepcopy(states),
+        SimulatedState.from_dict(json.loads(json.dumps(states.to_dict()))),
+    ):  # fmt: skip
+        assert again == states
+        assert again.samples == states.samples
+        assert not again.samples[0].equilibrium.balls.flags.writeable
+        np.testing.assert_array_equal(again.elastic_tensor, states.elastic_tensor)
+        assert again.law.simulation == states.law.simulation
+    assert states != states[::-1]
+    assert states[0, 0] != gp.AveragedLattice(states.packing).at_force(2.0)
+    assert "samples=" not in repr(states)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        states.force = 1.0
+
+
+def test_loads_are_three_ways_to_say_one(medium):
+    by_force = medium.at_force(5.0)
+    by_pressure = medium.at_pressure(by_force.pressure)
+    assert by_pressure.force == pytest.approx(5.0, rel=1e-12)
+    assert by_pressure.overlap == pytest.approx(by_force.overlap, rel=1e-10)
+    # one sample: the same at its overlap. Of several, means at one force and at one overlap differ
+    single = gp.DirectSimulation(medium.packing, medium.shape, medium.seed)
+    again = single.at_overlap(single.at_force(5.0).overlap)
+    assert again.force == pytest.approx(5.0, rel=1e-12)
+    assert again.normal_stiffness == pytest.approx(single.at_force(5.0).normal_stiffness, rel=1e-9)
+
+
+def test_pressure_of_a_boundary_that_follows(medium):
+    for pressure in (300.0, 1e4, 1e9):
+        state = medium.at_pressure(pressure, finite_overlap=True)
+        assert state.pressure == pytest.approx(pressure, rel=1e-12)
+        # P a = sqrt(3) f of every sample
+        for sample in state.samples:
+            assert pressure * (D - sample.overlap) == pytest.approx(math.sqrt(3.0) * sample.force, rel=1e-12)
+
+
+def test_stiffness_is_the_derivative_of_the_means(medium):
+    step = 1e-4
+    at_force = medium.at_force(5.0)
+    ends = medium.at_force(5.0 * np.array([1.0 - step, 1.0 + step]))
+    assert at_force.normal_stiffness == pytest.approx(10.0 * step / np.diff(ends.overlap)[0], rel=1e-6)
+    at_overlap = medium.at_overlap(0.3 * WIDTH)
+    ends = medium.at_overlap(WIDTH * np.array([0.3 - step, 0.3 + step]))
+    assert at_overlap.normal_stiffness == pytest.approx(np.diff(ends.force)[0] / (2.0 * step * WIDTH), rel=1e-6)
+
+
+def test_law_is_that_of_the_samples(medium):
+    state = medium.at_overlap(WIDTH * np.array([0.5, 0.0, 2.0]))
+    law = state.law
+    assert isinstance(law, SampleLaw)
+    np.testing.assert_allclose(law.force(state.overlap), state.force, rtol=1e-9)
+    np.testing.assert_allclose(law.stiffness(state.overlap), state.normal_stiffness, rtol=1e-8)
+    np.testing.assert_allclose(law.stiffness_slope(state.overlap), state.stiffness_slope, rtol=1e-6)
+    np.testing.assert_allclose(law.force_fluctuation(state.overlap), state.force_fluctuation, rtol=1e-7)
+    np.testing.assert_array_equal(law.contact_fraction(state.overlap), state.contact_fraction)
+    assert isinstance(law.energy(0.5 * WIDTH), float)
+    assert law.overlap(5.0) == medium.at_force(5.0).overlap
+    assert law.coefficient == medium.packing.law.coefficient
+    step = 1e-5 * WIDTH
+    slope = (law.energy(0.5 * WIDTH + step) - law.energy(0.5 * WIDTH - step)) / (2.0 * step)
+    assert slope == pytest.approx(law.force(0.5 * WIDTH), rel=1e-7)
+    largest = max(float(np.max(sample.diameters)) for sample in medium.at_force(5.0).samples)
+    assert law.least_overlap == pytest.approx(-(largest - D), rel=1e-9)
+
+
+# -- statistics ---------------------------------------------------------------------------------------------------------
+
+
+def test_means_and_standard_errors(states):
+    every = states.over_samples(lambda sample: sample.overlap)
+    np.testing.assert_allclose(states.overlap, every.mean(axis=-1), rtol=1e-15)
+    np.testing.assert_allclose(states.standard_error("overlap"), every.std(axis=-1, ddof=1) / math.sqrt(3.0), rtol=1e-14)
+    k = states.over_samples(lambda sample: sample.normal_stiffness)
+    np.testing.assert_allclose(states.normal_stiffness, 3.0 / np.sum(1.0 / k, axis=-1), rtol=1e-14)
+    tensor = states.over_samples(lambda sample: sample.elasticity.tensor)
+    np.testing.assert_allclose(states.elastic_tensor, tensor.mean(axis=2), rtol=0.0, atol=1e-15 * tensor.max())
+    bulk = (tensor[..., 0, 0] + tensor[..., 1, 1] + 2.0 * tensor[..., 0, 1]) / 4.0
+    shear = ((tensor[..., 0, 0] + tensor[..., 1, 1] - 2.0 * tensor[..., 0, 1]) / 4.0 + tensor[..., 2, 2]) / 2.0
+    moduli, velocities = gp.moduli(states), gp.sound_velocities(states)
+    density = np.asarray(states.effective_density)
+    for name, values in (("bulk", bulk), ("shear", shear)):
+        np.testing.assert_allclose(getattr(moduli, name), values.mean(axis=-1), rtol=1e-13)
+        error = values.std(axis=-1, ddof=1) / math.sqrt(3.0)
+        np.testing.assert_allclose(getattr(moduli, f"{name}_error"), error, rtol=1e-11)
+    for name, values in (("longitudinal", bulk + shear), ("transverse", shear)):
+        np.testing.assert_allclose(getattr(velocities, name), np.sqrt(values.mean(axis=-1) / density), rtol=1e-13)
+        error = np.sqrt(values / density[..., None]).std(axis=-1, ddof=1) / math.sqrt(3.0)
+        np.testing.assert_allclose(getattr(velocities, f"{name}_error"), error, rtol=1e-11)
+
+
+def test_standard_error_of_the_mean_falls_as_the_root_of_samples(spread):
+    errors = []
+    for samples in (16, 256):
+        state = gp.DirectSimulation(spread, (6, 6), samples=samples).at_overlap(0.5 * WIDTH)
+        errors.append(state.standard_error("force"))
+    # known to 1/sqrt(2 n), n = 15
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=3.0 / math.sqrt(30.0))
+
+
+def test_one_sample_has_no_error(spread):
+    state = gp.DirectSimulation(spread, (6, 6)).at_force(5.0)
+    assert gp.sound_velocities(state).longitudinal_error is gp.moduli(state).bulk_error is None
+    with pytest.raises(InputError, match="no standard error"):
+        state.standard_error("force")
+
+
+def test_contacts_above_a_threshold(spread):
+    sample = gp.DirectSimulation(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
+    parts = sample.contact_forces / sample.force
+    for threshold in (0.0, 1e-9, 1e-6, 0.5, 1.0):
+        assert sample.contact_fraction(threshold) == np.count_nonzero(parts > threshold) / 1200.0
+    assert sample.contact_fraction() == sample.contact_fraction(1e-6) == sample.contact_fraction(1e-8) < 0.7
+    assert sample.contact_fraction(10.0 * float(parts.max())) == 0.0
+
+
+def test_distribution_of_forces_integrates_to_one(spread):
+    sample = gp.DirectSimulation(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
+    edges, density = sample.force_distribution(bins=40, largest=50.0)
+    assert edges.shape == (41,)
+    assert (edges[0], edges[-1]) == (0.0, 50.0)
+    assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-14)
+    # forces beyond the last edge are counted in the norm
+    edges, density = sample.force_distribution(bins=10, largest=1.0)
+    live = sample.contact_forces[sample.contact_forces > 1e-6 * sample.force]
+    assert np.sum(density * np.diff(edges)) == pytest.approx(np.mean(live <= sample.force), abs=1e-12)
+
+
+# -- the same numbers, however they are found ---------------------------------------------------------------------------
+
+
+def test_executors_and_threads_change_no_digit(spread, medium, states):
+    mediums = []
+    with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
+        for executor, workers in ((threads, 1), (processes, 1), (None, 2)):
+            mediums.append(gp.DirectSimulation(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers))
+            assert mediums[-1] == medium
+            assert hash(mediums[-1]) == hash(medium)
+            again = mediums[-1].at_force(FORCES)
+            assert again == states
+            np.testing.assert_array_equal(again.elastic_tensor, states.elastic_tensor)
+
+
+def test_numbers_of_a_seed_stay_the_same(spread):
+    # diameters to the last digit on any machine; forces to their tolerance
+    state = gp.DirectSimulation(spread, (4, 3), seed=7).at_overlap(0.5 * WIDTH)
+    sample = state.sample
+    given = gp.Uniform(WIDTH).sample((4, 3), 7)
+    np.testing.assert_allclose(sample.diameters, D + given - np.mean(given), rtol=1e-15)
+    assert sample.seed == 7
+    golden = [0.11500786944440058, 0.04320402530788605, -0.057125986241245624]
+    assert sample.equilibrium.deviations[0].tolist() == pytest.approx(golden, rel=0.0, abs=1e-15)
+    assert state.reduced_force == pytest.approx(0.3606033467262, rel=1e-11)
+    # the next samples are those of the next seeds
+    three = gp.DirectSimulation(spread, (4, 3), seed=5, samples=3).at_overlap(0.5 * WIDTH)
+    assert three.samples[2] == sample
+
+
+def test_given_diameters(spread, packing):
+    drawn = gp.DirectSimulation(spread, (5, 6), seed=2).at_force(5.0)
+    # with another mean, which is shifted: the same sample
+    medium = gp.DirectSimulation(spread, diameters=drawn.sample.diameters + 1e-5)
+    assert medium.shape == (5, 6)
+    assert not medium.diameters.flags.writeable
+    state = medium.at_force(5.0)
+    assert state.sample.seed is None
+    assert state.overlap == pytest.approx(drawn.overlap, rel=1e-9)
+    np.testing.assert_allclose(state.sample.diameters, drawn.sample.diameters, rtol=1e-14)
+    # a packing without a spread takes theirs
+    own = gp.DirectSimulation(packing, diameters=drawn.sample.diameters + 1e-5)
+    assert own.packing.diameter == pytest.approx(D, rel=1e-15)
+    assert own.packing.width == pytest.approx(math.sqrt(12.0) * float(np.std(drawn.sample.diameters)), rel=1e-9)
+    again = own.at_force(5.0)
+    assert again.overlap == pytest.approx(drawn.overlap, rel=1e-9)
+    assert again.reduced_spacing != pytest.approx(drawn.reduced_spacing, rel=1e-3)  # its W is the sample's own
+    assert SimulatedState.from_dict(json.loads(json.dumps(again.to_dict()))) == again
+    assert own == gp.DirectSimulation(packing, diameters=drawn.sample.diameters + 1e-5)
+    assert own != gp.DirectSimulation(packing, diameters=drawn.sample.diameters[::-1])
+    assert own != gp.DirectSimulation(packing, (5, 6))
+
+
+# -- other spreads and shapes -------------------------------------------------------------------------------------------
+
+SPREADS = {
+    "normal": gp.Normal(0.6e-6),
+    "two kinds": gp.Discrete((D - 1e-6, D + 1e-6), (0.5, 0.5)),
+    "skewed": gp.Discrete((D - 1e-6, D + 9e-6), (0.9, 0.1)),
+    "measured": gp.Measured(tuple(D + 1e-6 * np.sin(np.arange(40.0) ** 2))),
+}
+
+
+@pytest.mark.parametrize("name", SPREADS)
+def test_any_spread(steel, name):
+    chosen = SPREADS[name]
+    packing = gp.Packing(steel, chosen.mean or D, chosen)
+    state = gp.DirectSimulation(packing, (16, 16), samples=4).at_force([0.2, 5.0, 5000.0])
+    assert all(sample.residual <= 1e-10 for sample in state.samples)
+    for sample in state.samples:
+        assert np.mean(sample.diameters) == pytest.approx(packing.diameter, rel=1e-15)
+    # the higher the load, the less the balls differ
+    assert np.all(np.diff(state.contact_fraction) >= 0.0)
+    assert np.all(np.diff(state.force_fluctuation) < 0.0)
+    assert state.contact_fraction[-1] == 1.0
+    medium = gp.EffectiveMedium(dataclasses.replace(packing, friction=False)).at_force(5000.0)
+    finite = state.standard_error("normal_stiffness")[-1]
+    assert state.normal_stiffness[-1] == pytest.approx(medium.normal_stiffness, abs=4.0 * finite, rel=2e-5)
+
+
+@settings(max_examples=20)
+@given(
+    st.tuples(st.integers(1, 11), st.integers(1, 11)), st.integers(0, 2**64 - 1), st.floats(-1.0, 20.0),
+    st.booleans(),
+)  # fmt: skip
+def test_any_shape_seed_and_load(shape, seed, decade, friction):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), D, gp.Uniform(1e-16), friction=friction)
+    force = 10.0**decade * packing.law.coefficient * 1e-24
+    state = gp.DirectSimulation(packing, shape, seed).at_force(force)
+    assert state.force == force
+    assert state.sample.residual <= 1e-10
+    assert 0.0 < state.normal_stiffness < math.inf
+    assert 0.0 < state.contact_fraction <= 1.0
+    moduli = gp.moduli(state)
+    assert moduli.bulk > 0.0
+    if not friction:
+        assert moduli.bulk == pytest.approx(math.sqrt(0.75) * state.normal_stiffness / D, rel=1e-9)
+
+
+def test_very_high_loads_are_hertzs(steel):
+    # so little spread that a* = 1e12 is a small part of the diameter
+    width = 1e-16
+    medium = gp.DirectSimulation(gp.Packing(steel, D, gp.Uniform(width)), (8, 8))
+    spacings = np.array([1e4, 1e7, 1e12])
+    states = medium.at_overlap((spacings - 0.5) * width)
+    hertz = gp.AveragedLattice(dataclasses.replace(medium.packing, spread=None)).at_overlap(states.overlap)
+    np.testing.assert_allclose(states.reduced_spacing, spacings, rtol=1e-14)
+    # what disorder does to means falls as 1/x^2, to single contacts as 1/x; no digit of it is lost
+    for one, other in ((states.force, hertz.force), (gp.moduli(states).shear, gp.moduli(hertz).shear)):
+        assert np.all(np.abs(one / other - 1.0) < 0.2 / spacings**2 + 1e-14)
+    scaled = states.contact_force_fluctuation * (spacings - 0.5)
+    np.testing.assert_allclose(scaled, scaled[-1], rtol=1e-4)
+    np.testing.assert_allclose(gp.local_exponent(states), 1.0 / 6.0, rtol=1e-7)
+    np.testing.assert_allclose(gp.local_exponent(states)[1:], 1.0 / 6.0, rtol=1e-12)
+
+
+def test_friction_does_not_touch_statics(spread, medium, states):
+    smooth = gp.DirectSimulation(dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3).at_force(FORCES)
+    np.testing.assert_array_equal(smooth.overlap, states.overlap)
+    assert np.all(gp.moduli(states).shear > gp.moduli(smooth).shear)
+    np.testing.assert_allclose(gp.moduli(smooth).bulk, math.sqrt(0.75) / D * smooth.over_samples(
+        lambda sample: sample.normal_stiffness).mean(axis=-1), rtol=1e-9)  # fmt: skip
+
+
+def test_exponent_is_the_slope_of_the_velocity(spread):
+    medium, step = gp.DirectSimulation(spread, (12, 12)), 1e-6
+    for overlap in (0.5, -0.02):
+        state = medium.at_overlap(overlap * WIDTH)
+        ends = medium.at_overlap(WIDTH * (overlap + step * np.array([-1.0, 1.0])))
+        velocities = gp.sound_velocities(ends).longitudinal
+        expected = np.diff(np.log(velocities))[0] / np.diff(np.log(ends.force))[0]
+        assert gp.local_exponent(state) == pytest.approx(expected, rel=1e-6)
+
+
+# -- files --------------------------------------------------------------------------------------------------------------
+
+
+def test_atoms_are_read_back(spread, tmp_path):
+    state = gp.DirectSimulation(spread, (5, 4)).at_overlap(0.05 * WIDTH)
+    atoms, sample = state.sample.atoms(), state.sample
+    ase.io.write(tmp_path / "sample.extxyz", atoms)
+    again = ase.io.read(tmp_path / "sample.extxyz")
+    assert again.get_global_number_of_atoms() == 20
+    assert again.pbc.tolist() == [True, True, False]
+    np.testing.assert_allclose(again.cell, atoms.cell, atol=1e-8)
+    for name in ("radius", "diameter_deviations", "displacements", "rotations", "force", "contacts", "masses", "positions"):
+        np.testing.assert_allclose(again.arrays[name], atoms.arrays[name], rtol=0.0, atol=1e-8)
+    assert again.info["relative_overlap"] == pytest.approx(state.relative_overlap)
+    for key, value in atoms.info.items():
+        assert again.info[key] == pytest.approx(value)
+    # what is in them
+    np.testing.assert_allclose(2.0 * D * atoms.arrays["radius"], sample.diameters.ravel(), rtol=1e-14)
+    np.testing.assert_allclose(atoms.get_masses(), (sample.diameters.ravel() / D) ** 3, rtol=1e-14)
+    np.testing.assert_allclose(D * atoms.arrays["displacements"][:, :2], sample.displacements.reshape(-1, 2), atol=1e-20)
+    assert np.mean(atoms.arrays["force"]) == pytest.approx(1.0, rel=1e-12)
+    assert np.std(atoms.arrays["force"]) == pytest.approx(sample.force_fluctuation, rel=1e-9)
+    assert np.sum(atoms.arrays["contacts"]) == 2 * np.count_nonzero(sample.contact_forces > 1e-6 * sample.force)
+    # neighbours sit a diameter apart, but for displacements
+    sites = atoms.positions - atoms.arrays["displacements"]
+    distances = ase.Atoms("Fe20", sites, cell=atoms.cell, pbc=atoms.pbc).get_all_distances(mic=True)
+    assert np.sort(distances, axis=1)[:, 1] == pytest.approx(1.0, rel=1e-12)
+
+
+# -- wrong input --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("keywords", "words"),
+    [
+        ({"shape": (0, 3)}, "shape is 0"), ({"shape": (2.0, 3)}, "shape is 2.0"), ({"shape": 5}, "two whole numbers"),
+        ({"shape": (1, 2, 3)}, "two whole numbers"), ({"shape": "ab"}, "shape is 'a'"), ({"seed": -1}, "seed is -1"),
+        ({"seed": 0.5}, "seed is 0.5"), ({"samples": 0}, "samples is 0"), ({"samples": True}, "samples is True"),
+        ({"workers": 0}, "workers is 0"), ({"executor": 5}, "executor is 5"),
+        ({"diameters": [1.0, 2.0]}, "array \\(L1, L2\\)"), ({"diameters": np.zeros((2, 2))}, "above zero"),
+        ({"diameters": [[1.0, math.nan]]}, "finite"), ({"diameters": np.zeros((0, 2))}, "array"),
+        ({"diameters": [["a"]]}, "array"), ({"diameters": np.full((2, 2), D), "samples": 2}, "Leave samples out"),
+        ({"diameters": np.full((2, 2), D), "shape": (3, 3)}, "Leave shape out"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_a_simulation_cannot_be(spread, keywords, words):
+    with pytest.raises(InputError, match=words):
+        gp.DirectSimulation(spread, **keywords)
+
+
+def test_a_seed_past_the_last(spread):
+    assert gp.DirectSimulation(spread, (2, 2), seed=2**64 - 1).at_force(5.0).sample.seed == 2**64 - 1
+    with pytest.raises(InputError, match=r"2\^64 - 1"):
+        gp.DirectSimulation(spread, (2, 2), seed=2**64 - 1, samples=2).at_force(5.0)
+
+
+def test_other_packings(steel):
+    with pytest.raises(InputError, match=r"granphon\.Packing"):
+        gp.DirectSimulation(5)
+    with pytest.raises(InputError, match="square lattice is not simulated"):
+        gp.DirectSimulation(gp.Packing(steel, D, gp.Uniform(WIDTH), lattice="square"))
+
+
+@pytest.mark.parametrize(
+    "load", [0.0, -1.0, math.nan, math.inf, "a", None, 1j, [1.0, -1.0], [], [[1.0], [2.0, 3.0]]], ids=str
+)
+def test_loads_that_cannot_be(spread, load):
+    medium = gp.DirectSimulation(spread, (3, 3))
+    for at in (medium.at_force, medium.at_pressure):
+        with pytest.raises(InputError):
+            at(load)
+    if load not in (0.0, -1.0, [1.0, -1.0]):
+        with pytest.raises(InputError):
+            medium.at_overlap(load)
+
+
+@pytest.mark.parametrize("load", [1e300, [5.0, 1e300], 1e13], ids=str)
+def test_loads_beyond_a_diameter(packing, spread, load):
+    for medium in (gp.DirectSimulation(spread, (3, 3)), gp.DirectSimulation(packing, (3, 3))):
+        for at in (medium.at_force, medium.at_pressure, medium.at_overlap):
+            with pytest.raises(InputError, match=r"presses the balls together by|too large for double precision"):
+                at(load)
+        with pytest.raises(InputError, match="by 1 diameters"):
+            medium.at_overlap(D)
+        assert medium.at_overlap(0.999 * D).force > 0.0
+
+
+@pytest.mark.parametrize("load", [1e-300, [5.0, 1e-300]], ids=str)
+def test_loads_below_double_precision(packing, load):
+    medium = gp.DirectSimulation(packing, (3, 3))
+    with pytest.raises(InputError, match="too small or too large"):
+        medium.at_overlap(load)
+    np.testing.assert_array_equal(medium.at_force(load).force, load)
+
+
+def test_too_little_load(spread):
+    medium = gp.DirectSimulation(spread, (8, 8))
+    with pytest.raises(InputError, match="carries no load"):
+        medium.at_overlap(-0.2 * WIDTH)
+    with pytest.raises(InputError, match="carries no load"):
+        medium.at_overlap([0.5 * WIDTH, -1.0])
+    for force in (1e-9, [1.0, 1e-9], 1e-300):
+        with pytest.raises(InputError, match="rigidity threshold"):
+            medium.at_force(np.array(force) * unit_of_force(spread))
+
+
+def test_terms_of_finite_overlap_are_not_known(spread):
+    state = gp.DirectSimulation(spread, (3, 3)).at_force(5.0)
+    for of in (gp.sound_velocities, gp.moduli):
+        with pytest.raises(InputError, match="no terms of finite overlap"):
+            of(state, finite_overlap=True)
+
+
+def test_an_error_in_another_process_is_the_same(spread):
+    with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match="carries no load"):
+        gp.DirectSimulation(spread, (8, 8), executor=pool).at_overlap(-0.2 * WIDTH)
+    assert not issubclass(InputError, ConvergenceError)
