@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from granphon.errors import GranphonError, InputError, message
-from granphon.wording import described, human, results
+from granphon.wording import announced, described, human, results
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
+
+#: a simulation that will take more seconds is announced
+_LONG = 10.0
 
 _EXIT_CODES = """\b
 Exit codes:
@@ -99,7 +102,8 @@ def init(
 def check(scene: _SceneFile) -> None:
     """Say whether a scene is right, and what it means.
 
-    Shows the values in readable units, the files that a run would write, and where the model fails. Writes nothing.
+    Shows the values in readable units, the files that a run would write, what a simulation would take, and where the
+    model fails. Writes nothing, and simulates nothing.
 
     \b
     Example:
@@ -112,7 +116,7 @@ def check(scene: _SceneFile) -> None:
     read = Scene.from_yaml(scene)
     warnings = [
         f"{where}: {warning}" if read.is_sweep else warning
-        for where, state in read.states()
+        for where, state in read.states(simulations=False)
         for warning in validity(state, finite_overlap=read.finite_overlap).warnings
     ]
     read.to_yaml()  # what a run writes first
@@ -135,9 +139,10 @@ def run(
     """Compute what a scene observes and write it into a folder.
 
     The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
-    phonopy_params.yaml, the density of states adds dos.csv, and each a figure. A sweep, with several loads or media or
-    a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is cut off waits in the folder
-    for --resume. With --force an earlier result is replaced, its files that the scene does not write included.
+    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
+    with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
+    cut off waits in the folder for --resume. With --force an earlier result is replaced, its files that the scene does
+    not write included.
 
     \b
     Examples:
@@ -150,6 +155,9 @@ def run(
 
     _named("--out", out)
     read = Scene.from_yaml(scene)
+    cost = None if quiet else read.cost()
+    if cost is not None and cost.seconds > _LONG:
+        print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
     with _processes(workers if read.is_sweep else 1) as executor:
         result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
     _warn(result.warnings)
@@ -223,13 +231,13 @@ def fit(
     """
     from functools import partial
 
+    from granphon.blocks import ruled
     from granphon.files import check_free, staging
     from granphon.fit import FIT_FILES, fit_width
     from granphon.load import force_of_frame
     from granphon.measurements import FREQUENCY, SPEED, Measurements
     from granphon.parameters import PARAMETERS
     from granphon.quantities import LENGTH
-    from granphon.rules import ruled
     from granphon.scene import Scene
 
     _named("--out", out)

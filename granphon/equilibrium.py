@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,11 @@ class Equilibrium(Result):
     residual: float = math.inf
     newton: int = 0
     conjugate: int = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # with what it has cost a linear response to find, for the process that asked for it
+        found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
+        return *super().__reduce__(), found
 
     @cached_property
     def stencils(self) -> Stencils:

@@ -107,8 +107,12 @@ class WidthFit(Result):
         """
         if np.ndim(self.waves.frequency):
             raise InputError(message("the measured pulses have many frequencies", mend="Use .velocities, at the data"))
-        state = MediumChoice.parse(medium or self.choice).of(self.packing).at_force(force, self.waves.finite_overlap)
-        return self.waves.velocity(state)[0][()]
+        choice = MediumChoice.parse(medium or self.choice)
+        if choice.simulates:
+            forces = np.asarray(force, float)
+            model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
+            return model(model.start(self.width))[0].reshape(forces.shape)[()]
+        return self.waves.velocity(choice.of(self.packing).at_force(force, self.waves.finite_overlap))[0][()]
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, everything, and fit.csv, data and fit, into a folder that is there."""
@@ -152,7 +156,8 @@ def fit_width(
     velocity : sound velocities, (n,), m/s.
     sigma : their standard errors, m/s, one or (n,). Left out, they are taken for equal and found from the scatter.
     frequency : of the pulses, Hz, one or (n,): velocities are then group velocities. Left out, they are those of long waves.
-    medium : "afa", "ema", or a name with its options.
+    medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, their
+        deviations in proportion. A dozen equilibria for a decade of force, interpolated, serve all widths.
     parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too.
     branch : "longitudinal" or "transverse".
     direction : of propagation. (0, 1), across a row of touching balls, is from side to side of the paper's hexagonal frame.
@@ -173,7 +178,7 @@ def fit_width(
     waves = Waves(branch, as_direction(direction), data.frequency, finite_overlap)
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     problem = _Problem.of(VelocityModel(packing, names, MediumChoice.parse(medium), data.force, waves), data)
-    logs = min((_descended(problem, start) for start in _starts(problem)), key=lambda x: float(np.sum(problem(x)[0] ** 2)))
+    logs = _best(problem)
     if data.sigma is None:
         problem = problem.scattered(logs)
     residuals, matrix = problem(logs)
@@ -183,7 +188,9 @@ def fit_width(
         raise _undetermined(problem, logs, errors)
     fitted, values, dof = problem.model.fitted(logs), np.exp(logs), problem.dof
     chi2 = float(dof) if data.sigma is None else float(residuals @ residuals)
-    state = problem.model.choice.of(fitted).at_force(data.force, finite_overlap)
+    # what limits a simulation shows at the least and the greatest force
+    loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
+    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
         problem.sigma, data.velocity - residuals * problem.sigma, chi2, dof, _warnings(state, chi2, dof),
@@ -237,6 +244,10 @@ class _Problem:
         velocities, slopes = self.model(logs)
         return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
 
+    def of_medium(self, medium: str) -> _Problem:
+        """The same in another medium."""
+        return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
+
     def scattered(self, logs: Array) -> _Problem:
         """The problem with sigma from the scatter about a fit."""
         residuals = self(logs)[0]
@@ -244,6 +255,14 @@ class _Problem:
         least = np.finfo(float).eps * float(np.max(self.velocity))
         scatter = max(math.sqrt(float(residuals @ residuals) / self.dof), least)
         return replace(self, sigma=np.full(residuals.shape, scatter))
+
+
+def _best(problem: _Problem) -> Array:
+    """Logarithms at the least sum of squares. Of a simulation it is looked for near that of the effective medium."""
+    if problem.model.choice.simulates:
+        return _descended(problem, _best(problem.of_medium("ema")))
+    found = (_descended(problem, start) for start in _starts(problem))
+    return min(found, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
 
 
 def _starts(problem: _Problem) -> list[Array]:
@@ -287,6 +306,8 @@ def _descended(problem: _Problem, start: Array) -> Array:
         try:
             return system(tuple(move.tolist()))[0]
         except InputError:  # the trust region shrinks
+            if not any(move):
+                raise
             return np.full(problem.velocity.shape, np.inf)
 
     def jacobian(move: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granphon import rules
+from granphon.blocks import ruled
 from granphon.contact import positive
 from granphon.errors import InputError, message
 from granphon.quantities import LOADS
@@ -49,7 +50,7 @@ class Load:
         if (self.kind == "side_force") != (self.balls_per_side is not None):
             raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
         if self.balls_per_side is not None:
-            rules.ruled("balls_per_side", rules.balls_on_side, self.balls_per_side)
+            ruled("balls_per_side", rules.balls_on_side, self.balls_per_side)
 
     def _checked(self, value: Any) -> float:
         if self.kind == "overlap" and isinstance(value, float) and math.isfinite(value):

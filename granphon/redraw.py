@@ -8,6 +8,7 @@ from typing import Any
 
 from granphon.errors import InputError, message
 from granphon.files import check_free, staging
+from granphon.lattice import ContactLattice
 from granphon.observables import contact_lattice
 from granphon.scene import Scene
 
@@ -88,5 +89,8 @@ def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> An
     lattice = None
     if asymptotes and bands is not None:
         scene = Scene.from_yaml(source / "scene.yaml")
-        lattice = contact_lattice(scene.state(), scene.finite_overlap)
+        # in the paper's limit it is the same under every load: nothing need be solved
+        finite, packing = scene.finite_overlap, scene.packing
+        ideal = ContactLattice.of(packing.structure, packing.mindlin_ratio)
+        lattice = contact_lattice(scene.state(), finite) if finite else ideal
     return bands_figure(bands=bands, dos=dos, asymptotes=lattice)

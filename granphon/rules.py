@@ -1,7 +1,6 @@
-"""The values of a scene that are more than one quantity: lists and ranges, spreads, media, choices, grids, paths.
+"""The values of a scene that are more than one quantity: ranges, spreads, media, parameters, grids, paths.
 
-Each rule takes what stood in the file, or the value itself, and returns the value; or it raises
-:class:`~granphon.quantities.Refused`.
+Rules as in :mod:`granphon.blocks`.
 """
 
 from __future__ import annotations
@@ -9,23 +8,26 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
+from granphon.blocks import Rule, block, choice, each, grid, number, ruled, text, truth, whole
 from granphon.diameters import Discrete, Measured, Normal, Uniform
 from granphon.errors import InputError, message
-from granphon.files import closest, shown
+from granphon.files import shown
 from granphon.geometry import LATTICES, Lattice, lattice_named
-from granphon.ladder import MEDIA, MediumChoice
+from granphon.ladder import MEDIA, MediumChoice, medium
+from granphon.packing import Packing
 from granphon.parameters import PARAMETERS
 from granphon.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Refused
 
-__all__ = ["OBSERVABLES", "SCALES", "SCHEMA", "block", "spaced", "unknown_key", "values"]
+__all__ = ["BandPath", "OBSERVABLES", "SCALES", "SCHEMA", "spaced", "values"]
 
 SCHEMA = 1
 OBSERVABLES = ("velocities", "bands", "dos")
@@ -35,55 +37,10 @@ SCALES = ("log", "linear")
 #: most diameters of a measured spread that a scene holds itself
 MOST_DIAMETERS = 1000
 
-Rule = Callable[[Any], Any]
 Spread = Uniform | Normal | Discrete | Measured
 
 
-# -- blocks, lists, ranges ------------------------------------------------------------------------------------------
-
-
-def _inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """``rule(value)`` for what stands at ``key``; a refusal says so."""
-    try:
-        return rule(value)
-    except Refused as refused:
-        refused.path = (key, *refused.path)
-        raise
-
-
-def ruled(name: str, rule: Rule, value: Any) -> Any:
-    """``rule(value)`` for what is given in Python: :class:`~granphon.errors.InputError`, which calls it ``name``."""
-    try:
-        return rule(value)
-    except Refused as refused:
-        raise InputError(f"{name}: {refused}") from None
-
-
-def unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
-    """The refusal of a key that is not one of ``known``."""
-    meant = closest(key, known)
-    return Refused("an unknown key", ", ".join(known), mend or (f"Did you mean '{meant}'?" if meant else ""), (key,))
-
-
-def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """A block of keys, each read by its rule; those that are ``needed`` have no default."""
-    allowed = f"a block of keys: {', '.join(rules)}"
-    if not isinstance(value, dict):
-        raise Refused(shown(value), allowed)
-    for key in value:
-        if key not in rules:
-            raise unknown_key(key, rules)
-    for key in needed:
-        if key not in value:
-            raise Refused("nothing, and it has no default", allowed, path=(key,))
-    return {key: _inside(key, rules[key], item) for key, item in value.items()}
-
-
-def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
-    """A list of one or more values of one kind."""
-    if not isinstance(value, list | tuple) or not value:
-        raise Refused(shown(value) if value != [] else "an empty list", f"a list of one or more {what}")
-    return tuple(_inside(n, rule, one) for n, one in enumerate(value))
+# -- lists and ranges -----------------------------------------------------------------------------------------------
 
 
 def values(value: Any, rule: Rule) -> tuple[float, ...]:
@@ -203,27 +160,13 @@ def diameters_table(given: Any) -> str | None:
 def media(value: Any) -> tuple[MediumChoice, ...]:
     """One medium, or a list of them."""
     if not isinstance(value, list | tuple):
-        return (_medium(value),)
-    found: tuple[MediumChoice, ...] = each(value, _medium, "media")
+        return (medium(value),)
+    found: tuple[MediumChoice, ...] = each(value, medium, "media")
     labels = [one.label for one in found]
     double = [label for label in labels if labels.count(label) > 1]
     if double:
         raise Refused(f"{double[0]!r} twice", f"{', '.join(MEDIA)}, each once")
     return found
-
-
-def _medium(value: Any) -> MediumChoice:
-    """A name, or {name: {option: value}}."""
-    if isinstance(value, MediumChoice):
-        return value
-    name, options = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, None)
-    if name == "simulation":
-        raise Refused("'simulation'", ", ".join(MEDIA), "This version has no simulation.")
-    choice(name, tuple(MEDIA))
-    try:
-        return MediumChoice.parse({name: options} if options else name)
-    except InputError as error:
-        raise Refused(f"options of {name!r}, {options}", "those that the medium has", str(error), (name,)) from None
 
 
 _QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
@@ -251,19 +194,6 @@ def write_parameter(name: str, given: Sequence[Any]) -> Any:
 # -- single values --------------------------------------------------------------------------------------------------
 
 
-def choice(value: Any, options: Sequence[str]) -> str:
-    if isinstance(value, str) and value in options:
-        return value
-    meant = closest(value, options) if isinstance(value, str) else None
-    raise Refused(shown(value), ", ".join(options), f"Did you mean {meant!r}?" if meant else "")
-
-
-def text(value: Any) -> str:
-    if isinstance(value, str) and value.strip() and "\0" not in value:
-        return value
-    raise Refused(shown(value), "a name")
-
-
 def lattice_name(value: Any) -> str:
     if value == "hexagonal":
         raise Refused("'hexagonal'", ", ".join(LATTICES), "Did you mean 'triangular', with six neighbours?")
@@ -278,21 +208,6 @@ def write_lattice(lattice: str | Lattice) -> str:
     return structure.name
 
 
-def truth(value: Any) -> bool:
-    if isinstance(value, bool):
-        return value
-    word = value.strip().lower() if isinstance(value, str) else None
-    meant = "true" if word in ("yes", "on", "y", "true") else "false" if word in ("no", "off", "n", "false") else ""
-    raise Refused(shown(value), "true or false", f"Did you mean {meant}?" if meant else "")
-
-
-def number(value: Any, low: float, high: float) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
-        return float(value)
-    mend = "Write it without quotes or unit." if isinstance(value, str) else ""
-    raise Refused(shown(value), f"a plain number from {low:g} to {high:g}", mend)
-
-
 def poisson_ratio(value: Any) -> float:
     allowed = "a plain number, -1 < poisson_ratio <= 0.5"
     if not isinstance(value, int | float) or isinstance(value, bool):
@@ -300,12 +215,6 @@ def poisson_ratio(value: Any) -> float:
     if not -1.0 < value <= 0.5:
         raise Refused(shown(value), allowed, "Outside it an isotropic solid is not stable.")
     return float(value)
-
-
-def whole(value: Any, low: int, high: int) -> int:
-    if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
-        return value
-    raise Refused(shown(value), f"a whole number from {low} to {high}")
 
 
 def schema_number(value: Any) -> int:
@@ -325,23 +234,6 @@ def observed(value: Any) -> tuple[str, ...]:
     if double:
         raise Refused(f"{double[0]!r} twice", allowed + ", each once")
     return tuple(name for name in OBSERVABLES if name in names)
-
-
-def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
-    """Two whole numbers, from "64 64 1" or [64, 64, 1], or (64, 64)."""
-    allowed = f"two whole numbers from {low} to {high} and a 1, such as {example}"
-    words: Any = value.split() if isinstance(value, str) else value
-    if not isinstance(words, list | tuple) or len(words) not in (2, 3):
-        raise Refused(shown(value), allowed)
-    if isinstance(value, str):
-        words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in words]
-    if not all(isinstance(w, int) and not isinstance(w, bool) for w in words):
-        raise Refused(shown(value), allowed)
-    if len(words) == 3 and words[2] != 1:
-        raise Refused(f"{shown(value)}, whose third number is {words[2]}", allowed, "The packing is one layer.")
-    if not all(low <= w <= high for w in words[:2]):
-        raise Refused(shown(value), allowed)
-    return words[0], words[1]
 
 
 supercell = partial(grid, low=2, high=100, example="3 3 1")
@@ -389,3 +281,47 @@ def label_words(value: Any) -> tuple[str, ...]:
         allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
         raise Refused(shown(value), allowed)
     return tuple(words)
+
+
+@dataclass(frozen=True)
+class BandPath:
+    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
+
+    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
+    """
+
+    paths: tuple[tuple[tuple[float, float, float], ...], ...]
+    labels: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        count = sum(map(len, self.paths))
+        if self.labels is not None and len(self.labels) != count:
+            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
+
+    @classmethod
+    def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
+        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
+        named = None if labels is None else ruled("band_labels", label_words, labels)
+        return cls(ruled("band", band_paths, points), named)
+
+    @classmethod
+    def default(cls, packing: Packing) -> Self:
+        """Around the irreducible zone of the packing's lattice: G-K-M-G, or G-X-M-G on a square cell."""
+        (ax, ay), (bx, by) = packing.structure.cell
+        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
+        if abs(cosine) < 1e-6:
+            return cls.parse("0 0 0 1/2 0 0 1/2 1/2 0 0 0 0", "G X M G")
+        return cls.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
+
+    @property
+    def arrays(self) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
+        """Each path as an array (n_points, 3)."""
+        return [np.array(path) for path in self.paths]
+
+    def __str__(self) -> str:
+        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
+
+
+def _as_fraction(x: float) -> str:
+    near = Fraction(x).limit_denominator(100)
+    return str(near) if float(near) == x else repr(x)

@@ -8,6 +8,8 @@ summary.yaml           the numbers, under the names of the library's attributes,
 band.yaml              bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
+sample.extxyz          of a simulation at one load: the first sample, balls with their places, sizes and forces
+forces.png             of the same: its force chains, and how forces are distributed
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; the table without bands
 sweep.png              of a sweep: velocities and exponents over the load
@@ -20,12 +22,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.errors import InputError
 from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
+from granphon.jobs import LATTICE_BANDS, sampling_errors
 from granphon.local_field import LocalField
 from granphon.medium import ContactState, EffectiveMedium
 from granphon.observables import (
@@ -40,6 +44,7 @@ from granphon.observables import (
 from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
+from granphon.simulation import SimulatedState
 from granphon.tasks import kept
 
 if TYPE_CHECKING:
@@ -54,14 +59,14 @@ __all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "run"]
 SCHEMA = 1
 #: every file that a run may write
 RESULT_FILES = (
-    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png", "dos.png", "sweep.nc",
-    "sweep.csv", "sweep.png", DIAMETERS_FILE,
+    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
+    "forces.png", "sweep.nc", "sweep.csv", "sweep.png", DIAMETERS_FILE,
 )  # fmt: skip
 #: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
 WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
-    **ContactState.units, **SoundVelocities.units, **Moduli.units, "width": "m", "mindlin_ratio": "1", "mass": "kg",
-    "exponent": "1", "direction": "1", "top_frequency": "Hz",
+    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
+    "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "direction": "1", "top_frequency": "Hz",
 }  # fmt: skip
 
 
@@ -69,14 +74,15 @@ _UNITS = {
 class RunResult:
     """What a scene of one state gave. What it did not ask for is None.
 
-    ``files`` are the paths written, ``folder`` where they are. ``phonons`` are those of the bands and of the density of
-    states. ``local_field`` is that of the effective medium; None in
+    ``load`` is what was given, "force", "pressure" or "overlap". ``files`` are the paths written, ``folder`` where they are.
+    ``phonons`` are those of the bands and of the density of states. ``local_field`` is that of the effective medium; None in
     another, and for equal balls.
     """
 
     folder: Path
     state: ContactState
     medium: str
+    load: str
     local_field: LocalField | None
     validity: Validity
     velocities: SoundVelocities | None
@@ -88,14 +94,18 @@ class RunResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails."""
-        return self.validity.warnings
+        """One sentence for each condition of validity that fails, and one if spectra are less than the state is."""
+        spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
+        return self.validity.warnings + ((LATTICE_BANDS,) if spectra else ())
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data, under the names of the library's attributes."""
         state, packing = self.state, self.state.packing
         out: dict[str, Any] = {"medium": self.medium}
-        out |= {name: getattr(state, name) for name in (*ContactState.units, "regime")}
+        out |= {name: getattr(state, name) for name in (*state.units, "regime")}
+        if isinstance(state, SimulatedState) and state.n_samples > 1:
+            found = "force" if self.load == "overlap" else "overlap"
+            out[f"{found}_error"] = state.standard_error(found)
         if not state.finite_overlap:
             out["exponent"] = local_exponent(state)
         out |= {"width": packing.width, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
@@ -108,6 +118,7 @@ class RunResult:
             else:
                 out["direction"] = self.velocities.direction
             out["tensor"] = self.moduli.tensor
+            out |= sampling_errors(self.velocities, self.moduli)
         if self.bands is not None:
             out["top_frequency"] = float(self.bands.frequencies.max())
         return out
@@ -115,10 +126,15 @@ class RunResult:
     @property
     def packages(self) -> tuple[str, ...]:
         """What the computation took, besides numpy and scipy."""
-        return () if self.phonons is None else ("ase", "phonopy", "spglib")
+        if self.phonons is not None:
+            return ("ase", "phonopy", "spglib")
+        return ("ase",) if isinstance(self.state, SimulatedState) else ()
 
     def write(self, place: Path, step: Step) -> None:
-        """Write the files of the spectra into a folder that is there."""
+        """Write the files of the spectra, and of a sample, into a folder that is there."""
+        if isinstance(self.state, SimulatedState):
+            self._write_sample(self.state, place)
+            step.advance()
         if self.bands is not None and self.phonons is not None:
             self.bands.write(place / "band.yaml")
             self.phonons.save(place / "phonopy_params.yaml")
@@ -132,6 +148,15 @@ class RunResult:
 
             bands_figure(bands=self.bands, dos=self.dos).savefig(place / drawn)
             step.advance()
+
+    def _write_sample(self, state: SimulatedState, place: Path) -> None:
+        from ase.io import write
+
+        write(place / "sample.extxyz", state.sample.atoms(), format="extxyz")
+        if self.folder / "forces.png" in self.files:
+            from granphon.charts import forces_figure
+
+            forces_figure(state).savefig(place / "forces.png")
 
 
 @dataclass(frozen=True)
@@ -190,6 +215,9 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
             names.append("dos.csv")
         if {"bands", "dos"} & set(scene.observe):
             drawn.append(figure_name("bands" in scene.observe))
+        if scene.media[0].simulates:
+            names.append("sample.extxyz")
+            drawn.append("forces.png")
     return (*names, *(drawn if figures else ()))
 
 
@@ -211,7 +239,7 @@ def run(
     folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished.
     force : replace an earlier result, its files that this scene does not write included.
     progress : told how far the work has come.
-    figures : draw bands.png (dos.png, sweep.png) too.
+    figures : draw bands.png (dos.png, sweep.png, forces.png) too.
     resume : go on with a sweep that was cut off; where there is nothing to go on with it starts anew.
     executor : for a sweep's work side by side; the numbers do not depend on it.
 
@@ -258,17 +286,20 @@ def _stale(target: Path, names: Sequence[str]) -> list[str]:
 
 def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunResult:
     """The result of a scene of one state."""
-    target, state, finite, (choice,) = files[0].parent, scene.state(), scene.finite_overlap, scene.media
+    target, finite, (choice,) = files[0].parent, scene.finite_overlap, scene.media
     velocities, constants = None, None
-    if "velocities" in scene.observe:
-        constants = moduli(state, finite_overlap=finite)
-        direction = None if constants.isotropic else (1.0, 0.0)
-        velocities = sound_velocities(state, direction, finite_overlap=finite)
+    with progress.step("simulation") if choice.simulates else nullcontext():
+        state = scene.state()
+        report = validity(state, finite_overlap=finite)
+        if "velocities" in scene.observe:
+            constants = moduli(state, finite_overlap=finite)
+            direction = None if constants.isotropic else (1.0, 0.0)
+            velocities = sound_velocities(state, direction, finite_overlap=finite)
     phonons, bands, dos = _spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
-    report = validity(state, finite_overlap=finite)
-    return RunResult(target, state, choice.label, field, report, velocities, constants, phonons, bands, dos, files)
+    load = scene.load.applied[0]
+    return RunResult(target, state, choice.label, load, field, report, velocities, constants, phonons, bands, dos, files)
 
 
 def _spectra(

@@ -11,9 +11,8 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import KW_ONLY, dataclass, field, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -21,12 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon import rules
+from granphon.blocks import ruled, truth
 from granphon.contact import Material
 from granphon.diameters import Discrete, Measured
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import MAX_BYTES, Document, dump_yaml, parse_yaml, read_text, shown
 from granphon.geometry import TRIANGULAR, contacts_apart
-from granphon.ladder import MediumChoice
+from granphon.ladder import MediumChoice, no_simulation
 from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
 from granphon.medium import ContactState, EffectiveMedium
@@ -35,63 +35,22 @@ from granphon.packing import Packing
 from granphon.parameters import Axis, changed, combinations
 from granphon.progress import Progress, silent
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS
+from granphon.rules import BandPath
 from granphon.schema import SceneFile, validated
+from granphon.simulation import DirectSimulation
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from xarray import Dataset
 
+    from granphon.cost import Cost
     from granphon.run import RunResult, SweepResult
 
 __all__ = ["DIAMETERS_FILE", "BandPath", "Load", "Scene", "force_of_frame"]
 
 #: where a run writes the diameters of a measured spread that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
-
-
-@dataclass(frozen=True)
-class BandPath:
-    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
-
-    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
-    """
-
-    paths: tuple[tuple[tuple[float, float, float], ...], ...]
-    labels: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        count = sum(map(len, self.paths))
-        if self.labels is not None and len(self.labels) != count:
-            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
-
-    @classmethod
-    def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
-        named = None if labels is None else rules.ruled("band_labels", rules.label_words, labels)
-        return cls(rules.ruled("band", rules.band_paths, points), named)
-
-    @classmethod
-    def default(cls, packing: Packing) -> Self:
-        """Around the irreducible zone of the packing's lattice: G-K-M-G, or G-X-M-G on a square cell."""
-        (ax, ay), (bx, by) = packing.structure.cell
-        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
-        if abs(cosine) < 1e-6:
-            return cls.parse("0 0 0 1/2 0 0 1/2 1/2 0 0 0 0", "G X M G")
-        return cls.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
-
-    @property
-    def arrays(self) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
-        """Each path as an array (n_points, 3)."""
-        return [np.array(path) for path in self.paths]
-
-    def __str__(self) -> str:
-        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
-
-
-def _as_fraction(x: float) -> str:
-    near = Fraction(x).limit_denominator(100)
-    return str(near) if float(near) == x else repr(x)
 
 
 @dataclass(frozen=True)
@@ -102,7 +61,7 @@ class Scene:
     ----------
     packing, load : which balls, and how they are pressed.
     media : how a spread of diameters is averaged, one or more; by default "ema" where balls differ, "ala" where they do not.
-        Names ("ala", "afa", "ema") and mappings with options are taken too, alone or in a list.
+        Names ("ala", "afa", "ema", "simulation") and mappings with options are taken too, alone or in a list.
     parameters : of the packing that are swept, each with its values; a mapping is taken too.
     finite_overlap : keep the terms of relative order delta/d.
     observe : which of "velocities", "bands", "dos" to compute.
@@ -137,15 +96,17 @@ class Scene:
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
         checks: dict[str, Callable[[Any], Any]] = {
-            "media": rules.media, "finite_overlap": rules.truth, "observe": rules.observed,
+            "media": rules.media, "finite_overlap": truth, "observe": rules.observed,
             "band_points": rules.segment_points, "mesh": rules.mesh_numbers,
         }  # fmt: skip
         if self.dim is not None:
             checks["dim"] = rules.supercell
         for name, rule in checks.items():
-            object.__setattr__(self, name, rules.ruled(name, rule, getattr(self, name)))
+            object.__setattr__(self, name, ruled(name, rule, getattr(self, name)))
         if self.band is None:
             object.__setattr__(self, "band", BandPath.default(self.packing))
+        if self.finite_overlap:
+            no_simulation(self.media)
         _check_supercell(self.packing, self.dim)
         _check_observed(self.observe, len(self.load.values) > 1 or len(self.media) > 1, dict(self.parameters))
         if self.load.kind == "side_force" and self.packing.structure != TRIANGULAR:
@@ -190,6 +151,9 @@ class Scene:
                 band = BandPath(phonopy.band or BandPath.default(packing).paths, phonopy.band_labels)
         with _located(document, ("phonopy", "dim")):
             _check_supercell(packing, phonopy.dim)
+        if file.packing.finite_overlap:
+            with _located(document, ("packing", "finite_overlap"), "found true; allowed: false, with a simulation. "):
+                no_simulation(file.medium)
         with _located(document, ("observe",)):
             _check_observed(file.observe, len(values) > 1 or len(file.medium) > 1, dict(file.sweep))
         with _located(document, ("load", kind)):
@@ -203,16 +167,18 @@ class Scene:
         return scene
 
     def _require_packings(self, document: Document) -> None:
-        """Raise if a packing is not rigid, or if a medium that is solved in a moment cannot carry the loads on it."""
+        """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load."""
         lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
         for where, packing in self._packings(document):
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
             with _located(document, lattice, found + (where and f"{where}: ")):
                 ContactLattice.of(packing.structure, packing.mindlin_ratio)
             for choice in self.media:
+                with _located(document, ("medium",), f"found {choice.label!r}; allowed: a medium for this lattice. "):
+                    choice.of(packing)
                 # every list of diameters is solved anew, and a sweep solves it in its own processes
                 listed = isinstance(packing.spread, Discrete | Measured) and choice.name == EffectiveMedium.name
-                if not (self.is_sweep and listed):
+                if not (choice.simulates or (self.is_sweep and listed)):
                     self._require_loads(document, packing, choice, _labelled(choice, where))
 
     def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
@@ -249,21 +215,41 @@ class Scene:
         """
         if self.is_sweep:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
-        return _finite(self._state(self.packing, self.media[0], self.load.applied[1][0]))
+        located = nullcontext() if self._document is None else self._located_load(self._document, 0)
+        with located:
+            return _finite(self._state(self.packing, self.media[0], self.load.applied[1][0]))
 
-    def states(self) -> Iterator[tuple[str, ContactState]]:
+    def states(self, simulations: bool = True) -> Iterator[tuple[str, ContactState]]:
         """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
 
-        :class:`~granphon.errors.InputError` at the first that cannot carry the loads.
+        Each is solved when its turn comes, ``simulations`` only if they are wanted. :class:`~granphon.errors.InputError` at
+        the first that cannot carry the loads.
         """
         values = np.array(self.load.applied[1])
         loads = values if len(values) > 1 else values[0]
-        axes = [Axis(name, swept) for name, swept in self.parameters]
-        for (where, packing), choice in itertools.product(combinations(self.packing, axes), self.media):
-            label = _labelled(choice, where)
-            if self._document is not None:
+        for label, packing, choice in self._cases():
+            if choice.simulates and not simulations:
+                continue
+            if self._document is not None and not choice.simulates:
                 self._require_loads(self._document, packing, choice, label)
             yield label, self._state(packing, choice, loads)
+
+    def _cases(self) -> Iterator[tuple[str, Packing, MediumChoice]]:
+        axes = [Axis(name, swept) for name, swept in self.parameters]
+        for (where, packing), choice in itertools.product(combinations(self.packing, axes), self.media):
+            yield _labelled(choice, where), packing, choice
+
+    def cost(self) -> Cost | None:
+        """Memory and time that the simulations of the scene will take, one after the other; None if there are none."""
+        media = [choice.of(packing) for _, packing, choice in self._cases() if choice.simulates]
+        if not media:
+            return None
+        from granphon.cost import Cost, estimate
+
+        load: Any = self.load.applied
+        found = [estimate(one, *load) for one in media if isinstance(one, DirectSimulation)]
+        most = max(found, key=lambda cost: cost.memory)
+        return Cost(most.memory, sum(c.seconds for c in found), most.balls, sum(c.equilibria for c in found))
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
         """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too.
@@ -307,7 +293,7 @@ class Scene:
         blocks["load"] = {self.load.kind: rules.write_values(self.load.values, LOADS[self.load.kind].write)}
         if self.load.balls_per_side is not None:
             blocks["load"]["balls_per_side"] = self.load.balls_per_side
-        media = [{choice.name: dict(choice.options)} if choice.options else choice.name for choice in self.media]
+        media = [{choice.name: choice.settings} if choice.settings else choice.name for choice in self.media]
         blocks["medium"] = media if len(media) > 1 else media[0]
         if self.parameters:
             blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, ValidationInfo, model_validator
 
 from granphon import rules
+from granphon.blocks import truth, unknown_key
 from granphon.files import Document, shown
 from granphon.ladder import MediumChoice
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, Refused
@@ -45,8 +46,8 @@ class _Packing(_Block):
     lattice: Annotated[str, PlainValidator(rules.lattice_name)] = "triangular"
     diameter: Annotated[float, PlainValidator(LENGTH.read)]
     spread: Annotated[Any, PlainValidator(_in_folder(rules.spread))] = None
-    friction: Annotated[bool, PlainValidator(rules.truth)] = True
-    finite_overlap: Annotated[bool, PlainValidator(rules.truth)] = False
+    friction: Annotated[bool, PlainValidator(truth)] = True
+    finite_overlap: Annotated[bool, PlainValidator(truth)] = False
 
 
 class _Load(_Block):
@@ -135,7 +136,7 @@ def _told(error: Any) -> str:
     if kind == "extra_forbidden":
         home = next((name for name in (None, *_BLOCKS) if key in _keys(name)), block)
         place = "" if home == block else f"It belongs under '{home}'." if home else "It belongs at the top level."
-        return str(rules.unknown_key(key, _keys(block), place))
+        return str(unknown_key(key, _keys(block), place))
     if kind == "missing":
         needed = f"a block of keys: {', '.join(_keys(key))}" if key in _BLOCKS else _NEEDED[key]
         return f"found nothing, and it has no default; allowed: {needed}."

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +37,8 @@ __all__ = ["DirectSimulation", "Sample", "SampleLaw", "SimulatedState", "standar
 Array = NDArray[np.float64]
 #: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
 LEAST_CONTACT = 1e-6
+#: least width over diameter. Overlaps are counted in widths, and products of them must stay far inside the floating range
+_LEAST_WIDTH = 1e-30
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -273,18 +275,42 @@ class SimulatedState(ContactState):
     Attributes
     ----------
     samples : one for each load (in C order) and, running fastest, each sample.
+    spaced : whether it is the overlap that the samples have in common, not the force.
     """
 
     units = {**ContactState.units, "contact_force_fluctuation": "1"}
 
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample, ...] = field(default=(), repr=False)
+    spaced: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        simulation: DirectSimulation,
+        samples: Sequence[Sample],
+        shape: tuple[int, ...],
+        finite_overlap: bool,
+        force: Array | None = None,
+        overlap: Array | None = None,
+    ) -> Self:
+        """From the samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
+        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*shape, -1, 3)
+        forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
+        spaced = overlap is not None
+        # at common spacing stiffnesses add up, at common force compliances
+        k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        f = np.mean(forces, axis=-1) if force is None else force
+        delta = np.mean(overlaps, axis=-1) if overlap is None else overlap
+        f, delta, k = (np.asarray(value)[()] for value in (f, delta, k))
+        packing, law = simulation.packing, simulation.law
+        return cls(packing, simulation.name, law, f, delta, k, finite_overlap, tuple(samples), spaced)
 
     def __getitem__(self, index: Any) -> SimulatedState:
         """The state at some of the loads, as arrays are indexed."""
         samples = tuple(self._table[index].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return SimulatedState(self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, samples)
+        return SimulatedState(self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, samples, self.spaced)
 
     @property
     def _table(self) -> NDArray[Any]:
@@ -341,8 +367,10 @@ class SimulatedState(ContactState):
 
     @property
     def stiffness_slope(self) -> Any:
-        """d^2f/d(delta)^2, N/m^2, mean over samples."""
-        return self._average(lambda sample: sample.stiffness_slope)
+        """d^2f/d(delta)^2, N/m^2: the derivative of ``normal_stiffness``."""
+        if self.spaced:
+            return self._average(lambda sample: sample.stiffness_slope)
+        return self.normal_stiffness**3 * self._average(lambda sample: sample.stiffness_slope / sample.normal_stiffness**3)
 
     @property
     def elastic_tensor(self) -> Array:
@@ -351,8 +379,11 @@ class SimulatedState(ContactState):
 
     @property
     def elastic_slope(self) -> Array:
-        """(..., 3, 3) Pa/m: derivative of the elastic tensor by the overlap, mean over samples."""
-        return np.asarray(self._average(lambda sample: sample.elasticity.slope))
+        """(..., 3, 3) Pa/m: derivative of ``elastic_tensor`` by the overlap."""
+        if self.spaced:
+            return np.asarray(self._average(lambda sample: sample.elasticity.slope))
+        by_force = self._average(lambda sample: sample.elasticity.slope / sample.normal_stiffness)
+        return np.asarray(np.asarray(self.normal_stiffness)[..., None, None] * by_force)
 
     @property
     def least_valid_force(self) -> float:
@@ -377,7 +408,8 @@ class DirectSimulation:
 
     Raises
     ------
-    InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples.
+    InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples, a
+        width below 1e-30 of the diameter.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.errors.InputError` for a load that
     is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
@@ -412,6 +444,9 @@ class DirectSimulation:
         else:
             self._take(self.diameters)
         object.__setattr__(self, "seed", _whole("seed", self.seed, 0))
+        if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
+            what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
+            raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
         object.__setattr__(self, "samples", _whole("samples", self.samples, 1))
         _whole("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
@@ -524,15 +559,7 @@ class DirectSimulation:
             for place in np.argsort(order).tolist()
             for seed, column in zip(seeds, found, strict=True)
         ]
-        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*shape, self.samples, 3)
-        forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
-        # the exact derivative of the means: at common spacing stiffnesses add up, at common force compliances
-        k = np.mean(stiffnesses, axis=-1) if overlap is not None else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
-        f = np.mean(forces, axis=-1) if force is None else force
-        delta = np.mean(overlaps, axis=-1) if overlap is None else overlap
-        return SimulatedState(
-            self.packing, self.name, self.law, f[()], delta[()], k[()], bool(finite_overlap), tuple(samples)
-        )  # fmt: skip
+        return SimulatedState.of(self, samples, shape, bool(finite_overlap), force, overlap)
 
 
 def _equilibria(deviations: Array, loads: Sequence[Load], workers: int) -> list[Equilibrium]:

@@ -149,9 +149,10 @@ class Stencils:
 
     def around(self, contacts: Array) -> Array:
         """(L1, L2): the sum over the six contacts of each ball of values (3, L1, L2)."""
-        return sum(
-            (one + np.roll(one, shift, (0, 1)) for one, shift in zip(contacts, self.shifts, strict=True)), np.zeros(())
-        )
+        out: Array = np.zeros_like(contacts[0])
+        for one, shift in zip(contacts, self.shifts, strict=True):
+            out += one + np.roll(one, shift, (0, 1))
+        return out
 
     def cartesian(self, forces: Array) -> Array:
         """(2, L1, L2): forces (x, y) from those in the coordinates of motions."""
@@ -227,7 +228,9 @@ class Stencils:
                     parts[field] = part
                 if self.n_fields > 2:
                     parts[2] *= 1j
-            out: Array = fft.irfft2(waves, s=self.shape, workers=self.workers, overwrite_x=True)
+            # one axis after the other: both at once would make another array of waves
+            waves = fft.ifft(waves, axis=1, workers=self.workers, overwrite_x=True)
+            out: Array = fft.irfft(waves, self.shape[1], axis=2, workers=self.workers)
             for rows in self.blocks():
                 part = out[:, rows]
                 part *= 1.0 / mean

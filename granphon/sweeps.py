@@ -1,19 +1,18 @@
 """Many states at once: loads, media and parameters of the packing, as one labelled data set.
 
-The work is cut into tasks, one medium on one packing at all loads, and the results are put in place by index. With a path
-each finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
+The work is cut into tasks (:mod:`granphon.jobs`), and the results are put in place by index. With a path each finished task
+is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache, cached_property
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,16 +20,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
-from granphon.errors import GranphonError, InputError, message
+from granphon.errors import InputError, message
 from granphon.files import check_free, staging, versions
 from granphon.geometry import Lattice
-from granphon.ladder import MediumChoice
-from granphon.medium import ContactState
-from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
+from granphon.jobs import ERRORS, Job, packages, to_json
+from granphon.ladder import MediumChoice, no_simulation
+from granphon.observables import Moduli, SoundVelocities
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS, Axis, combinations, numbers
 from granphon.progress import Progress, silent
-from granphon.results import plain, restore
+from granphon.results import restore
+from granphon.simulation import SimulatedState
 from granphon.spectra import band_path
 from granphon.tasks import Part, Store, kept, solve_all
 
@@ -41,7 +41,7 @@ __all__ = ["sweep", "swept_packing"]
 
 Array = NDArray[Any]
 _UNITS = {
-    **ContactState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
+    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
     **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
 }  # fmt: skip
 _LONG_NAMES = {
@@ -53,6 +53,7 @@ _LONG_NAMES = {
     "reduced_force": "f*, force over that at an overlap of the width",
     "reduced_spacing": "a*, (d + W/2 - a)/W",
     "force_fluctuation": "rms contact force over the mean",
+    "contact_force_fluctuation": "rms difference of single contact forces from the mean, over the mean",
     "contact_fraction": "fraction of contacts that carry load",
     "stiffness_ratio": "normal stiffness over that of the ideal lattice at the same force",
     "valid": "inside the medium's range",
@@ -62,6 +63,10 @@ _LONG_NAMES = {
     "bulk": "bulk modulus of the layer taken one diameter thick",
     "shear": "shear modulus of the layer taken one diameter thick",
     "tensor": "elastic tensor of the layer taken one diameter thick, Voigt order",
+    "longitudinal_error": "standard error over samples of the longitudinal sound velocity",
+    "transverse_error": "standard error over samples of the transverse sound velocity",
+    "bulk_error": "standard error over samples of the bulk modulus",
+    "shear_error": "standard error over samples of the shear modulus",
     "exponent": "d log v / d log P",
     "frequencies": "frequencies of the branches, ascending",
     "young_modulus": "Young modulus of the material",
@@ -76,101 +81,6 @@ _LONG_NAMES = {
 _VOIGT = ("xx", "yy", "xy")
 #: dimensions of a variable after load, medium and parameters
 _EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
-#: of propagation, Cartesian; on an isotropic lattice any other gives the same
-_DIRECTION = (1.0, 0.0)
-
-
-def _json(data: Any) -> str:
-    return json.dumps(data, default=plain, sort_keys=True)
-
-
-@cache
-def _versions() -> dict[str, str]:
-    return versions("numpy", "scipy")
-
-
-# -- one task -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands."""
-
-    where: str
-    packing: Packing
-    medium: MediumChoice
-    load: str
-    values: tuple[float, ...]
-    finite_overlap: bool
-    qpoints: Array | None
-
-    def state(self, values: ArrayLike) -> ContactState:
-        """At some of the loads."""
-        at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
-        return at(values, finite_overlap=self.finite_overlap)
-
-    @cached_property
-    def name(self) -> str:
-        """Of its file: the medium, and a digest of everything that determines the numbers."""
-        data = {**plain(self), "where": "", "schema": SCHEMA, "versions": _versions()}
-        return f"{self.medium.name}-{hashlib.sha256(_json(data).encode()).hexdigest()}"
-
-    def solve(self) -> Part:
-        """Every variable at every load, and "warnings", a list of texts; an error says at which load of which task."""
-        try:
-            return _observed(self, self.state(np.array(self.values)))
-        except GranphonError as error:
-            raise _located(self, error) from error
-
-
-def _located(task: _Task, error: GranphonError) -> GranphonError:
-    """``error``, or that of the first load which alone gives one, with the task and the load before it.
-
-    The index of that load is its attribute ``load_index``, which comes back from a worker process too.
-    """
-    unit = ContactState.units[task.load]
-    for index, value in enumerate(task.values):
-        try:
-            _observed(task, task.state(np.array([value])))
-        except GranphonError as alone:
-            located = type(alone)(f"{task.where}, {task.load} = {value!r} {unit}: {alone}")
-            vars(located)["load_index"] = index
-            return located
-    return type(error)(f"{task.where}: {error}")
-
-
-def _observed(task: _Task, state: ContactState) -> Part:
-    finite = task.finite_overlap
-    velocities, constants = sound_velocities(state, _DIRECTION, finite), moduli(state, finite)
-    names = [name for name in ContactState.units if name != "pressure" or _has_pressure(task.packing)]
-    out = {name: getattr(state, name) for name in (*names, "regime")}
-    out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
-    if constants.isotropic:
-        out |= {"bulk": constants.bulk, "shear": constants.shear}
-    if not finite:
-        out["exponent"] = local_exponent(state)
-    if task.qpoints is not None:
-        out["frequencies"] = _frequencies(state, task.qpoints, finite)
-    return {name: np.asarray(value) for name, value in out.items()} | {"warnings": np.array(velocities.warnings, str)}
-
-
-def _has_pressure(packing: Packing) -> bool:
-    with suppress(InputError):
-        return packing.structure.pressure_factor > 0.0
-    return False
-
-
-def _frequencies(state: ContactState, qpoints: Array, finite_overlap: bool) -> Array:
-    """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
-
-    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
-    """
-    loads = [state[i] for i in range(len(state.force))]
-    lattices = [contact_lattice(one, finite_overlap) for one in (loads if finite_overlap else loads[:1])]
-    rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
-    hertz = np.array([one.scales.frequency for one in loads])
-    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
-    return out
 
 
 # -- the sweep ------------------------------------------------------------------------------------------------------
@@ -201,13 +111,13 @@ def sweep(
     ----------
     packing : what is common to the sweep.
     force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
-    media : "ala", "afa", "ema", mappings with options such as {"ema": {"local_field": "paper"}}, or a list of these, each
-        once.
+    media : "ala", "afa", "ema", "simulation", mappings with options such as {"ema": {"local_field": "paper"}} or
+        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}}, or a list of these, each once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
     bands : a path as :meth:`granphon.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
     labels : of the corners of that path; by default the letters, or the coordinates.
     executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
-    progress : told how many tasks (a medium at one combination of parameters) are done.
+    progress : told how many tasks (a medium, or one sample of it, at one combination of parameters) are done.
     path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
     resume : go on with what an interrupted sweep to ``path`` has left; the numbers are those of an uninterrupted one.
     overwrite : replace existing files.
@@ -220,33 +130,40 @@ def sweep(
     Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
     variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along (1, 0) where
     sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
-    ``exponent``, and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own
-    name. ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
+    ``exponent``; if a simulation has several samples, the standard errors ``longitudinal_error``, ``transverse_error``,
+    ``bulk_error``, ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
+    and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
+    ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
     Raises
     ------
     InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
-        bands over parameters that change the number of branches.
+        bands over parameters that change the number of branches, a simulation with finite overlap.
     FileExistsInRunError, OutputError : the files cannot be written; found out before anything is computed if it can be.
     GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
         result is written then.
     """
     load, values = _load(force=force, pressure=pressure, overlap=overlap)
     choices = _media(media)
+    if finite_overlap:
+        no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
     way = None if bands is None else _Way.of(packings, bands, npoints, labels)
     target = _target(path, resume, overwrite)
     qpoints = None if way is None else way.qpoints
-    tasks = [
-        _Task(", ".join(filter(None, [choice.label, where])), one, choice, load, values, bool(finite_overlap), qpoints)
+    jobs = [
+        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, bool(finite_overlap), qpoints)
         for where, one in packings
         for choice in choices
     ]
+    pieces = [job.pieces for job in jobs]
     own = kept(None if target is None else target.with_name(f".{target.name}.partial"), resume)
     with own if store is None else nullcontext(store) as place:
-        parts = solve_all("sweep", tasks, executor, progress, place)
-        dataset = _dataset(tasks, parts, axes, choices, way).assign_attrs(packing=_json(packing))
+        found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
+        ends = accumulate(map(len, pieces), initial=0)
+        parts = [job.joined(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
+        dataset = _dataset(jobs, parts, axes, choices, way).assign_attrs(packing=to_json(packing))
         if target is not None:
             with staging(target.parent, file_names(target), overwrite) as folder:
                 write_sweep(dataset, folder / target.name)
@@ -326,13 +243,16 @@ def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) 
 
 
 def _dataset(
-    tasks: Sequence[_Task], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: _Way | None
+    jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: _Way | None
 ) -> Dataset:
     from xarray import Dataset
 
-    load, values, finite = tasks[0].load, tasks[0].values, tasks[0].finite_overlap
+    load, values, finite = jobs[0].load, jobs[0].values, jobs[0].finite_overlap
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
-    # what every task gives; the tensor only where it is needed
+    # a medium that samples nothing has no error
+    exact = {name: np.zeros(len(values)) for name in ERRORS if any(name in part for part in parts)}
+    parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
+    # what every medium gives; the tensor only where it is needed
     names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:
         names.remove("tensor")
@@ -345,17 +265,17 @@ def _dataset(
     coordinates: dict[str, Any] = {load: ("load", np.array(values), _attrs(load)), "medium": [m.label for m in media]}
     for axis in axes:
         # labels say less than the spread or the lattice itself
-        whole = {"values": _json(axis.values)} if axis.name in ("spread", "lattice") else {}
+        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
     if "tensor" in names:
         coordinates |= {dim: list(_VOIGT) for dim in _EXTRA["tensor"]}
     if way is not None:
         variables |= _path_variables(way, finite)
-    warnings = [f"{task.where}: {text}" for task, part in zip(tasks, parts, strict=True) for text in part["warnings"]]
+    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in part["warnings"]]
     attrs = {
-        "format": FORMAT, "schema": SCHEMA, "versions": _json({**_versions(), **versions("xarray", "h5netcdf")}),
-        "media": _json([{choice.name: dict(choice.options)} for choice in media]), "finite_overlap": int(finite),
-        "direction": "(1, 0), Cartesian, where velocities depend on it", "warnings": _json(warnings),
+        "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
+        "direction": "(1, 0), Cartesian, where velocities depend on it", "warnings": to_json(warnings),
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"

@@ -10,11 +10,12 @@ from granphon.quantities import LOADS
 from granphon.units import prefixed
 
 if TYPE_CHECKING:
+    from granphon.cost import Cost
     from granphon.load import Load
     from granphon.run import RunResult, SweepResult
     from granphon.scene import Scene
 
-__all__ = ["described", "human", "results", "span"]
+__all__ = ["announced", "described", "human", "results", "span"]
 
 
 def human(value: float, unit: str) -> str:
@@ -55,12 +56,15 @@ def described(scene: Scene) -> list[tuple[str, str]]:
         sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
         counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
         rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
-    else:
+    elif not scene.media[0].simulates:
         state = scene.state()
         rows += [
             ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
             ("stiffness", f"normal {human(state.normal_stiffness, 'N/m')}, shear {human(state.shear_stiffness, 'N/m')}"),
         ]
+    cost = scene.cost()
+    if cost is not None:
+        rows.append(("will take", announced(cost)))
     if scene.finite_overlap:
         rows.append(("terms", "of the order of the overlap over the diameter are kept"))
     if "bands" in scene.observe:
@@ -71,15 +75,23 @@ def described(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
+def announced(cost: Cost) -> str:
+    """What simulations will take."""
+    return f"{cost.text} on one processor"
+
+
 def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     """Rows of the chief numbers of a result."""
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
     rows += [("contact force", span(numbers["force"], "N")), ("overlap", span(numbers["overlap"], "m"))]
-    if "longitudinal" in numbers:
-        along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
-        rows += [(f"{name} velocity", span(numbers[name], "m/s") + along) for name in ("longitudinal", "transverse")]
-    rows += [(f"{name} modulus", span(numbers[name], "Pa")) for name in ("bulk", "shear") if name in numbers]
+    along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
+    velocity, modulus = ("velocity", "m/s"), ("modulus", "Pa")
+    kinds = {"longitudinal": velocity, "transverse": velocity, "bulk": modulus, "shear": modulus}
+    for name, (kind, unit) in kinds.items():
+        if name in numbers:
+            error = f" +/- {human(numbers[f'{name}_error'], unit)}" if f"{name}_error" in numbers else ""
+            rows.append((f"{name} {kind}", span(numbers[name], unit) + error + (along if kind == "velocity" else "")))
     if "top_frequency" in numbers:
         rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
     return rows

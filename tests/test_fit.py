@@ -293,7 +293,7 @@ IDEAL = velocities(BALLS)
         ({"parameters": ("width", "width")}, "once at most"),
         ({"branch": "L"}, "unknown branch 'L'"),
         ({"direction": (0.0, 0.0)}, "direction"),
-        ({"medium": "eam"}, "unknown medium"),
+        ({"medium": "eam"}, r"found 'eam'; .*'ema'"),
         ({"medium": "ala"}, "in the medium 'ala' sound does not depend on the width"),
         ({"velocity": IDEAL}, "the width cannot be told from zero"),
         ({"velocity": IDEAL, "sigma": 5.0}, "the width cannot be told from zero"),
@@ -369,6 +369,83 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     assert re.search(rf"^width: {fit.width!r}$", text, re.MULTILINE)
 
 
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SAMPLES = {"simulation": {"shape": (32, 32), "seed": 1}}
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    return gp.DirectSimulation(TRUE, (32, 32), seed=1).at_force(FORCE)
+
+
+@pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 6500.0)])
+def test_the_width_of_simulated_samples(sampled, branch, frequency):
+    """Found again from the same samples, but for the cusps of their moduli, which the model leaves out."""
+    waves = Waves(branch, np.array([0.0, 1.0]), frequency, False)
+    data = waves.velocity(sampled)[0]
+    fit = fit_width(BALLS, FORCE, data, medium=SAMPLES, branch=branch, frequency=frequency)
+    assert fit.medium == "simulation(seed=1, shape=32 32)"
+    assert_allclose(fit.width, WIDTH, rtol=3e-3)
+    # about what samples of this size differ by
+    assert np.max(np.abs(fit.residuals / data)) < 1.5e-3
+    assert_allclose(fit.velocity_at(FORCE), fit.velocities, rtol=1e-9)
+    assert fit.velocity_at(FORCE[3]) == pytest.approx(fit.velocities[3], rel=1e-9)
+    assert WidthFit.from_dict(fit.to_dict()) == fit
+    assert fit.warnings == ()
+
+
+def test_samples_tell_two_parameters(sampled):
+    data = sound_velocities(sampled).longitudinal
+    soft = replace(BALLS, material=replace(STEEL, young_modulus=150e9))
+    fit = fit_width(soft, FORCE, data, medium=SAMPLES, parameters=("width", "young_modulus"))
+    assert_allclose(fit.values, (WIDTH, STEEL.young_modulus), rtol=5e-3)
+
+
+@pytest.mark.parametrize("branch", ["longitudinal", "transverse"])
+def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(sampled, branch):
+    names = ("width", "young_modulus", "diameter")
+    waves = Waves(branch, np.array([0.0, 1.0]), None, False)
+    model = VelocityModel(replace(BALLS, spread=gp.Uniform(1e-7)), names, MediumChoice.parse(SAMPLES), FORCE, waves)
+    logs = model.start(WIDTH)
+    found, slopes = model(logs)
+    assert_allclose(found, getattr(sound_velocities(sampled), branch), rtol=1.5e-3)
+    for i in range(3):
+        step = 1e-5 * np.eye(3)[i]
+        difference = (np.log(model(logs + step)[0]) - np.log(model(logs - step)[0])) / 2e-5
+        assert_allclose(slopes[:, i], difference, rtol=2e-4, atol=1e-6)
+    # at its own places the curve is the simulation itself
+    unit = TRUE.law.coefficient * WIDTH**1.5
+    places = unit * 10.0 ** (np.arange(0, 5) / 8.0)
+    exact = replace(model, force=places)(logs)[0]
+    state = gp.DirectSimulation(TRUE, (32, 32), seed=1).at_force(places)
+    assert_allclose(exact, getattr(sound_velocities(state), branch), rtol=1e-7)
+
+
+def test_samples_of_listed_diameters_move_in_proportion():
+    """Of more diameters than the shape of a list keeps, each ball has its own at every width."""
+    diameters = tuple((8e-3 + 1e-6 * np.random.default_rng(3).standard_normal(600)).tolist())
+    lot = gp.Measured(diameters)
+    packing = gp.Packing(STEEL, lot.mean, lot)
+    choice = {"simulation": {"shape": (8, 8)}}
+    model = VelocityModel(
+        packing, ("width",), MediumChoice.parse(choice), FORCE, Waves("longitudinal", np.array([0.0, 1.0]), None, False)
+    )
+    simulation = model._curve.medium
+    own = gp.DirectSimulation(packing, (8, 8))
+    assert_allclose(simulation.deviations(0), own.deviations(0), rtol=0, atol=1e-8)
+
+
+def test_what_a_simulation_is_not_fitted_to():
+    data = EXACT["ema"]
+    with pytest.raises(InputError, match="'simulation' has no terms of finite overlap"):
+        fit_width(BALLS, FORCE, data, medium="simulation", finite_overlap=True)
+    with pytest.raises(InputError, match="square lattice is not simulated"):
+        fit_width(replace(BALLS, lattice="square"), FORCE, data, medium="simulation", direction=(1, 0))
+    with pytest.raises(InputError, match=r"medium\.simulation\.samples: found 0"):
+        fit_width(BALLS, FORCE, data, medium={"simulation": {"samples": 0}})
+
+
 # -- the command ----------------------------------------------------------------------------------------------------
 
 
@@ -402,6 +479,18 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err
     assert command("scene.yaml", "data.csv", "-o", "out", "--force", "--sigma", "2 m/s") == 0
+
+
+def test_the_command_fits_a_simulated_medium(folder, capsys):
+    with (folder / "scene.yaml").open("a", encoding="utf-8") as scene:
+        scene.write("medium: {simulation: {shape: 32 32}}\n")
+    rows = zip(FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (32, 32)}}).tolist(), strict=True)
+    (folder / "data.csv").write_text("\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)]))
+    assert command("scene.yaml", "data.csv", "-o", "out") == 0
+    printed = capsys.readouterr().out
+    assert "medium                simulation(shape=32 32)" in printed
+    assert re.search(r"width                 2\.0[345]\d* um \+/-", printed)
+    assert (folder / "out" / "fit.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_side_forces_and_times_of_flight(folder, capsys):

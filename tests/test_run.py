@@ -7,6 +7,7 @@ import sys
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
+import ase.io
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
@@ -18,6 +19,7 @@ from granphon.redraw import redraw
 from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
 from granphon.scene import Scene
 from granphon.sweeps import sweep
+from granphon.wording import human
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -48,10 +50,10 @@ def listed(folder: Path) -> set[str]:
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
     """Let the task after ``count`` others fail; the names of the tasks that were begun."""
-    from granphon.sweeps import _Task
+    from granphon.jobs import Job
 
     begun: list[str] = []
-    solve = _Task.solve
+    solve = Job.solve
 
     def solved(task):
         begun.append(task.where)
@@ -59,7 +61,7 @@ def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseEx
             raise error
         return solve(task)
 
-    monkeypatch.setattr(_Task, "solve", solved)
+    monkeypatch.setattr(Job, "solve", solved)
     return begun
 
 
@@ -122,6 +124,135 @@ def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
 def test_the_exponent_belongs_to_the_limit_of_small_overlap(work):
     text = ONE.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true")
     assert "exponent" not in Scene.from_text(text).run("out").summary()
+
+
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SIMULATED = ONE.replace("medium: ema", "medium: {simulation: {shape: 16 16, seed: 4, samples: 3}}")
+
+
+@pytest.mark.parametrize(("kind", "value"), [("force", "3 N"), ("pressure", "600 N/m"), ("overlap", "0.4 um")])
+def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, value):
+    text = SIMULATED.replace("force: 3 N", f"{kind}: {value}")
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "sample.extxyz", "forces.png"}
+    assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
+    scene = Scene.from_yaml("out/scene.yaml")
+    assert scene == Scene.from_text(text)
+    medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
+    state = getattr(medium, f"at_{kind}")(scene.load.values[0])
+    got, velocities, constants = summary("out"), gp.sound_velocities(state), gp.moduli(state)
+    expected = {name: getattr(state, name) for name in (*state.units, "regime")}
+    for name in ("longitudinal", "transverse"):
+        expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
+        assert f" +/- {human(expected[f'{name}_error'], 'm/s')}" in out
+    for name in ("bulk", "shear"):
+        expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
+    found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
+    expected |= {f"{found}_error": state.standard_error(found), "exponent": gp.local_exponent(state)}
+    assert {name: got[name] for name in expected} == expected
+    assert f"{given}_error" not in got
+    assert "contact_force_fluctuation" in got
+    assert set(got["units"]) >= set(expected) - {"regime"}
+    assert got["medium"] == "simulation(samples=3, seed=4, shape=16 16)"
+    assert (got["ok"], got["warnings"]) == (True, [])
+    assert (work / "out" / "forces.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_sample_is_read_by_ase(work):
+    (work / "scene.yaml").write_text(SIMULATED)
+    result = Scene.from_yaml("scene.yaml").run("out", figures=False)
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "sample.extxyz"}
+    atoms, sample = ase.io.read("out/sample.extxyz"), result.state.sample
+    assert sample.seed == 4
+    assert (len(atoms), atoms.pbc.tolist()) == (256, [True, True, False])
+    d = result.state.packing.diameter
+    np.testing.assert_allclose(2.0 * d * atoms.get_array("radius"), sample.diameters.ravel(), atol=2e-8 * d)
+    np.testing.assert_allclose(atoms.positions, sample.atoms().positions, atol=1e-8)
+    assert atoms.info["granphon_length_m"] == d
+    assert np.mean(atoms.get_array("force")) == pytest.approx(1.0, abs=1e-7)
+    assert "ase" in summary("out")["versions"]
+
+
+def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
+    text = SIMULATED + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    told = "granphon: warning: bands and densities of states are those of a regular lattice with the mean stiffness"
+    assert capsys.readouterr().err.startswith(told)
+    assert "longitudinal" not in summary("out")
+    assert summary("out")["warnings"][0].startswith("bands and densities of states")
+    state = Scene.from_text(text).state()
+    result = gp.Bands.read("out/band.yaml")
+    expected = gp.Phonons(state).bands("GKMG", npoints=3).frequencies
+    np.testing.assert_allclose(result.frequencies, expected, atol=1e-8 * expected.max())
+    # the long waves of the scene are drawn without simulating it
+    assert main(["plot", "out", "--asymptotes", "--force"]) == 0
+
+
+def test_without_friction_or_of_one_sample_there_is_no_error(work):
+    text = SIMULATED.replace(", samples: 3", "").replace("8 mm,", "8 mm, friction: false,")
+    result = Scene.from_text(text).run("out", figures=False)
+    assert not [name for name in result.summary() if name.endswith("_error")]
+    assert result.summary()["contact_force_fluctuation"] > result.summary()["force_fluctuation"]
+
+
+def test_another_result_leaves_no_sample_behind(work):
+    Scene.from_text(SIMULATED).run("out")
+    Scene.from_text(ONE).run("out", force=True)
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+
+
+def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsys, monkeypatch):
+    def simulated(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(gp.DirectSimulation, "_state", simulated)
+    many = SIMULATED.replace("3 N", "[3 N, 1 N]").replace("medium: {", "medium: [ema, {").replace("3}}", "3}}]")
+    for text, count in ((SIMULATED, 3), (many, 6)):
+        (work / "scene.yaml").write_text(text)
+        cost = Scene.from_text(text).cost()
+        assert cost.equilibria == count
+        assert main(["check", "scene.yaml"]) == 0
+        out, err = capsys.readouterr()
+        assert f"  will take             {cost.text} on one processor\n" in out
+        assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
+    # of the medium that is solved in a moment, limits are told
+    assert err.startswith("granphon: warning: ema: contact force in N is 1")
+    assert err.count("\n") == 1
+
+
+def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
+    (work / "scene.yaml").write_text(SIMULATED)
+    monkeypatch.setattr("granphon.cli._LONG", 0.0)
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
+    assert capsys.readouterr().err == f"granphon: {Scene.from_text(SIMULATED).cost().text} on one processor\n"
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures", "--force", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch, capsys):
+    text = SIMULATED.replace("3 N", "[9 N, 5 N]").replace("16 16", "8 8")
+    (work / "scene.yaml").write_text(text)
+    assert main(["run", "scene.yaml", "-o", "one", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2"]) == 0
+    one = load_sweep("one/sweep.nc")
+    assert one.identical(load_sweep("two/sweep.nc"))
+    assert (work / "one" / "sweep.csv").read_text() == (work / "two" / "sweep.csv").read_text()
+    assert "longitudinal_error (m/s)" in (work / "one" / "sweep.csv").read_text().splitlines()[0]
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(2, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 130
+    assert len(begun) == 3
+    assert begun[0] == "simulation(samples=3, seed=4, shape=8 8), seed 4"
+    with monkeypatch.context() as patch:
+        begun = interrupted_after(99, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "cut", "-q", "--resume"]) == 0
+    assert len(begun) == 1
+    assert one.identical(load_sweep("cut/sweep.nc"))
 
 
 # -- many -----------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import granphon as gp
+from granphon.cost import estimate
 from granphon.errors import InputError, OutputError, PrecisionError, SceneError
 from granphon.ladder import MediumChoice
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
@@ -78,6 +79,8 @@ def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
     assert normal.packing.width == pytest.approx(2.04e-6, rel=0.01)
     framed = text.replace("  force: {from", "  # ").replace("# side_force", "side_force").replace("# balls_per", "balls_per")
     assert len(Scene.from_text(framed).load.values) == 3
+    simulated = Scene.from_text(text.replace("medium: [", "# [").replace("# medium: {", "medium: {"))
+    assert [choice.label for choice in simulated.media] == ["simulation(samples=4, shape=64 64)"]
     assert dict(Scene.from_text(text.replace("# sweep:", "sweep:")).parameters) == {"width": (1e-6, 2e-6, 4e-6)}
 
 
@@ -145,6 +148,78 @@ def test_an_empty_phonopy_block_is_none():
 
 def test_observables_come_in_one_order():
     assert Scene.from_text(MINIMAL + "observe: [dos, velocities]\n").observe == ("velocities", "dos")
+
+
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SIMULATION = MINIMAL.replace("8 mm", "8 mm, spread: {uniform: 2 um}").replace("18.446 N", "5 N")
+
+
+@pytest.mark.parametrize("shape", ["16 12", "[16, 12]", '"16 12"'])
+def test_a_simulation_in_a_scene(shape):
+    scene = Scene.from_text(SIMULATION + f"medium: {{simulation: {{shape: {shape}, seed: 3, samples: 2}}}}\n")
+    assert scene.media == (MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),)
+    assert not scene.is_sweep
+    state = scene.state()
+    assert state == gp.DirectSimulation(scene.packing, (16, 12), seed=3, samples=2).at_force(5.0)
+    # what is written names every option, and is the same scene
+    assert "shape: [16, 12]\n    seed: 3\n    samples: 2\n" in scene.to_yaml()
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_the_defaults_of_a_simulation_are_written_out():
+    scene = Scene.from_text(SIMULATION + "medium: simulation\n")
+    assert scene.media == (MediumChoice("simulation"),)
+    assert "medium:\n  simulation:\n    shape: [128, 128]\n    seed: 0\n    samples: 1\n" in scene.to_yaml()
+
+
+def test_a_simulation_beside_other_media_and_over_parameters():
+    text = (
+        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, {simulation: {shape: 8 8}}]\nsweep: {width: [1 um, 2 um]}\n"
+    )
+    scene = Scene.from_text(text)
+    states = dict(scene.states())
+    assert list(states) == [f"{m}, width = {w} m" for w in ("1e-06", "2e-06") for m in ("ema", "simulation(shape=8 8)")]
+    found = states["simulation(shape=8 8), width = 1e-06 m"]
+    np.testing.assert_array_equal(found.overlap, gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(1e-6)), (8, 8))
+                                  .at_force([9.0, 5.0]).overlap)  # fmt: skip
+    assert [label for label, _ in scene.states(simulations=False)] == ["ema, width = 1e-06 m", "ema, width = 2e-06 m"]
+    assert Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_reading_a_scene_and_its_cost_simulate_nothing(monkeypatch):
+    def simulated(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(gp.DirectSimulation, "_state", simulated)
+    scene = Scene.from_text(
+        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, simulation]\nsweep: {width: [1 um, 2 um]}\n"
+    )
+    cost = scene.cost()
+    assert (cost.balls, cost.equilibria) == (128 * 128, 4)
+    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), "force", [9.0, 5.0])
+            for w in (1e-6, 2e-6)]  # fmt: skip
+    assert cost.seconds == pytest.approx(sum(one.seconds for one in each), rel=1e-12)
+    assert cost.memory == max(one.memory for one in each)
+    assert Scene.from_text(SIMULATION).cost() is None
+
+
+def test_a_load_that_samples_cannot_carry_is_named():
+    text = SIMULATION.replace("force: 5 N", "overlap: -0.6 um") + "medium: {simulation: {shape: 8 8}}\n"
+    scene = Scene.from_text(text, "loose.yaml")
+    told = r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry. .*carries no load"
+    with pytest.raises(SceneError, match=told):
+        scene.state()
+    several = Scene.from_text(text.replace("-0.6 um", "[1 um, -0.6 um]"), "loose.yaml")
+    with pytest.raises(
+        SceneError, match=r"loose.yaml:3: load.overlap.1: found '-0.6 um'; .*simulation\(shape=8 8\), overlap = "
+    ):
+        several.sweep()
+
+
+def test_finite_overlap_and_a_simulation_are_refused_in_python(packing):
+    with pytest.raises(InputError, match=r"'simulation' has no terms of finite overlap"):
+        Scene(packing, Load("force", 1.0), media="simulation", finite_overlap=True)
 
 
 # -- balls that differ, many loads, many media ----------------------------------------------------------------------
@@ -484,6 +559,14 @@ def scenes(draw: st.DrawFn) -> Scene:
         "lattice": st.just([lattice]),
     }))  # fmt: skip
     media = ["ala", "afa", "ema", ("ema", "ala"), ()] + [{"ema": {"local_field": "paper"}}] * (lattice == "triangular")
+    finite_overlap = draw(st.booleans())
+    if lattice == "triangular" and not finite_overlap:
+        options = {
+            "shape": st.tuples(*[st.integers(1, 20_000)] * 2),
+            "seed": st.integers(0, 10**18),
+            "samples": st.integers(1, 99),
+        }
+        media.append({"simulation": draw(st.fixed_dictionaries({}, optional=options))})
     load, choice = draw(loads(packing)), draw(st.sampled_from(media))
     swept = parameters or len(load.values) > 1 or choice == ("ema", "ala")
     observables = ["velocities"] if "lattice" in parameters or "friction" in parameters else ["velocities", "bands"]
@@ -499,7 +582,7 @@ def scenes(draw: st.DrawFn) -> Scene:
         packing, load,
         media=choice,
         parameters=parameters,
-        finite_overlap=draw(st.booleans()),
+        finite_overlap=finite_overlap,
         observe=tuple(draw(st.sets(st.sampled_from(observables + ["dos"] * (not swept)), min_size=1))),
         band=band,
         band_points=draw(st.integers(2, 1000)),
@@ -527,8 +610,9 @@ def test_a_lattice_of_ones_own_has_no_name_in_a_file(steel):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("media", "simulation"), ("media", ("ala", "emma")), ("media", ("ala", "ala")), ("finite_overlap", 1),
-        ("observe", ()), ("observe", ("bands", "bands")), ("observe", ("noise",)), ("band_points", 1),
+        ("media", "simulaton"), ("media", {"simulation": {"shape": (16.0, 16)}}),
+        ("media", {"simulation": {"seed": True}}), ("media", ("ala", "emma")), ("media", ("ala", "ala")),
+        ("finite_overlap", 1), ("observe", ()), ("observe", ("bands", "bands")), ("observe", ("noise",)), ("band_points", 1),
         ("band_points", 2.0), ("mesh", (0, 1)), ("mesh", 8),
         ("mesh", (8, 8, 2)), ("dim", (2, 3)), ("dim", (3,)),
     ],
@@ -572,9 +656,13 @@ SWEPT = (
 )
 
 
-@pytest.mark.parametrize("name", [*NAMES, "swept"])
+SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 64\n    seed: 7\n    samples: 4")
+
+
+@pytest.mark.parametrize("name", [*NAMES, "swept", "simulated"])
 def test_mutated_scenes_are_read_or_refused(name):
-    base = SWEPT if name == "swept" else (PRESETS / f"{name}.yaml").read_text()
+    ours = {"swept": SWEPT, "simulated": SIMULATED}
+    base = ours[name] if name in ours else (PRESETS / f"{name}.yaml").read_text()
     rng = random.Random(name)
     messages = []
     for _ in range(250):

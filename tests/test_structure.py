@@ -15,12 +15,12 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "units", "results", "progress", "files", "quantities", "tables",
+    "errors", "units", "results", "progress", "files", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "medium",
     "stencils", "equilibrium", "response", "simulation", "cost", "ladder", "observables",
     "calculator", "spectra", "bridge", "phonons",
-    "tasks", "archive", "sweeps", "measurements", "velocity_model", "fit",
+    "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit",
     "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these

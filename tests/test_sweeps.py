@@ -172,6 +172,103 @@ def test_the_order_of_loads_is_only_an_order(steel, forces, random):
     assert straight.isel(load=order).identical(shuffled)
 
 
+# -- simulations ----------------------------------------------------------------------------------------------------
+
+SAMPLES = {"simulation": {"shape": (10, 10), "seed": 2, "samples": 3}}
+ERRORS = ["longitudinal_error", "transverse_error", "bulk_error", "shear_error"]
+
+
+@pytest.mark.parametrize(("load", "values"), [("force", FORCES), ("pressure", [1e3, 500.0]), ("overlap", [1e-6, 1e-7])])
+def test_samples_apart_are_samples_together(rough, load, values):
+    """Samples are cut from each other and put together again: to the last bit what one simulation gives."""
+    frictions = [True, False]
+    ds = sweep(rough, **{load: values}, media=SAMPLES, friction=frictions)
+    assert set(ds.data_vars) == {*STATE, *OTHERS, *ERRORS, "force", "contact_force_fluctuation"} - {load}
+    for friction in frictions:
+        packing = dataclasses.replace(rough, friction=friction)
+        state = getattr(gp.DirectSimulation(packing, (10, 10), 2, 3), f"at_{load}")(values)
+        velocities, constants = gp.sound_velocities(state), gp.moduli(state)
+        expected = {name: getattr(state, name) for name in {*STATE, "force", "contact_force_fluctuation"} - {load}}
+        expected |= {name: getattr(velocities, name) for name in ("longitudinal", "transverse", *ERRORS[:2])}
+        expected |= {name: getattr(constants, name) for name in ("bulk", "shear", *ERRORS[2:])}
+        expected["exponent"] = gp.local_exponent(state)
+        for name, numbers in expected.items():
+            assert_array_equal(ds[name].sel(friction=friction)[:, 0], numbers, name)
+        assert np.all(ds["longitudinal_error"] > 0.0)
+
+
+def test_media_that_sample_nothing_have_no_error(rough):
+    ds = sweep(rough, force=FORCES, media=["ema", SAMPLES, "ala"])
+    assert ds["medium"].values.tolist() == ["ema", "simulation(samples=3, seed=2, shape=10 10)", "ala"]
+    for name in ERRORS:
+        assert np.all(ds[name].sel(medium=["ema", "ala"]) == 0.0)
+        assert np.all(ds[name][:, 1] > 0.0)
+        assert ds[name].attrs["units"] == ("Pa" if name in ("bulk_error", "shear_error") else "m/s")
+    assert "contact_force_fluctuation" not in ds
+    assert (
+        ds.sel(medium=["ema", "ala"])
+        .drop_vars(ERRORS)
+        .assign_attrs(sweep(rough, force=1.0).attrs)
+        .identical(sweep(rough, force=FORCES, media=["ema", "ala"]).assign_attrs(sweep(rough, force=1.0).attrs))
+    )
+    # one sample has no error at all
+    alone = sweep(rough, force=FORCES, media=["ema", {"simulation": {"shape": (8, 8)}}])
+    assert not set(ERRORS) & set(alone.data_vars)
+    assert "ema" in json.loads(ds.attrs["media"])[0]
+    assert json.loads(ds.attrs["media"])[1] == {"simulation": {"shape": [10, 10], "seed": 2, "samples": 3}}
+
+
+def test_equal_balls_are_simulated_without_error(packing):
+    ds = sweep(packing, force=FORCES, media=["ala", SAMPLES])
+    for name in ("overlap", "longitudinal", "transverse", "bulk", "shear", "exponent"):
+        assert_allclose(ds[name][:, 1], ds[name][:, 0], rtol=1e-12)
+    assert_allclose(ds["longitudinal_error"] / ds["longitudinal"], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_samples_side_by_side(rough, pool):
+    arguments = {"force": [5.0, 2.0], "media": [SAMPLES, "ala"], "width": [1e-6, WIDTH], "bands": "GK", "npoints": 3}
+    meter = Meter()
+    with pool(3) as executor:
+        found = sweep(rough, executor=executor, progress=meter, **arguments)
+    assert found.identical(sweep(rough, **arguments))
+    assert (meter.steps, meter.done) == ([("sweep", 2 * (3 + 1))], 8.0)
+
+
+def test_bands_of_a_simulation_are_those_of_its_mean_contacts(rough):
+    ds = sweep(rough, force=[5.0, 2.0], media=SAMPLES, bands="GKMG", npoints=5)
+    state = gp.DirectSimulation(rough, (10, 10), 2, 3).at_force(2.0)
+    expected = Phonons(state).bands("GKMG", npoints=5).frequencies
+    assert_allclose(ds["frequencies"][1, 0], expected, rtol=1e-7, atol=1e-9 * expected.max())
+    (told,) = json.loads(ds.attrs["warnings"])
+    assert told.startswith(
+        "simulation(samples=3, seed=2, shape=10 10): bands and densities of states are those of a regular"
+    )
+
+
+def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
+    arguments = {"force": [18.446, 5.0], "media": [SAMPLES], "width": [0.0, WIDTH]}
+    whole = sweep(rough, **arguments)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=4), **arguments)
+    assert len(parts_in(tmp_path)) == 4
+    # samples that there are serve a sweep of more
+    more = {"simulation": SAMPLES["simulation"] | {"samples": 4}}
+    expected = sweep(rough, **arguments | {"media": more})
+    folder = tmp_path / "more"
+    folder.mkdir()
+    (tmp_path / ".sweep.nc.partial").rename(folder / ".sweep.nc.partial")
+    assert resumed(rough, folder, expected, arguments | {"media": more}) == 8 - 4
+    assert resumed(rough, tmp_path / "anew", whole, arguments) == 6
+
+
+def test_a_sample_that_carries_no_load_is_named(rough):
+    told = r"^simulation\(samples=3, seed=2, shape=10 10\), friction = True, seed 2, overlap = -6e-07 m: .*carries no load"
+    with pytest.raises(InputError, match=told) as caught:
+        sweep(rough, overlap=[1e-6, -6e-7], media=["ema", SAMPLES], friction=True)
+    assert caught.value.load_index == 1
+
+
 # -- lattices that are not isotropic --------------------------------------------------------------------------------
 
 
@@ -340,10 +437,13 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": True}, "force is True"),
         ({"force": np.ma.masked_array([1.0, 2.0], [False, True])}, "force is "),
         ({"force": 1.0, "media": ()}, "no medium"),
-        ({"force": 1.0, "media": "emma"}, "unknown medium 'emma'"),
+        ({"force": 1.0, "media": "emma"}, "medium: found 'emma'; .*'ema'"),
         ({"force": 1.0, "media": ("ema", "ala", "ema")}, "the medium 'ema' is given twice"),
         ({"force": 1.0, "media": ["ema", {"ema": {"local_field": "computed"}}]}, "the medium 'ema' is given twice"),
-        ({"force": 1.0, "media": {"ema": {"local_field": "guess"}}}, "local_field is 'guess'"),
+        (
+            {"force": 1.0, "media": {"ema": {"local_field": "guess"}}},
+            "medium.ema.local_field: found 'guess'; allowed: computed, paper",
+        ),
         ({"force": 1.0, "wdith": [1e-6]}, "no parameter 'wdith'.*young_modulus.*lattice.*mean width"),
         ({"force": 1.0, "colour": ["red"]}, "no parameter 'colour'"),
         ({"force": 1.0, "width": ["2 um"]}, "width is .*2 um"),
@@ -360,6 +460,12 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "bands": "GQ"}, "special point"),
         ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 labels for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
+        ({"force": 1.0, "media": {"simulation": {"shape": 8}}}, "medium.simulation.shape: found 8; allowed: two whole"),
+        ({"force": 1.0, "media": "simulation", "finite_overlap": True}, "'simulation' has no terms of finite overlap"),
+        (
+            {"force": 1.0, "media": "simulation", "lattice": "square"},
+            "simulation, lattice = square: the square lattice is not",
+        ),
         ({"force": 1.0, "resume": True}, "nothing to resume"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
     ],
@@ -809,7 +915,7 @@ def test_parts_of_another_sweep_do_not_serve(rough, interrupted, change):
 def test_parts_of_another_packing_or_version_do_not_serve(rough, serial, interrupted, monkeypatch):
     other = changed(rough, {"density": 7841.0})
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.sweeps._versions", lambda: {"granphon": "0.0.9"})
+        patch.setattr("granphon.jobs.packages", lambda: {"granphon": "0.0.9"})
         expected = sweep(rough, **ARGUMENTS)
         assert resumed(rough, interrupted, expected) == 9
     with pytest.raises(KeyboardInterrupt):

@@ -1,0 +1,217 @@
+"""What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one.
+
+Tasks are plain data, see :mod:`granphon.tasks`. Samples are put together again from the few numbers that are averaged, and
+give what a simulation of all of them gives, to the last bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.archive import SCHEMA
+from granphon.errors import GranphonError, InputError
+from granphon.files import versions
+from granphon.ladder import MediumChoice
+from granphon.medium import ContactState
+from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
+from granphon.packing import Packing
+from granphon.response import Elasticity
+from granphon.results import plain
+from granphon.simulation import DirectSimulation, Sample, SimulatedState
+from granphon.tasks import Part
+
+__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "packages", "sampling_errors", "to_json"]
+
+Array = NDArray[Any]
+#: of propagation, Cartesian; on an isotropic lattice any other gives the same
+_DIRECTION = (1.0, 0.0)
+#: standard errors over the samples of a simulation; of other media zero
+ERRORS = ("longitudinal_error", "transverse_error", "bulk_error", "shear_error")
+#: what is said of the bands of a simulation
+LATTICE_BANDS = (
+    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
+    "the disorder of the contacts is in the velocities and moduli only"
+)
+
+
+def to_json(data: Any) -> str:
+    """Plain data as a text, the same for equal data."""
+    return json.dumps(data, default=plain, sort_keys=True)
+
+
+@cache
+def packages() -> dict[str, str]:
+    """Versions of what determines the numbers."""
+    return versions("numpy", "scipy")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands."""
+
+    where: str
+    packing: Packing
+    medium: MediumChoice
+    load: str
+    values: tuple[float, ...]
+    finite_overlap: bool
+    qpoints: Array | None
+
+    def state(self, values: ArrayLike) -> ContactState:
+        """At some of the loads."""
+        at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
+        return at(values, finite_overlap=self.finite_overlap)
+
+    @cached_property
+    def name(self) -> str:
+        """Of its file: the medium, and a digest of everything that determines the numbers."""
+        data = {**plain(self), "where": "", "schema": SCHEMA, "versions": packages()}
+        return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+
+    @property
+    def pieces(self) -> list[Job]:
+        """What can be done side by side: the samples of a simulation; else the job itself."""
+        try:
+            medium = self.medium.of(self.packing)
+        except InputError as error:
+            raise type(error)(f"{self.where}: {error}") from error
+        if not isinstance(medium, DirectSimulation):
+            return [self]
+        out: list[Job] = []
+        for seed in range(medium.seed, medium.seed + medium.samples):
+            # the same sample is the same piece, however many there are
+            alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
+            where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
+            out.append(_SampleJob(where, self.packing, alone, self.load, self.values, self.finite_overlap, None))
+        return out
+
+    def joined(self, parts: Sequence[Part]) -> Part:
+        """The result, from those of its :attr:`pieces`."""
+        medium = self.medium.of(self.packing)
+        return self.observed(_averaged(self, medium, parts)) if isinstance(medium, DirectSimulation) else parts[0]
+
+    def solve(self) -> Part:
+        """Every variable at every load, and "warnings", a list of texts; an error says at which load of which task."""
+        try:
+            return self.observed(self.state(np.array(self.values)))
+        except GranphonError as error:
+            raise _located(self, error) from error
+
+    def observed(self, state: ContactState) -> Part:
+        """What is found of a state."""
+        finite = self.finite_overlap
+        velocities, constants = sound_velocities(state, _DIRECTION, finite), moduli(state, finite)
+        names = [name for name in state.units if name != "pressure" or _has_pressure(self.packing)]
+        out = {name: getattr(state, name) for name in (*names, "regime")}
+        out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
+        if constants.isotropic:
+            out |= {"bulk": constants.bulk, "shear": constants.shear}
+        out |= sampling_errors(velocities, constants)
+        if not finite:
+            out["exponent"] = local_exponent(state)
+        warnings = velocities.warnings
+        if self.qpoints is not None:
+            out["frequencies"] = _frequencies(state, self.qpoints, finite)
+            warnings += (LATTICE_BANDS,) if isinstance(state, SimulatedState) else ()
+        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": np.array(warnings, str)}
+
+
+def sampling_errors(velocities: SoundVelocities, constants: Moduli) -> dict[str, Any]:
+    """Those of :data:`ERRORS` that there are: none of a medium, or a single sample."""
+    found = {name: getattr(one, name) for one in (velocities, constants) for name in ERRORS if name in one.units}
+    return {name: error for name, error in found.items() if error is not None}
+
+
+def _located(job: Job, error: GranphonError) -> GranphonError:
+    """``error``, or that of the first load which alone gives one, with the task and the load before it.
+
+    The index of that load is its attribute ``load_index``, which comes back from a worker process too.
+    """
+    unit = ContactState.units[job.load]
+    for index, value in enumerate(job.values):
+        try:
+            job.observed(job.state(np.array([value])))
+        except GranphonError as alone:
+            located = type(alone)(f"{job.where}, {job.load} = {value!r} {unit}: {alone}")
+            vars(located)["load_index"] = index
+            return located
+    return type(error)(f"{job.where}: {error}")
+
+
+def _has_pressure(packing: Packing) -> bool:
+    with suppress(InputError):
+        return packing.structure.pressure_factor > 0.0
+    return False
+
+
+def _frequencies(state: ContactState, qpoints: Array, finite_overlap: bool) -> Array:
+    """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
+
+    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
+    """
+    loads = [state[i] for i in range(len(state.force))]
+    lattices = [contact_lattice(one, finite_overlap) for one in (loads if finite_overlap else loads[:1])]
+    rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
+    hertz = np.array([one.scales.frequency for one in loads])
+    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
+    return out
+
+
+# -- samples --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Averaged:
+    """Of a :class:`~granphon.simulation.Sample` what a state averages, in its place."""
+
+    force: float
+    overlap: float
+    normal_stiffness: float
+    stiffness_slope: float
+    force_fluctuation: float
+    contact_force_fluctuation: float
+    fraction: float
+    elasticity: Elasticity
+
+    def contact_fraction(self) -> float:
+        """The part of the contacts that carries load."""
+        return self.fraction
+
+
+_NUMBERS = tuple(field.name for field in fields(_Averaged) if field.name != "elasticity")
+
+
+class _SampleJob(Job):
+    """One sample of a simulation at all loads."""
+
+    def observed(self, state: ContactState) -> Part:
+        """(n_loads, ...): every number of the sample that is averaged."""
+        samples: Sequence[Sample] = state.samples if isinstance(state, SimulatedState) else ()
+        of = {name: attrgetter(name) for name in _NUMBERS} | {"fraction": Sample.contact_fraction}
+        out = {name: np.array([find(one) for one in samples]) for name, find in of.items()}
+        tensors, slopes = zip(*(one.elasticity for one in samples), strict=True)
+        return out | {"tensor": np.array(tensors), "slope": np.array(slopes)}
+
+
+def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:
+    """The state of all samples."""
+    samples: Any = tuple(
+        _Averaged(
+            elasticity=Elasticity(part["tensor"][load], part["slope"][load]),
+            **{name: part[name][load].item() for name in _NUMBERS},
+        )
+        for load in range(len(job.values))
+        for part in parts
+    )
+    given: dict[str, Any] = {job.load: np.array(job.values)} if job.load != "pressure" else {}
+    return SimulatedState.of(simulation, samples, (len(job.values),), False, **given)

@@ -1,0 +1,318 @@
+"""Benchmarks of the direct simulation: ratios, each measured side by side in one run, each with the bound it is to keep.
+
+    python tests/benchmarks/bench_simulation.py [--json FILE] [--repeats N] [--huge]
+
+After the results comes a table of them; the exit code is 1 if a bound is missed. ``--huge`` adds ten million balls, some
+minutes and some GiB. Balls are spread uniformly and rest under a given overlap; one thread throughout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+from bench_ordered import alternate, report
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+import granphon as gp
+from granphon import equilibrium as module
+from granphon.equilibrium import TOLERANCE, Equilibrium, Load, equilibrate
+from granphon.geometry import TRIANGULAR
+from granphon.stencils import Stencils
+
+Array = NDArray[np.float64]
+#: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times faster
+FIRE = ((1.0, 1e-9, 0.9, 10.0), (0.7, 1e-9, 32.0, 30.0), (0.5, 5e-8, 70.0, 20.0))
+#: a*, times faster than Newton's method with a sparse LU
+DIRECT = ((1.0, 15.0), (0.7, 4.0))
+SEEDS = range(4)
+#: of ten million balls
+HUGE = 3164
+#: rigidity threshold, a*
+THRESHOLD = 0.343
+
+
+class Row(NamedTuple):
+    """A line of the table; ``bound`` is the most that ``value`` may be, or, with ``least``, the least."""
+
+    what: str
+    value: float
+    unit: str = ""
+    bound: float = math.inf
+    least: bool = False
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return self.value >= self.bound if self.least else self.value <= self.bound
+
+    def __str__(self) -> str:
+        sign, bounded = "≥" if self.least else "≤", math.isfinite(self.bound)
+        cells = self.what, f"{self.value:.3g} {self.unit}".strip(), self.note
+        return f"| {' | '.join(cells)} | {f'{sign} {self.bound:g}' if bounded else ''} | {self.verdict} |"
+
+    @property
+    def verdict(self) -> str:
+        return ("pass" if self.passed else "FAIL") if math.isfinite(self.bound) else ""
+
+
+def balls(length: int, seed: int = 0) -> Array:
+    x = gp.Uniform(1.0).sample((length, length), seed)
+    return x - np.mean(x)
+
+
+def residual(state: Equilibrium) -> float:
+    """Largest force left on a ball over the mean contact force, from the contact forces alone."""
+    forces, net = state.forces, np.zeros((2, *state.deviations.shape))
+    for force, normal, shift in zip(forces, TRIANGULAR.contacts.normal, TRIANGULAR.contacts.shift, strict=True):
+        net += normal[:, None, None] * (np.roll(force, shift, (0, 1)) - force)
+    return float(np.sqrt(np.max(np.sum(net**2, axis=0))) / np.mean(forces))
+
+
+# -- Newton's method with a sparse LU -----------------------------------------------------------------------------------
+
+
+class SparseNewton:
+    """The same equations and measure of rest, with scipy's LU: everything that can be known beforehand is."""
+
+    def __init__(self, x: Array) -> None:
+        n, table = x.size, TRIANGULAR.contacts
+        site = np.arange(n).reshape(x.shape)
+        i = np.tile(site.ravel(), len(table))
+        j = np.concatenate([np.roll(site, (-a, -b), (0, 1)).ravel() for a, b in table.shift.tolist()])
+        normal = np.repeat(table.normal, n, axis=0).T
+        self.means = 0.5 * (x.ravel()[i] + x.ravel()[j])
+        contacts = np.arange(i.size)
+        columns = np.concatenate([2 * j, 2 * j + 1, 2 * i, 2 * i + 1])
+        entries = np.concatenate([*normal, *-normal])
+        self.c = csc_array((entries, (np.tile(contacts, 4), columns)), shape=(i.size, 2 * n)).tocsr()
+        self.transposed = self.c.T.tocsr()
+        # entries of C^T K C are a matrix times the stiffnesses; the first ball is pinned
+        blocks = [
+            (a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p in (0, 1) for q in (0, 1)
+        ]
+        row, column, factor = (
+            np.concatenate(parts)
+            for parts in zip(*((2 * a + p, 2 * b + q, s * normal[p] * normal[q]) for a, b, p, q, s in blocks), strict=True)
+        )
+        kept, self.size = (row > 1) & (column > 1), 2 * n - 2
+        place, slot = np.unique((column[kept] - 2) * self.size + row[kept] - 2, return_inverse=True)
+        contact = np.tile(contacts, len(blocks))[kept]
+        self.fill = csc_array((factor[kept], (slot, contact)), shape=(place.size, i.size)).tocsr()
+        self.indices = (place % self.size).astype(np.int32)
+        self.starts = np.searchsorted(place, np.arange(self.size + 1) * self.size).astype(np.int32)
+
+    def step(self, stiffness: Array, force: Array) -> Array:
+        matrix = csc_array((self.fill @ stiffness, self.indices, self.starts), shape=(self.size, self.size))
+        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return np.concatenate([[0.0, 0.0], factors.solve(force[2:])])
+
+    def solve(self, y: float, tolerance: float = TOLERANCE) -> Array:
+        """Contact forces at rest."""
+        h = y + self.means
+        while True:
+            closed = np.maximum(h, 0.0)
+            root = np.sqrt(closed)
+            forces = closed * root
+            pull = self.transposed @ forces
+            left = math.sqrt(np.max(pull[0::2] ** 2 + pull[1::2] ** 2)) / min(np.mean(forces), np.std(forces))
+            if left <= tolerance:
+                return forces
+            stiffness = 1.5 * root
+            stiffness += 1e-2 * min(1.0, left) * np.mean(stiffness)
+            strain = self.c @ self.step(stiffness, pull)
+            h = h - self.length(h, strain) * strain
+
+    @staticmethod
+    def length(h: Array, strain: Array) -> float:
+        """To where the slope of the energy has fallen to a tenth: Newton's method, kept between what is known."""
+        first, low, high, length = 0.0, 0.0, math.inf, 0.0
+        for trial in range(30):
+            closed = np.maximum(h - length * strain, 0.0)
+            root = np.sqrt(closed)
+            slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
+            if trial == 0:
+                first, length = slope, 1.0
+                continue
+            if abs(slope) <= 0.1 * abs(first):
+                break
+            low, high = (length, high) if slope < 0.0 else (low, length)
+            length -= slope / rise
+            if not low < length < high:
+                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+            length = min(length, 4.0 * low) if high == math.inf else length
+        return length
+
+
+def direct(repeats: int) -> list[Row]:
+    """128 x 128 balls against the LU: same tolerance, same start; what both make once for the array is left out."""
+    x, rows = balls(128), []
+    stencils, other = Stencils(x.shape), SparseNewton(x)
+    for spacing, bound in DIRECT:
+        load = Load(overlap=spacing - 0.5)
+        ours, theirs = equilibrate(x, load, stencils), other.solve(spacing - 0.5)
+        apart = np.max(np.abs(ours.forces.ravel() - theirs)) / ours.force
+        assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
+        calls: dict[str, Callable[[], object]] = {
+            "granphon": lambda load=load: equilibrate(x, load, stencils), "lu": lambda load=load: other.solve(load.overlap),
+        }  # fmt: skip
+        seconds = alternate(repeats, **calls)
+        note = f"{seconds['granphon']:.3g} s against {seconds['lu']:.3g} s"
+        what = f"128x128, a* = {spacing:g}, to 1e-10: times faster than Newton's method with sparse LU"
+        rows.append(Row(what, seconds["lu"] / seconds["granphon"], "", bound, least=True, note=note))
+    return rows
+
+
+# -- growth -------------------------------------------------------------------------------------------------------------
+
+
+def clocks() -> Array:
+    """Wall and processor time, s."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
+    """At a* = 1, and what an iteration of conjugate gradients cost on both clocks, its share of their beginning included."""
+    solve, spent = module._conjugate_gradients, np.zeros(2)
+
+    def timed(*arguments: Any) -> object:
+        nonlocal spent
+        start = clocks()
+        found = solve(*arguments)
+        spent += clocks() - start
+        return found
+
+    with mock.patch.object(module, "_conjugate_gradients", timed):
+        state = equilibrate(x, Load(overlap=0.5), stencils)
+    return state, spent / state.conjugate
+
+
+def growth(repeats: int) -> list[Row]:
+    """From 65,536 to 1,048,576 balls, in turns."""
+    arrays = {length: Stencils((length, length)) for length in (256, 1024)}
+    for length, stencils in arrays.items():
+        iterate(balls(length), stencils)
+    costs: dict[int, list[Array]] = {length: [] for length in arrays}
+    counts, worst = {length: [0] * len(SEEDS) for length in arrays}, 0.0
+    for _ in range(repeats):
+        for seed in SEEDS:
+            for length, stencils in arrays.items():
+                state, cost = iterate(balls(length, seed), stencils)
+                costs[length].append(cost)
+                counts[length][seed] = state.conjugate
+                worst = max(worst, residual(state))
+    small, large = (1e3 * np.median(costs[length], axis=0) for length in arrays)
+    few, many = (float(np.mean(counts[length])) for length in arrays)
+    of = "1024x1024 against 256x256, a* = 1"
+    rows = [
+        Row(f"{of}: cost of an iteration, {clock}", b / a, "", 22.0, note=f"{b:.3g} ms against {a:.3g} ms")
+        for clock, a, b in zip(("wall time", "processor time"), small, large, strict=True)
+    ]
+    return [
+        *rows,
+        Row(f"{of}: iterations, mean of four seeds", many / few, "", 1.5, note=f"{many:.4g} against {few:.4g}"),
+        Row(f"{of}: largest residual of all", worst, "", TOLERANCE),
+    ]
+
+
+# -- alone in a process -------------------------------------------------------------------------------------------------
+
+
+def alone(length: int) -> None:
+    """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
+    start = clocks()
+    state = equilibrate(balls(length), Load(overlap=0.5))
+    wall, processor = clocks() - start
+    gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    numbers = {"s": wall, "processor_s": processor, "GiB": gib, "newton": state.newton, "conjugate": state.conjugate}
+    print(json.dumps({**numbers, "residual": residual(state)}))
+
+
+def in_process(length: int) -> dict[str, float]:
+    command = [sys.executable, "-c", f"import bench_simulation; bench_simulation.alone({length})"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+    return dict(json.loads(done.stdout))
+
+
+def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
+    """Once: the peak does not vary. To be run first, as a process also inherits the peak of the one that starts it."""
+
+    def part(repeats: int) -> list[Row]:
+        seen = in_process(length)
+        of = f"{length}x{length}, a* = 1"
+        took = f"{seen['newton']} steps, {seen['conjugate']} iterations, {seen['processor_s']:.3g} s of processor time"
+        return [
+            Row(f"{of}: peak memory of the process", seen["GiB"], "GiB", bound),
+            Row(f"{of}: time of the first sample", seen["s"], "s", note=took),
+            Row(f"{of}: residual", seen["residual"], "", TOLERANCE),
+        ]
+
+    return part
+
+
+# -- seconds ------------------------------------------------------------------------------------------------------------
+
+
+def fire(repeats: int) -> list[Row]:
+    """128 x 128 balls against given times of another method."""
+    x, rows = balls(128), []
+    for spacing, tolerance, given, bound in FIRE:
+        load = Load(overlap=spacing - 0.5)
+        state = equilibrate(x, load, tolerance=tolerance)
+        assert residual(state) <= tolerance, "not at rest: the ratio would mean nothing"
+        (seconds,) = alternate(repeats, granphon=lambda load=load, t=tolerance: equilibrate(x, load, tolerance=t)).values()
+        what = f"128x128, a* = {spacing:g}, to {tolerance:g}: times faster than LAMMPS's FIRE on two cores"
+        rows.append(Row(what, given / seconds, "", bound, least=True, note=f"{seconds:.3g} s against a given {given:g} s"))
+    return rows
+
+
+def seconds(repeats: int) -> list[Row]:
+    """Whole solutions, nothing kept; fewer repeats, as they are long."""
+    rows = []
+    for length, spacing in ((512, 1.0), (256, THRESHOLD + 0.02)):
+        x, load = balls(length), Load(overlap=spacing - 0.5)
+        state = equilibrate(x, load)
+        (median,) = alternate(min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)).values()
+        of, took = f"{length}x{length}, a* = {spacing:g}", f"{state.newton} steps, {state.conjugate} iterations"
+        rows.append(Row(f"{of}, to 1e-10", median, "s", note=took))
+        rows.append(Row(f"{of}: residual", residual(state), "", TOLERANCE))
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--huge", action="store_true")
+    ours, others = parser.parse_known_args()
+    parts = {"memory": memory(1024, 1.2), "direct": direct, "growth": growth, "fire": fire, "seconds": seconds}
+    if ours.huge:
+        parts = {"huge": memory(HUGE, 24.0), **parts}
+    rows: list[Row] = []
+
+    def kept(part: Callable[[int], list[Row]]) -> Callable[[int], object]:
+        def run(repeats: int) -> object:
+            found = part(repeats)
+            rows.extend(found)
+            return [{**row._asdict(), "bound": row.bound if row.verdict else None} for row in found]
+
+        return run
+
+    description = "Benchmarks of the direct simulation; --huge adds ten million balls"
+    report(description, {name: kept(part) for name, part in parts.items()}, others)
+    print("\n| what | measured | | bound | |\n|---|---|---|---|---|", *rows, sep="\n")
+    return int(not all(row.passed for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""Media by name: what may be asked of each, and when two choices are the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.errors import InputError
+from granphon.ladder import MEDIA, OPTIONS, MediumChoice
+
+CLASSES = {
+    "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_name_is_the_medium_of_that_class(packing, name):
+    assert MEDIA[name] is CLASSES[name]
+    assert MediumChoice(name).of(packing) == CLASSES[name](packing)
+    assert (
+        MediumChoice.parse(name) == MediumChoice.parse({name: None}) == MediumChoice.parse({name: {}}) == MediumChoice(name)
+    )
+    assert MediumChoice(name).label == name
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_defaults_are_those_of_the_class_and_are_not_kept(packing, name):
+    defaults = {option: known.default for option, known in OPTIONS[name].items()}
+    given = MediumChoice.parse({name: defaults})
+    assert given == MediumChoice(name)
+    assert given.options == ()
+    assert given.settings == defaults
+    assert CLASSES[name](packing, **defaults) == CLASSES[name](packing)
+
+
+@given(st.integers(1, 64), st.integers(1, 64), st.integers(0, 10**18), st.integers(1, 9))
+def test_a_simulation_is_that_of_its_options_however_they_are_given(first, second, seed, samples):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
+    shapes = (f"{first} {second}", [first, second], (first, second), np.array([first, second]))
+    found = [MediumChoice.parse({"simulation": {"shape": s, "seed": seed, "samples": samples}}) for s in shapes]
+    assert len({hash(one) for one in found}) == 1
+    for one in found:
+        assert one == found[0] == MediumChoice.parse({"simulation": one.settings})
+        assert one.of(packing) == gp.DirectSimulation(packing, (first, second), seed=seed, samples=samples)
+        assert one.simulates
+
+
+def test_labels_say_what_is_not_the_default():
+    given = {"simulation": {"shape": "16 16", "samples": 4, "seed": 0}}
+    assert MediumChoice.parse(given).label == "simulation(samples=4, shape=16 16)"
+    assert MediumChoice.parse({"simulation": {"samples": 4}}).label == "simulation(samples=4)"
+    assert MediumChoice.parse({"ema": {"local_field": "paper"}}).label == "ema(local_field=paper)"
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("simulaton", "medium: found 'simulaton'; allowed: ala, afa, ema, simulation. Did you mean 'simulation'?"),
+        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, simulation."),
+        (3, "medium: found 3; allowed: ala, afa, ema, simulation."),
+        ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
+        (
+            {"simulation": {"sampels": 1}},
+            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples. Did",
+        ),
+        ({"simulation": {"samples": 1.0}}, "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000."),
+        ({"simulation": {"seed": -1}}, "medium.simulation.seed: found -1; allowed: a whole number from 0 to"),
+        (
+            {"simulation": {"shape": (16,)}},
+            "shape: found [16]; allowed: two whole numbers from 1 to 20000, such as 128",
+        ),
+        (
+            {"simulation": {"shape": (16, 16, 1)}},
+            "shape: found [16, 16, 1]; allowed: two whole numbers from 1 to 20000, such",
+        ),
+        ({"simulation": 4}, "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples."),
+        ({"ema": {"local_field": None}}, "medium.ema.local_field: found nothing; allowed: computed, paper."),
+    ],
+)
+def test_what_is_no_medium(value, told):
+    with pytest.raises(InputError) as error:
+        MediumChoice.parse(value)
+    assert told in str(error.value)
+
+
+def test_a_choice_checks_itself():
+    for arguments in (("emma",), ("ala", (("seed", 1),)), ("simulation", (("samples", 0),))):
+        with pytest.raises(InputError, match=r"medium.*allowed: "):
+            MediumChoice(*arguments)
