@@ -31,7 +31,7 @@ _HOME = {
     "Normal": "diameters",
     "Packing": "packing",
     "Phonons": "phonons",
-    "Sample": "simulation",
+    "Sample": "samples",
     "Scene": "scene",
     "SimulatedState": "simulation",
     "Uniform": "diameters",
@@ -102,8 +102,9 @@ if TYPE_CHECKING:
     from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities, validity
     from granphon.packing import Packing
     from granphon.phonons import Phonons
+    from granphon.samples import Sample
     from granphon.scene import Scene
-    from granphon.simulation import DirectSimulation, Sample, SimulatedState
+    from granphon.simulation import DirectSimulation, SimulatedState
     from granphon.spectra import Bands, DensityOfStates
     from granphon.sweeps import sweep
     from granphon.units import Units

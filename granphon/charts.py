@@ -24,7 +24,8 @@ from granphon.errors import InputError, message
 from granphon.fit import WidthFit
 from granphon.geometry import TRIANGULAR
 from granphon.plot import STYLE
-from granphon.simulation import Sample, SimulatedState
+from granphon.samples import Sample
+from granphon.simulation import SimulatedState
 from granphon.units import prefixed
 
 if TYPE_CHECKING:
@@ -313,7 +314,7 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
             return plot_forces(sample, Figure((3.4, _height(sample)), dpi=300, layout="constrained").subplots())
     figure: Any = ax.get_figure()
     rows, columns = sample.equilibrium.deviations.shape
-    sites, step = _sites(rows, columns), float(TRIANGULAR.vectors[1, 1])
+    sites, step = _sites(sample), float(TRIANGULAR.vectors[1, 1])
     segments, forces = _lines_of(sites, np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1))
     # of a diameter on paper, as near as is known before the layout
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / [rows, step * columns]))
@@ -338,11 +339,10 @@ def _height(sample: Sample) -> float:
     return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
 
 
-def _sites(rows: int, columns: int) -> Array:
-    """(rows, columns, 2) p a1 + q a2, in diameters, moved by whole periods of a1 into a rectangle."""
-    index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
-    sites = np.asarray(index @ TRIANGULAR.vectors)
-    sites[..., 0] = np.mod(sites[..., 0], rows)
+def _sites(sample: Sample) -> Array:
+    """(L1, L2, 2) the sites, in diameters, moved by whole periods of a1 into a rectangle."""
+    sites = sample.sites
+    sites[..., 0] = np.mod(sites[..., 0], len(sites))
     return sites
 
 
@@ -372,9 +372,12 @@ def plot_force_distribution(state: SimulatedState, ax: Axes) -> Axes:
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.errors.InputError` for several loads.
     """
     _ = state.scales  # one load only
-    largest = max(float(np.max(sample.equilibrium.forces)) / sample.equilibrium.force for sample in state.samples)
-    bins = int(np.clip(4.0 * largest / max(state.contact_force_fluctuation, 0.01), 20, 400))
-    found = [sample.force_distribution(bins, largest * (1.0 + 0.5 / bins)) for sample in state.samples]
+    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
+    least, largest = min(float(np.min(one)) for one in forces), max(float(np.max(one)) for one in forces)
+    width = max(state.contact_force_fluctuation / 4.0, 1e-12)
+    bins = int(np.clip((largest - least) / width, 20, 400))
+    margin = max((largest - least) / bins, 1e-12) / 2.0
+    found = [sample.force_distribution(bins, largest + margin, max(least - margin, 0.0)) for sample in state.samples]
     edges, density = found[0][0], np.mean([each for _, each in found], axis=0)
     first, last = np.flatnonzero(density)[[0, -1]].tolist()
     ax.stairs(density[first : last + 1], edges[first : last + 2], baseline=None, color=_COLOURS[0], gid="density")

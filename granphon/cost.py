@@ -24,8 +24,8 @@ __all__ = ["Cost", "estimate"]
 Array = NDArray[np.float64]
 #: what Python and its libraries take, bytes
 _BASE = 80e6
-#: bytes for each ball at work, without and with rotations, and for each further equilibrium that is kept
-_WORKING, _TURNING, _KEPT = 450.0, 620.0, 24.0
+#: bytes for each ball at work, without and with rotations; of each further sample and equilibrium that is kept
+_WORKING, _TURNING, _SAMPLE, _KEPT = 450.0, 620.0, 8.0, 17.0
 #: a* and f* of uniform diameters, between which loads given as overlaps are placed
 _SPACING = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
 _FORCE = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
@@ -70,7 +70,8 @@ def estimate(
     balls, count = int(np.prod(simulation.shape)), loads.size * simulation.samples
     packing = simulation.packing
     turning = moduli and packing.friction
-    memory = _BASE + balls * ((_TURNING if turning else _WORKING) + _KEPT * (count - 1))
+    kept = _SAMPLE * (simulation.samples - 1) + _KEPT * (count - 1)
+    memory = _BASE + balls * ((_TURNING if turning else _WORKING) + kept)
     if not packing.width:
         return Cost(memory, 0.1 * _second_per_ball() * balls * count, balls, count)
     force = np.maximum(_reduced_force(simulation, kind, loads), _FORCE[0])

@@ -36,8 +36,8 @@ LEAST_FORCE = 1e-8
 _NEWTON, _CONJUGATE = 1000, 3000
 #: f* below which an equilibrium at given force is approached from ten times the force
 _EASY = 1e-2
-#: a load is met within this part of it
-_ROUNDING = 1e-15
+#: what rounding may leave of a load, as a part of it; and how much nearer than the tolerance a load is met
+_ROUNDING, _EXACTLY = 1e-15, 1e-3
 #: part of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
 #: stiffness that is lent to all contacts, as a part of the mean one and of the distance from equilibrium: where many are
@@ -254,9 +254,9 @@ def equilibrate(
                 )
             )
         # the load itself is met to more digits: it is a number that the user gave
-        distance = max(left / scale if left else 0.0, abs(push) / (1e-3 * force) if push else 0.0)
+        distance = max(left / scale if left else 0.0, abs(push) / (_EXACTLY * force) if push else 0.0)
         if distance <= tolerance:
-            return _found(Equilibrium(deviations, y, balls, left / force, newton, steps), stencils)
+            return _found(Equilibrium(deviations, y, _centred(balls), left / force, newton, steps), stencils)
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         spring = contacts * load.slope if free else None
         stiffness = 1.5 * root
@@ -271,6 +271,11 @@ def equilibrate(
             "Raise the load, or take fewer balls",
         )
     )
+
+
+def _centred(balls: Array) -> Array:
+    """Without a motion of the whole array, which costs nothing."""
+    return np.asarray(balls - np.mean(balls, axis=(1, 2), keepdims=True))
 
 
 def _found(state: Equilibrium, stencils: Stencils) -> Equilibrium:
@@ -337,7 +342,7 @@ def _conjugate_gradients(
     """Solve C^T K C u = ``force`` until the error of the energy norm has fallen by about ``reduction``; and the steps taken.
 
     ``floor`` is a square of that norm which is only rounding. With ``spring`` the compression moves too, held by this
-    stiffness. Motions that cost nothing are left alone. More than
+    stiffness. More than
     ``most`` steps raise :class:`ConvergenceError`; without it the iteration ends, and Newton's method goes on from there.
     """
     contacts = stencils.n_contacts * stiffness[0].size

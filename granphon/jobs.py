@@ -27,7 +27,8 @@ from granphon.observables import Moduli, SoundVelocities, contact_lattice, local
 from granphon.packing import Packing
 from granphon.response import Elasticity
 from granphon.results import plain
-from granphon.simulation import DirectSimulation, Sample, SimulatedState
+from granphon.samples import Sample
+from granphon.simulation import DirectSimulation, SimulatedState
 from granphon.tasks import Part
 
 __all__ = ["ERRORS", "LATTICE_BANDS", "Job", "packages", "sampling_errors", "to_json"]
@@ -137,14 +138,20 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
 
     The index of that load is its attribute ``load_index``, which comes back from a worker process too.
     """
-    unit = ContactState.units[job.load]
+
+    def at(index: int, error: GranphonError) -> GranphonError:
+        unit = ContactState.units[job.load]
+        located = type(error)(f"{job.where}, {job.load} = {job.values[index]!r} {unit}: {error}")
+        vars(located)["load_index"] = index
+        return located
+
+    if (known := vars(error).get("load_index")) is not None:  # that of a simulation, which is not worked out again
+        return at(known, error)
     for index, value in enumerate(job.values):
         try:
             job.observed(job.state(np.array([value])))
         except GranphonError as alone:
-            located = type(alone)(f"{job.where}, {job.load} = {value!r} {unit}: {alone}")
-            vars(located)["load_index"] = index
-            return located
+            return at(index, alone)
     return type(error)(f"{job.where}: {error}")
 
 
@@ -172,7 +179,7 @@ def _frequencies(state: ContactState, qpoints: Array, finite_overlap: bool) -> A
 
 @dataclass(frozen=True, eq=False)
 class _Averaged:
-    """Of a :class:`~granphon.simulation.Sample` what a state averages, in its place."""
+    """Of a :class:`~granphon.samples.Sample` what a state averages, in its place."""
 
     force: float
     overlap: float

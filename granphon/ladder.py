@@ -11,7 +11,7 @@ from granphon.blocks import Rule, block, choice, grid, inside, ruled, whole
 from granphon.errors import InputError, message
 from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium, Medium
 from granphon.packing import Packing
-from granphon.simulation import DirectSimulation
+from granphon.simulation import MOST_SEED, DirectSimulation
 
 __all__ = ["MEDIA", "OPTIONS", "MediumChoice", "Option", "medium", "no_simulation"]
 
@@ -35,7 +35,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
     },
     DirectSimulation.name: {
         "shape": Option(DirectSimulation.shape, partial(grid, low=1, high=20_000, example="128 128")),
-        "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=10**18)),
+        "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
 }

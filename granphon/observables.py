@@ -16,7 +16,8 @@ from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
 from granphon.results import Result
-from granphon.simulation import SimulatedState, standard_error
+from granphon.samples import standard_error
+from granphon.simulation import SimulatedState
 
 __all__ = [
     "Check",
@@ -217,7 +218,8 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
         "resonance": lattice.top_frequency * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
     if material.yield_strength is not None:
-        values["yield"] = state.force / (np.pi * (radius * d / 2.0) ** 2) / material.yield_strength
+        spot = radius * d / 2.0
+        values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
     checks = []
     for name, value in values.items():
         limit, meaning, reason = _LIMITS[name]

@@ -53,6 +53,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Elasticity:
     means = stencils.weights(np.full((3, 1, 1), uniform_part(normal)))
     motions = [linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
+    state.stencils.forget()  # of many samples that are kept
     area = TRIANGULAR.area * state.deviations.size
     tensor, slope = (
         np.array([[dot(weight * a, b) for b in strains] for a in strains]) / area for weight in (stiffness, changes)

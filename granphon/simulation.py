@@ -1,9 +1,8 @@
 """The disordered array itself: every ball with its own diameter, at rest under load, as a medium.
 
 Section III of Velicky and Caroli replaces the array by an average one. Here it is simulated: a periodic sample of L1 x L2
-balls in mechanical equilibrium (:mod:`granphon.equilibrium`), without friction, which the statics of this limit do not
-depend on as long as the array is pressed together without it; and then its linear response (:mod:`granphon.response`) with
-shear springs at every contact that carries load.
+balls in mechanical equilibrium (:mod:`granphon.equilibrium`), which is found without friction; and then its linear response
+(:mod:`granphon.response`), with shear springs at every contact that carries load.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,182 +20,23 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.contact import HertzLaw
 from granphon.diameters import Measured
 from granphon.equilibrium import Equilibrium, Load, equilibrate
-from granphon.errors import InputError, message
-from granphon.geometry import BALL, TRIANGULAR
+from granphon.errors import GranphonError, InputError, message
+from granphon.geometry import TRIANGULAR
 from granphon.medium import AveragedLattice, ContactState, compressive, finite
 from granphon.packing import Packing
-from granphon.response import Elasticity, elasticity
-from granphon.results import Result, read_only
+from granphon.results import read_only
+from granphon.samples import Sample, standard_error, unit_of_length
 from granphon.stencils import Stencils
 
-if TYPE_CHECKING:
-    from ase import Atoms
-
-__all__ = ["DirectSimulation", "Sample", "SampleLaw", "SimulatedState", "standard_error"]
+__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState"]
 
 Array = NDArray[np.float64]
-#: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
-LEAST_CONTACT = 1e-6
-#: least width over diameter. Overlaps are counted in widths, and products of them must stay far inside the floating range
-_LEAST_WIDTH = 1e-30
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Sample(Result):
-    """One array of balls at rest under one load.
-
-    Attributes
-    ----------
-    packing : what it is a sample of.
-    seed : of its diameters; None if these were given.
-    equilibrium : the solution, in units of W and c W^(3/2).
-
-    Arrays are indexed by the cell (p, q): the ball's site is p a1 + q a2. Of contacts, the last axis is the direction, as in
-    the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
-    """
-
-    packing: Packing
-    seed: int | None
-    equilibrium: Equilibrium
-
-    @property
-    def _length(self) -> float:
-        return _unit_of_length(self.packing)
-
-    @property
-    def _force(self) -> float:
-        return float(self.packing.law.force(self._length))
-
-    @property
-    def _stiffness(self) -> float:
-        return self._force / self._length
-
-    @property
-    def diameters(self) -> Array:
-        """(L1, L2) m; their mean is the packing's diameter."""
-        return np.asarray(self.packing.diameter + self._length * self.equilibrium.deviations)
-
-    @property
-    def displacements(self) -> Array:
-        """(L1, L2, 2) from the sites, m; balls that nothing holds are where the iteration left them."""
-        reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
-        return self._length * np.moveaxis(reduced, 0, -1)
-
-    @property
-    def contact_overlaps(self) -> Array:
-        """(L1, L2, 3) m, below zero where balls are apart."""
-        return self._length * np.moveaxis(self.equilibrium.overlaps, 0, -1)
-
-    @property
-    def contact_forces(self) -> Array:
-        """(L1, L2, 3) N, zero where balls are apart."""
-        return self._force * np.moveaxis(self.equilibrium.forces, 0, -1)
-
-    @property
-    def overlap(self) -> float:
-        """delta = d - a, m."""
-        return self._length * self.equilibrium.overlap
-
-    @property
-    def force(self) -> float:
-        """f, the mean over all contacts, N."""
-        return self._force * self.equilibrium.force
-
-    @property
-    def normal_stiffness(self) -> float:
-        """df/d(delta), N/m."""
-        return self._stiffness * self.equilibrium.stiffness
-
-    @property
-    def stiffness_slope(self) -> float:
-        """d^2f/d(delta)^2, N/m^2."""
-        return self._stiffness / self._length * self.equilibrium.stiffness_slope
-
-    @property
-    def energy(self) -> float:
-        """Mean energy of a contact, J."""
-        return self._force * self._length * self.equilibrium.energy
-
-    @property
-    def residual(self) -> float:
-        """Largest force left on a ball over the mean contact force."""
-        return self.equilibrium.residual
-
-    @property
-    def force_fluctuation(self) -> float:
-        """Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
-        state = self.equilibrium
-        return float(np.std(state.stencils.around(state.excess) / 6.0)) / state.force
-
-    @property
-    def contact_force_fluctuation(self) -> float:
-        """rms over single contacts of the difference from the mean force, over the mean."""
-        return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
-
-    def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
-        """N_c / 6, the part of the contacts that carry more than ``threshold`` of the mean force."""
-        return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
-
-    def force_distribution(self, bins: int = 60, largest: float = 6.0) -> tuple[Array, Array]:
-        """(bins + 1,) edges of f/<f>, and (bins,) probability density of the contacts that carry load.
-
-        Forces are counted up to ``largest`` times the mean; the density integrates to one over all forces.
-        """
-        forces = self.equilibrium.forces
-        forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
-        counts, edges = np.histogram(forces, bins, (0.0, largest))
-        return edges, counts / (forces.size * np.diff(edges))
-
-    @cached_property
-    def elasticity(self) -> Elasticity:
-        """Elastic tensor (3, 3), Pa, in Voigt order, of the layer taken one diameter thick, and its slope, Pa/m."""
-        reduced = elasticity(self.equilibrium, self.packing.mindlin_ratio)
-        scale = self._stiffness / self.packing.diameter
-        return Elasticity(scale * reduced.tensor, scale / self._length * reduced.slope)
-
-    def atoms(self) -> Atoms:
-        """The sample as an ``ase.Atoms``, in the reduced units of the calculator.
-
-        Balls are at their displaced places; arrays as in :mod:`granphon.calculator`, and ``force`` (the mean force of a
-        ball's six contacts over the mean of all) and ``contacts`` (how many carry load). The scales are in ``info``.
-        """
-        from ase import Atoms
-
-        from granphon.units import Units
-
-        packing, (rows, columns) = self.packing, self.equilibrium.deviations.shape
-        d = packing.diameter
-        scales = Units(d, self.normal_stiffness, packing.mass)
-        cell = np.eye(3)
-        cell[:2, :2] = TRIANGULAR.vectors * np.array([[rows], [columns]])
-        index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)
-        moved = np.zeros((len(index), 3))
-        moved[:, :2] = self.displacements.reshape(-1, 2) / d
-        sites = np.zeros_like(moved)
-        sites[:, :2] = index @ TRIANGULAR.vectors
-        balls = Atoms([BALL] * len(index), positions=sites + moved, cell=cell, pbc=(True, True, False))
-        deviations = self._length / d * self.equilibrium.deviations.ravel()
-        balls.set_masses((1.0 + deviations) ** 3)
-        forces = self.equilibrium.forces / self.equilibrium.force
-        around = self.equilibrium.stencils.around
-        balls.set_array("radius", 0.5 * (1.0 + deviations))
-        balls.set_array("diameter_deviations", deviations)
-        balls.set_array("displacements", moved)
-        balls.set_array("rotations", np.zeros(len(index)))
-        balls.set_array("force", around(forces).ravel() / 6.0)
-        balls.set_array("contacts", around((forces > LEAST_CONTACT).astype(int)).ravel())
-        balls.info.update(scales.to_info(), relative_overlap=self.overlap / d)
-        return balls
-
-
-def standard_error(values: Array, axis: int) -> Array:
-    """Of the mean along an axis of two or more independent values."""
-    return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
-
-
-def _unit_of_length(packing: Packing) -> float:
-    """W; the diameter where balls are equal, and there is no other."""
-    return packing.width or packing.diameter
+#: the largest seed of a sample
+MOST_SEED = 2**64 - 1
+#: overlaps of which a law keeps the samples
+_MOST_KEPT = 64
+#: least width over diameter: where overlaps are more widths than this some samples do not come to rest
+_LEAST_WIDTH = 1e-20
 
 
 @dataclass(frozen=True)
@@ -204,7 +44,7 @@ class SampleLaw:
     """The law of the samples of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap is an equilibrium of every sample:
-    found when first asked for, and kept.
+    found when first asked for; the last few are kept.
     """
 
     simulation: DirectSimulation
@@ -218,7 +58,7 @@ class SampleLaw:
     def least_overlap(self) -> float:
         """The overlap (m, below zero) up to which all balls are apart where they sit on their sites."""
         largest = max(float(np.max(self.simulation.deviations(index))) for index in range(self.simulation.samples))
-        return -largest * _unit_of_length(self.simulation.packing)
+        return -largest * unit_of_length(self.simulation.packing)
 
     def _mean(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
@@ -226,9 +66,14 @@ class SampleLaw:
         means = [np.mean([of(one) for one in self._samples(value)]) for value in different.tolist()]
         return np.array(means)[where].reshape(values.shape)[()]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SampleLaw, (self.simulation,)  # without what is kept
+
     def _samples(self, overlap: float) -> tuple[Sample, ...]:
         kept = self._kept
         if overlap not in kept:
+            if len(kept) == _MOST_KEPT:
+                kept.pop(next(iter(kept)))
             kept[overlap] = self.simulation.at_overlap(overlap).samples
         return kept[overlap]
 
@@ -308,7 +153,8 @@ class SimulatedState(ContactState):
 
     def __getitem__(self, index: Any) -> SimulatedState:
         """The state at some of the loads, as arrays are indexed."""
-        samples = tuple(self._table[index].ravel().tolist())
+        which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
+        samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
         return SimulatedState(self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, samples, self.spaced)
 
@@ -374,7 +220,11 @@ class SimulatedState(ContactState):
 
     @property
     def elastic_tensor(self) -> Array:
-        """(..., 3, 3) Pa, Voigt order xx, yy, xy: mean over samples of their linear response."""
+        """(..., 3, 3) Pa, Voigt order xx, yy, xy: mean over samples of their linear response.
+
+        At common force ``normal_stiffness`` is a mean of compliances: of different samples, frictionless or not, the bulk
+        modulus is then (3^(1/2)/2) k/d but for the square of their differences.
+        """
         return np.asarray(self._average(lambda sample: sample.elasticity.tensor))
 
     @property
@@ -409,7 +259,7 @@ class DirectSimulation:
     Raises
     ------
     InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples, a
-        width below 1e-30 of the diameter.
+        width below 1e-20 of the diameter.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.errors.InputError` for a load that
     is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
@@ -443,11 +293,11 @@ class DirectSimulation:
             object.__setattr__(self, "shape", shape)
         else:
             self._take(self.diameters)
-        object.__setattr__(self, "seed", _whole("seed", self.seed, 0))
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
         object.__setattr__(self, "samples", _whole("samples", self.samples, 1))
+        object.__setattr__(self, "seed", _whole("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
         _whole("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
@@ -500,7 +350,7 @@ class DirectSimulation:
         given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
         # twice: the mean of what is left is then zero to its own rounding
         off = given - np.mean(given)
-        return np.asarray((off - np.mean(off)) / _unit_of_length(packing))
+        return np.asarray((off - np.mean(off)) / unit_of_length(packing))
 
     @property
     def _hertz(self) -> AveragedLattice:
@@ -521,20 +371,20 @@ class DirectSimulation:
                 self._hertz.at_overlap(float(np.max(delta)))
         else:
             delta = np.asarray(self._hertz.at_overlap(overlap).overlap)
-        wanted = [Load(overlap=one) for one in (delta / _unit_of_length(self.packing)).ravel().tolist()]
+        wanted = [Load(overlap=one) for one in (delta / unit_of_length(self.packing)).ravel().tolist()]
         return self._state(wanted, delta.shape, finite_overlap, overlap=delta)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the force per length P, N/m: P d = sqrt(3) f, or P a = sqrt(3) f if the boundary follows the balls."""
         self._hertz.at_pressure(pressure, finite_overlap)
         slope = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
-        force, slope = slope * self.packing.diameter, slope * (_unit_of_length(self.packing) if finite_overlap else 0.0)
+        force, slope = slope * self.packing.diameter, slope * (unit_of_length(self.packing) if finite_overlap else 0.0)
         wanted = [Load(None, *one) for one in zip(force.ravel().tolist(), slope.ravel().tolist(), strict=True)]
         return self._state(wanted, force.shape, finite_overlap)
 
     @property
     def _unit_of_force(self) -> float:
-        return float(self.packing.law.force(_unit_of_length(self.packing)))
+        return float(self.packing.law.force(unit_of_length(self.packing)))
 
     def _state(
         self,
@@ -547,28 +397,35 @@ class DirectSimulation:
         """The state of all samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
         # from the highest load down, each from the one above; the result does not depend on where it began
         order = sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
-        descending = [loads[i] for i in order]
-        jobs = [(self.deviations(index), descending, self.workers) for index in range(self.samples)]
+        alone = replace(self, executor=None)
         if self.executor is None:
-            found = [_equilibria(*job) for job in jobs]
+            found = [_equilibria(alone, index, loads, order) for index in range(self.samples)]
         else:
-            found = [future.result() for future in [self.executor.submit(_equilibria, *job) for job in jobs]]
+            jobs = [self.executor.submit(_equilibria, alone, index, loads, order) for index in range(self.samples)]
+            found = [job.result() for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
             Sample(self.packing, seed, column[place])
-            for place in np.argsort(order).tolist()
+            for place in range(len(loads))
             for seed, column in zip(seeds, found, strict=True)
         ]
         return SimulatedState.of(self, samples, shape, bool(finite_overlap), force, overlap)
 
 
-def _equilibria(deviations: Array, loads: Sequence[Load], workers: int) -> list[Equilibrium]:
-    """One sample under all loads, each found from the one before."""
-    deviations = read_only(deviations)  # one array for all of them
-    stencils, out = Stencils(deviations.shape, workers=workers), list[Equilibrium]()
-    for load in loads:
-        out.append(equilibrate(deviations, load, stencils, out[-1] if out else None))
-        _ = out[-1].stiffness  # needed by every state; here, so that it is worked out side by side
+def _equilibria(
+    simulation: DirectSimulation, index: int, loads: Sequence[Load], order: Sequence[int]
+) -> dict[int, Equilibrium]:
+    """One sample under all loads, each found from the one before in ``order``; an error says which, as ``load_index``."""
+    deviations = read_only(simulation.deviations(index))  # one array for all of them
+    stencils, out, last = Stencils(deviations.shape, workers=simulation.workers), dict[int, Equilibrium](), None
+    for place in order:
+        try:
+            last = out[place] = equilibrate(deviations, loads[place], stencils, last)
+            _ = last.stiffness  # needed by every state; here, so that it is worked out side by side
+        except GranphonError as error:
+            vars(error)["load_index"] = place
+            raise
+    stencils.forget()
     return out
 
 
@@ -580,7 +437,8 @@ def _pair(shape: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def _whole(name: str, value: Any, least: int) -> int:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        raise InputError(message(f"{name} is {value!r}", f"It must be a whole number, {least} or more"))
-    return int(value)
+def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= (most or value):
+        return int(value)
+    bounds = f"{least} or more" if most is None else f"from {least} to {most}"
+    raise InputError(message(f"{name} is {value!r}", f"It must be a whole number, {bounds}"))

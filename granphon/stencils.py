@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from granphon.geometry import TRIANGULAR
 
@@ -72,8 +71,12 @@ class Stencils:
         self.n_contacts = len(table)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # without Green's function, which is as large as the array and soon found again
+        # without Green's function
         return Stencils, (self.shape, self.mindlin_ratio, self.workers)
+
+    def forget(self) -> None:
+        """Let go of Green's function, which is as large as the array and soon found again."""
+        vars(self).pop("_green", None)
 
     @property
     def n_rows(self) -> int:
@@ -214,6 +217,8 @@ class Stencils:
 
         The first carries stress over the array, the second knows which balls are held weakly.
         """
+        from scipy import fft  # here: media that are not simulated need none of it
+
         mean = float(np.mean(stiffness[: self.n_contacts]))
         local = self._local(stiffness, _SOFT * mean)
 

@@ -52,7 +52,7 @@ _LONG_NAMES = {
     "effective_density": "density of the layer taken one diameter thick",
     "reduced_force": "f*, force over that at an overlap of the width",
     "reduced_spacing": "a*, (d + W/2 - a)/W",
-    "force_fluctuation": "rms contact force over the mean",
+    "force_fluctuation": "rms over balls of the mean force of a ball's contacts, over the mean",
     "contact_force_fluctuation": "rms difference of single contact forces from the mean, over the mean",
     "contact_fraction": "fraction of contacts that carry load",
     "stiffness_ratio": "normal stiffness over that of the ideal lattice at the same force",

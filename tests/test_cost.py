@@ -20,22 +20,23 @@ def simulation(shape=(64, 64), friction=True, samples=1):
 
 
 @pytest.mark.parametrize("friction", [False, True])
-def test_memory_is_what_the_arrays_take(friction):
-    medium = simulation((256, 256), friction)
-    guess = estimate(medium, "force", 5.0)
+@pytest.mark.parametrize(("samples", "loads"), [(1, 1), (1, 24), (12, 1)])
+def test_memory_is_what_the_arrays_take(friction, samples, loads):
+    medium = simulation((128, 128), friction, samples)
+    force = np.linspace(5.0, 6.0, loads)
+    guess = estimate(medium, "force", force)
+    medium.at_force(5.0)  # what is loaded once is not counted
     tracemalloc.start()
-    gp.sound_velocities(medium.at_force(5.0))
+    gp.sound_velocities(medium.at_force(force))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # less than what is announced, and not less than half of it
     assert 0.5 < peak / (guess.memory - cost._BASE) < 1.0
 
 
-def test_equilibria_that_are_kept_take_memory():
-    medium = simulation(samples=3)
-    one, many = estimate(simulation(), "force", 5.0), estimate(medium, "force", np.linspace(2.0, 5.0, 10))
+def test_every_equilibrium_takes_time():
+    one, many = estimate(simulation(), "force", 5.0), estimate(simulation(samples=3), "force", np.linspace(2.0, 5.0, 10))
     assert many.equilibria == 30
-    assert many.memory - one.memory == pytest.approx(29 * 24 * 64 * 64)
     assert many.seconds > 25 * one.seconds
 
 

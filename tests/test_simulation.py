@@ -169,8 +169,13 @@ def test_indexing(states):
     assert [sample.seed for sample in states[0, 1].samples] == [5, 6, 7]
     assert states[0, 1].sample is states.sample[0, 1]
     assert np.array_equal(states[states.force > 3.0].force, FORCES[FORCES > 3.0])
-    assert states[..., 1].elastic_tensor.shape == (3, 3, 3)
+    for some in ((..., 1), (slice(None), 0), (np.newaxis, 1), (slice(None, None, -1), slice(None))):
+        part = states[some]
+        assert part.n_samples == 3
+        for name in ("force_fluctuation", "contact_fraction", "stiffness_slope"):
+            np.testing.assert_array_equal(getattr(part, name), np.asarray(getattr(states, name))[some])
     np.testing.assert_array_equal(states.elastic_tensor[2, 1], states[2, 1].elastic_tensor)
+    np.testing.assert_array_equal(states.elastic_tensor[:, 1], states[..., 1].elastic_tensor)
 
 
 def test_state_is_plain_data_that_pickles(states):
@@ -241,6 +246,51 @@ def test_law_is_that_of_the_samples(medium):
 
 
 # -- statistics ---------------------------------------------------------------------------------------------------------
+
+
+def test_slopes_are_derivatives_of_the_means(medium):
+    for at, load in ((medium.at_force, 3.0), (medium.at_overlap, 1e-6)):
+        low, state, high = (at(load * (1.0 + h)) for h in (-1e-6, 0.0, 1e-6))
+        step = high.overlap - low.overlap
+        slope = (high.normal_stiffness - low.normal_stiffness) / step
+        assert state.stiffness_slope == pytest.approx(slope, rel=1e-4)
+        np.testing.assert_allclose(state.elastic_slope, (high.elastic_tensor - low.elastic_tensor) / step, rtol=0.02)
+        logs = [math.log(gp.sound_velocities(one).longitudinal) for one in (low, high)]
+        exponent = (logs[1] - logs[0]) / math.log(high.force / low.force)
+        assert gp.local_exponent(state) == pytest.approx(exponent, rel=1e-4)
+
+
+def test_what_workers_found_comes_back(medium):
+    sample = medium.at_force(5.0).sample
+    assert "_derivatives" in vars(sample.equilibrium)
+    assert "_derivatives" in vars(pickle.loads(pickle.dumps(sample)).equilibrium)
+
+
+def test_a_law_keeps_no_more_than_the_last_samples(spread, monkeypatch):
+    monkeypatch.setattr("granphon.simulation._MOST_KEPT", 3)
+    law = gp.DirectSimulation(spread, (4, 4)).law
+    law.force(np.linspace(1e-6, 2e-6, 5))
+    assert len(law._kept) == 3
+    assert "_kept" not in vars(pickle.loads(pickle.dumps(law)))
+
+
+def test_seeds_end_where_64_bits_do(spread):
+    last = 2**64 - 1
+    assert gp.DirectSimulation(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
+    with pytest.raises(InputError, match=f"seed is {last}. It must be a whole number, from 0 to {last - 1}"):
+        gp.DirectSimulation(spread, (2, 2), seed=last, samples=2)
+
+
+def test_an_error_says_which_load_it_is(spread):
+    medium = gp.DirectSimulation(spread, (8, 8))
+    with pytest.raises(InputError, match="carries no load") as caught:
+        medium.at_overlap([1e-6, -0.4 * 2.04e-6, 2e-6])
+    assert caught.value.load_index == 1
+
+
+def test_the_array_as_a_whole_does_not_move(medium):
+    balls = medium.at_force(2.0).sample.displacements
+    np.testing.assert_allclose(np.mean(balls, axis=(0, 1)), 0.0, atol=1e-14 * np.max(np.abs(balls)))
 
 
 def test_means_and_standard_errors(states):
@@ -485,12 +535,6 @@ def test_atoms_are_read_back(spread, tmp_path):
 def test_what_a_simulation_cannot_be(spread, keywords, words):
     with pytest.raises(InputError, match=words):
         gp.DirectSimulation(spread, **keywords)
-
-
-def test_a_seed_past_the_last(spread):
-    assert gp.DirectSimulation(spread, (2, 2), seed=2**64 - 1).at_force(5.0).sample.seed == 2**64 - 1
-    with pytest.raises(InputError, match=r"2\^64 - 1"):
-        gp.DirectSimulation(spread, (2, 2), seed=2**64 - 1, samples=2).at_force(5.0)
 
 
 def test_other_packings(steel):

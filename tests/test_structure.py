@@ -18,7 +18,7 @@ ORDER = [
     "errors", "units", "results", "progress", "files", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "medium",
-    "stencils", "equilibrium", "response", "simulation", "cost", "ladder", "observables",
+    "stencils", "equilibrium", "response", "samples", "simulation", "cost", "ladder", "observables",
     "calculator", "spectra", "bridge", "phonons",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit",
     "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",
