@@ -120,8 +120,9 @@ def check(scene: _SceneFile) -> None:
         for warning in validity(state, finite_overlap=read.finite_overlap).warnings
     ]
     read.to_yaml()  # what a run writes first
+    rows = described(read)
     _say(f"{scene} can be run.")
-    _table(described(read))
+    _table(rows)
     _table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
     _warn(warnings)
 
@@ -155,8 +156,8 @@ def run(
 
     _named("--out", out)
     read = Scene.from_yaml(scene)
-    cost = None if quiet else read.cost()
-    if cost is not None and cost.seconds > _LONG:
+    cost = read.cost()
+    if cost is not None and cost.seconds > _LONG and not quiet:
         print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
     with _processes(workers if read.is_sweep else 1) as executor:
         result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
@@ -369,7 +370,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GranphonError as error:
         return _fail(str(error), 1)
     except MemoryError:
-        return _fail("there is not enough memory for this scene. Take a coarser mesh, or fewer points or loads.", 1)
+        return _fail(
+            "there is not enough memory for this scene. Take a coarser mesh, or fewer points, loads, balls or samples.", 1
+        )
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted; no result was written. A sweep goes on with --resume.", 130)
     except BrokenPipeError:

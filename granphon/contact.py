@@ -89,7 +89,7 @@ class Material:
     @property
     def transverse_velocity(self) -> float:
         """Bulk velocity of transverse waves in the material, m/s."""
-        return math.sqrt(self.shear_modulus / self.density)
+        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # their quotient may be beyond the floating range
 
     @property
     def longitudinal_velocity(self) -> float:
@@ -126,21 +126,26 @@ def _lowest_root(sigma: float) -> float:
     if sigma >= 0.0:
         return _TORSIONAL
     from scipy.optimize import brentq
-    from scipy.special import spherical_jn
 
     ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
+    # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out to r j_1(y)/y - j_0(y)/4 so that it has no pole, and as a
+    # series in y^2 = r x^2, of which the first term, a difference that vanishes at sigma = -1, is written out
+    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
+    series = [
+        (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
+        for k in range(1, 20)
+    ]
 
     def breathing(x: float) -> float:
-        # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out so that it has neither pole nor cancellation
-        y = math.sqrt(ratio_squared) * x
-        return float(ratio_squared * spherical_jn(1, y) / y - spherical_jn(0, y) / 4.0)
+        square = ratio_squared * x * x
+        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
 
     # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
     uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 rounding there would hide the root
+    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 the root is that, to rounding
     if breathing(0.5 * uniform) * breathing(upper) > 0.0:
         return _TORSIONAL
-    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-15))
+    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
@@ -206,7 +211,7 @@ class HertzLaw:
     def energy(self, overlap: ArrayLike) -> Any:
         """(2/5) c delta_+^(5/2), J."""
         delta = np.maximum(np.asarray(overlap, float), 0.0)
-        return (0.4 * self.coefficient * delta**2 * np.sqrt(delta))[()]
+        return (0.4 * self.coefficient * delta * np.sqrt(delta) * delta)[()]
 
     def force(self, overlap: ArrayLike) -> Any:
         """c delta_+^(3/2), N (equation 22, the inverse of 1)."""

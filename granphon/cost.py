@@ -7,6 +7,8 @@ f* = 1e-3 and 30, of which the estimate is within a factor of three.
 
 from __future__ import annotations
 
+import math
+import os
 from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
@@ -19,7 +21,7 @@ from granphon.diameters import uniform_numbers
 from granphon.equilibrium import Load, equilibrate
 from granphon.simulation import DirectSimulation
 
-__all__ = ["Cost", "estimate"]
+__all__ = ["Cost", "estimate", "machine_memory"]
 
 Array = NDArray[np.float64]
 #: what Python and its libraries take, bytes
@@ -50,6 +52,14 @@ class Cost:
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         memory = f"{self.memory / 1e9:.2g} GB" if self.memory >= 1e9 else f"{self.memory / 1e6:.0f} MB"
         return f"simulation of {self.balls:,} balls{many}: about {memory} and {_duration(self.seconds)}"
+
+
+def machine_memory() -> float:
+    """Of this machine, bytes; infinite where the system does not say."""
+    names = ("SC_PHYS_PAGES", "SC_PAGE_SIZE")
+    if not set(names) <= set(getattr(os, "sysconf_names", ())):
+        return math.inf
+    return math.prod(float(os.sysconf(name)) for name in names)
 
 
 def _duration(seconds: float) -> str:

@@ -26,6 +26,8 @@ from granphon.tables import Table
 __all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
 
 Array = NDArray[np.float64]
+#: the least fraction of a kind: the widths of rarer ones are so small against its deviation that the laws lose their digits
+_RAREST = 1e-12
 #: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
 TOLERANCE = 1e-9
 
@@ -200,7 +202,7 @@ class _Listed(Spread):
     @cached_property
     def shape(self) -> PointShape:
         """Each different diameter, to 2^-40 W; more than 512 of them are condensed to as many or fewer."""
-        x = np.round(self._table[1] / ((self.width or 1.0) * GRAIN)) * GRAIN
+        x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
         positions, weights = condensed(*merged(x, self._table[2]))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
 
@@ -209,7 +211,8 @@ class _Listed(Spread):
 class Discrete(_Listed):
     """Kinds of balls: ``diameters`` d^Q, m, with ``fractions`` c^Q (equation 18), which sum to 1 within 1e-9.
 
-    :class:`InputError` for a diameter that is not finite and above zero, a negative fraction, another sum, unequal lengths.
+    :class:`InputError` for a diameter that is not finite and above zero, a negative fraction, one between zero and
+    1e-12, another sum, unequal lengths.
     """
 
     diameters: tuple[float, ...]
@@ -221,6 +224,10 @@ class Discrete(_Listed):
         if len(self.fractions) != len(self.diameters):
             what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
             raise InputError(message(what, mend="Give one fraction for each diameter"))
+        rarest = min((part for part in self.fractions if part), default=1.0)
+        if rarest < _RAREST:
+            mend = "Leave it out, or give the fraction 0"
+            raise InputError(message(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend))
         over = math.fsum(self.fractions) - 1.0
         if abs(over) > TOLERANCE:
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"

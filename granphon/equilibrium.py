@@ -25,7 +25,7 @@ from granphon.errors import ConvergenceError, InputError, message
 from granphon.results import Result
 from granphon.stencils import Motion, Stencils, dot
 
-__all__ = ["TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response", "uniform_part"]
+__all__ = ["LEAST_FORCE", "TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response", "too_small", "uniform_part"]
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
@@ -218,13 +218,7 @@ def equilibrate(
     means = _pair_means(deviations, stencils)
     equal = not np.ptp(deviations)
     if free and load.force < LEAST_FORCE and not equal:
-        raise InputError(
-            message(
-                f"a mean contact force of f* = {load.force:.3g} is below {LEAST_FORCE:g}",
-                "There a sample is at its rigidity threshold, and what holds it is not found",
-                "Raise the load",
-            )
-        )
+        raise too_small(load.force)
     if start is None and free and load.force < _EASY and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     if start is None or equal:  # Hertz's law, from which equal balls do not differ
@@ -269,6 +263,17 @@ def equilibrate(
             f"the sample has not come to rest after {_NEWTON} steps",
             f"At an overlap of {y:.6g} widths a force of {left / force:.2g} of the mean contact force is left on a ball",
             "Raise the load, or take fewer balls",
+        )
+    )
+
+
+def too_small(force: float) -> InputError:
+    """What to say of a reduced force below :data:`LEAST_FORCE`."""
+    return InputError(
+        message(
+            f"a mean contact force of f* = {force:.3g} is below {LEAST_FORCE:g}",
+            "There a sample is at its rigidity threshold, and what holds it is not found",
+            "Raise the load",
         )
     )
 

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _DEGENERATE = 1e-9
 #: |q|d at which limits at Gamma are taken: as near as the iteration likes, and as LAPACK, which needs a gap, can
 _NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
+#: |q|d below which acoustic columns are so small that the iteration might take them for rounding
+_FAINT = 1e-80
 #: columns beyond which the Jacobi iteration, whose cost grows with their square, gives way to LAPACK
 _MANY = 36
 #: |dq|d at which branches that touch with one slope are told apart
@@ -104,7 +106,15 @@ class ContactLattice(LongWaves):
         Raises :class:`~granphon.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
         q, _ = self._folded(wavevectors)
-        return np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
+        values = np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
+        faint = _is_faint(q)
+        if np.any(faint):
+            # sound, whose modes are the first two of the frame, is linear in q there
+            size = np.max(np.abs(q[faint]), axis=1, keepdims=True)
+            near, vectors = self._solve(_FAINT * (q[faint] / size))
+            sound = np.sum(np.abs(vectors[:, :2]) ** 2, axis=1) > 0.5
+            values[faint] = np.sort(np.where(sound, near * (size / _FAINT), near), axis=1)
+        return values
 
     @cached_property
     def top_frequency(self) -> float:
@@ -155,14 +165,17 @@ class ContactLattice(LongWaves):
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
             )
         q, taken = self._folded(asked)
-        # at Gamma itself everything is its limit along the direction
-        at_gamma = np.all(q == 0.0, axis=1)
+        # at Gamma itself everything is its limit along the direction, and very near it the limit along q
+        at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
+        limit = at_gamma | faint
         small = _NEAR_GAMMA if self.n_branches <= _MANY else _NEAR_GAMMA_LAPACK
         near = np.where(at_gamma[:, None], small * along, q)
+        if np.any(faint):
+            near[faint] = small * as_direction(q[faint])
         parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        if np.any(at_gamma):
-            values[at_gamma] = self.frequencies(np.zeros((1, 2)))[0]
+        if np.any(limit):
+            values[limit] = self.frequencies(q[limit])
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions.T))[:, :, None, None]
         motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.dofs_per_ball, -1) * phase
@@ -251,6 +264,12 @@ class ContactLattice(LongWaves):
         """Parts of ``count`` wave vectors small enough for the memory (about 64 MB an array)."""
         size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
         return [slice(start, start + size) for start in range(0, max(count, 1), size)]
+
+
+def _is_faint(q: Array) -> NDArray[np.bool_]:
+    """(n_q,): which wave vectors are nearly, but not quite, Gamma."""
+    size = np.max(np.abs(q), axis=1)
+    return np.asarray((size > 0.0) & (size < _FAINT))
 
 
 def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

@@ -309,7 +309,9 @@ class AveragedLaw(SpreadLaw):
                 )
             )
         # the force is convex: from an overlap too large Newton's method comes down to the root, past any kink
-        y = np.ravel(first + np.exp(depths[np.searchsorted(logs, wanted)]))
+        # just below the start of the series rounding may take a force beyond the table
+        place = np.minimum(np.searchsorted(logs, wanted), logs.size - 1)
+        y = np.ravel(first + np.exp(depths[place]))
         goal, going = np.ravel(force), np.ones(y.shape, bool)
         for _ in range(200):
             step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(self.shape.stiffness(y[going]))

@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 _ORDERS = (12, 16, 24, 36, 54, 81)
 #: relative agreement asked of them; errors fall geometrically, so that the finer one's is far smaller
 _TOLERANCE = 1e-9
+#: least 1 - u_1 in which doubles hold that many digits
+_LEAST_HELD = 1e-6
 _HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
 
 
@@ -133,8 +135,9 @@ def _elongations(medium: ContactLattice, name: str) -> list[float]:
     before: Array = np.zeros(0)
     for order in _ORDERS:
         values = _response(medium, order)
-        # u_1 is small at strong friction and near one at weak: both it and Xi are to be right
-        if before.size and np.max(np.abs(values - before)) <= _TOLERANCE * values[0] * (1.0 - values[0]):
+        # u_1 is small at strong friction and near one at weak: both it and Xi are to be right, the latter above rounding
+        held = 1.0 - values[0]
+        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _TOLERANCE * values[0] * held:
             return [float(value) for value in values]
         before = values
     raise PrecisionError(

@@ -79,6 +79,8 @@ class ContactLaw(Protocol):
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 #: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
 _MUCH = math.sqrt(10.0)
+#: a number below the least normal one has lost digits
+_LEAST = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -331,8 +333,10 @@ class _ByLaw(ABC):
         law, diameter = self.law, self.packing.diameter
         with np.errstate(all="ignore"):
             stiffness = np.asarray(law.stiffness(overlap))
-        known = all(np.all(np.isfinite(values)) for values in (force, overlap, stiffness))
-        if not (known and np.all(force > 0.0) and np.all(stiffness > 0.0)):
+            length = np.maximum(np.abs(overlap), self.packing.width)
+            # and what observables make of them: slope of the stiffness, pressure, modulus
+            made = [force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter]
+        if not all(np.all((values >= _LEAST) & (values < np.inf)) for values in made):
             raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
             raise InputError(

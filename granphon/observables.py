@@ -44,6 +44,7 @@ _LIMITS = {
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
     "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
     "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
+    "spread": (0.03, "rms difference of diameters over their mean", "contacts are taken for those of nearly equal balls"),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
 
@@ -199,10 +200,11 @@ class Validity(Result):
 def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
     """Where the state stands against the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.least_valid_force`); contact
-    radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the longitudinal and transverse
-    ratios); the top of the branches over the lowest resonance of a free ball; and, if the material has a
-    ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at 1.07).
+    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.least_valid_force`) and how
+    much they differ; contact radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the
+    longitudinal and transverse ratios); the top of the branches over the lowest resonance of a free ball; and, if the
+    material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield
+    begins at 1.07).
     """
     material, d = state.packing.material, state.packing.diameter
     lattice = contact_lattice(state)
@@ -217,6 +219,8 @@ def validity(state: ContactState, finite_overlap: bool = False) -> Validity:
         "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
         "resonance": lattice.top_frequency * _velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
+    if state.packing.spread is not None:
+        values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength

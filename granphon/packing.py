@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from granphon.contact import HertzLaw, Material, positive
 from granphon.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.errors import InputError, message
 from granphon.geometry import Lattice, lattice_named
 
 __all__ = ["Packing"]
+
+#: the scales of a packing lie between this and its inverse, so that whatever is made of them is in the floating range
+_LEAST = 1e-280
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,9 @@ class Packing:
                 raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
             self.spread.check_mean(self.diameter)
             self.spread.check_sizes(self.diameter)
-        if not (0.0 < self.mass < math.inf and 0.0 < self.law.coefficient < math.inf):
-            raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision"))
+        if not all(_LEAST <= scale <= 1.0 / _LEAST for scale in self._scales):
+            why = f"Their mass, density, contact forces or velocities are not between {_LEAST:g} and {1 / _LEAST:g}"
+            raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision", why))
         if not isinstance(self.friction, bool):
             raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
 
@@ -78,6 +84,15 @@ class Packing:
     def law(self) -> HertzLaw:
         """The contact law of two balls of the mean diameter."""
         return HertzLaw.between(self.material, self.diameter)
+
+    @property
+    def _scales(self) -> list[float]:
+        """What states are made of, at the largest overlap: energy, force, stiffness, modulus, mass, density, velocity^2."""
+        with np.errstate(all="ignore"):  # whatever is not finite is refused
+            law, length = self.law, max(self.diameter, self.width)
+            contact = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
+            mass, density = self.mass, self.material.density
+            return [*contact, mass, density, contact[1] / mass * length if mass else math.inf]
 
     @property
     def effective_density(self) -> float:

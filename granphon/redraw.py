@@ -53,7 +53,10 @@ def redraw(
     have = {name: source / name for name in ("sweep.nc", "band.yaml", "dos.csv") if (source / name).is_file()}
     if not have:
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
-        raise InputError(message(what, mend="Give a folder that 'granphon run' wrote"))
+        why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
+        raise InputError(
+            message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
+        )
     swept = "sweep.nc" in have
     if swept and asymptotes:
         raise InputError(message(f"{source} holds a sweep", "Long waves are drawn beside bands", "Leave asymptotes out"))

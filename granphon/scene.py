@@ -178,14 +178,18 @@ class Scene:
                     choice.of(packing)
                 # every list of diameters is solved anew, and a sweep solves it in its own processes
                 listed = isinstance(packing.spread, Discrete | Measured) and choice.name == EffectiveMedium.name
-                if not (choice.simulates or (self.is_sweep and listed)):
+                if not (self.is_sweep and listed):
                     self._require_loads(document, packing, choice, _labelled(choice, where))
 
     def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
         """Raise if a medium cannot carry one of the loads; it can carry all if it carries the least and the greatest."""
         values = self.load.applied[1]
         for index in {int(np.argmin(values)), int(np.argmax(values))}:
+            medium = choice.of(packing)
             with self._located_load(document, index, f"{label}: "):
+                if isinstance(medium, DirectSimulation):
+                    medium.require(self.load.applied[0], values[index], self.finite_overlap)
+                    continue
                 contact_lattice(_finite(self._state(packing, choice, values[index])), self.finite_overlap)
 
     def _located_load(self, document: Document, index: int, before: str = "") -> AbstractContextManager[None]:
@@ -240,15 +244,24 @@ class Scene:
             yield _labelled(choice, where), packing, choice
 
     def cost(self) -> Cost | None:
-        """Memory and time that the simulations of the scene will take, one after the other; None if there are none."""
+        """Memory and time that the simulations of the scene will take, one after the other; None if there are none.
+
+        :class:`~granphon.errors.InputError` if this machine has not the memory.
+        """
         media = [choice.of(packing) for _, packing, choice in self._cases() if choice.simulates]
         if not media:
             return None
-        from granphon.cost import Cost, estimate
+        from granphon.cost import Cost, estimate, machine_memory
 
         load: Any = self.load.applied
         found = [estimate(one, *load) for one in media if isinstance(one, DirectSimulation)]
         most = max(found, key=lambda cost: cost.memory)
+        if most.memory > machine_memory():
+            what = f"{most.text}, and this machine has {machine_memory() / 1e9:.3g} GB of memory"
+            mend = "Take fewer balls (medium.simulation.shape), samples or loads"
+            if self._document is not None:
+                raise self._document.error(("medium",), f"{what}. {mend}")
+            raise InputError(message(what, mend=mend))
         return Cost(most.memory, sum(c.seconds for c in found), most.balls, sum(c.equilibria for c in found))
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:

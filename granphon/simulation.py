@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.contact import HertzLaw
 from granphon.diameters import Measured
-from granphon.equilibrium import Equilibrium, Load, equilibrate
+from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
 from granphon.errors import GranphonError, InputError, message
 from granphon.geometry import TRIANGULAR
 from granphon.medium import AveragedLattice, ContactState, compressive, finite
@@ -320,7 +320,7 @@ class DirectSimulation:
     def _take(self, diameters: ArrayLike) -> None:
         """Given diameters: their shape, and their spread if the packing has none."""
         try:
-            array = read_only(diameters, float)
+            array = read_only(diameters, float) if np.asarray(diameters).dtype.kind in "iuf" else np.array(math.nan)
         except (TypeError, ValueError):
             array = np.array(math.nan)
         if array.ndim != 2 or not array.size or not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
@@ -352,35 +352,55 @@ class DirectSimulation:
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / unit_of_length(packing))
 
-    @property
-    def _hertz(self) -> AveragedLattice:
-        """The medium of equal balls, which refuses loads that no balls can bear: beyond its law, or by a whole diameter."""
-        return AveragedLattice(replace(self.packing, spread=None))
-
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the mean contact force f, N, of every sample."""
-        load = np.asarray(self._hertz.at_force(force).force)
+        self.require("force", force)
+        load = compressive("force", force)
         wanted = [Load(force=one) for one in (load / self._unit_of_force).ravel().tolist()]
         return self._state(wanted, load.shape, finite_overlap, force=load)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
-        if self.packing.width:
-            delta = finite("overlap", overlap)
-            if np.max(delta) > self.packing.width:
-                self._hertz.at_overlap(float(np.max(delta)))
-        else:
-            delta = np.asarray(self._hertz.at_overlap(overlap).overlap)
+        self.require("overlap", overlap)
+        delta = finite("overlap", overlap)
         wanted = [Load(overlap=one) for one in (delta / unit_of_length(self.packing)).ravel().tolist()]
         return self._state(wanted, delta.shape, finite_overlap, overlap=delta)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
         """State at the force per length P, N/m: P d = sqrt(3) f, or P a = sqrt(3) f if the boundary follows the balls."""
-        self._hertz.at_pressure(pressure, finite_overlap)
+        self.require("pressure", pressure, finite_overlap)
         slope = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
         force, slope = slope * self.packing.diameter, slope * (unit_of_length(self.packing) if finite_overlap else 0.0)
         wanted = [Load(None, *one) for one in zip(force.ravel().tolist(), slope.ravel().tolist(), strict=True)]
         return self._state(wanted, force.shape, finite_overlap)
+
+    def require(self, kind: str, values: ArrayLike, finite_overlap: bool = False) -> None:
+        """:class:`~granphon.errors.InputError` for a load that no sample can bear, before any is looked at.
+
+        ``kind`` is "force", "pressure" or "overlap". Beyond the law of equal balls, or by a whole diameter, or, where balls
+        differ, below f* = 1e-8 or without any touching.
+        """
+        hertz = AveragedLattice(replace(self.packing, spread=None))
+        if kind != "overlap":
+            state = getattr(hertz, f"at_{kind}")(values, finite_overlap)
+            least = float(np.min(state.force)) / self._unit_of_force
+            if self.packing.width and least < LEAST_FORCE:
+                raise too_small(least)
+        elif not self.packing.width:
+            hertz.at_overlap(values)
+        else:
+            delta = finite("overlap", values)
+            if np.max(delta) > self.packing.width:
+                hertz.at_overlap(float(np.max(delta)))
+            assert self.packing.spread is not None
+            if np.min(delta) <= -self.packing.spread.largest:
+                raise InputError(
+                    message(
+                        f"overlap = {values!r}: no balls touch",
+                        f"The largest are {self.packing.spread.largest:g} m wider than the mean",
+                        f"Give an overlap above {-self.packing.spread.largest:g} m",
+                    )
+                )
 
     @property
     def _unit_of_force(self) -> float:

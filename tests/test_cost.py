@@ -92,3 +92,7 @@ def test_durations_are_read_at_a_glance(seconds, text):
 
 def test_the_text_counts_equilibria():
     assert ", 4 equilibria: about" in estimate(simulation(samples=2), "force", [1.0, 2.0]).text
+
+
+def test_the_memory_of_this_machine():
+    assert cost.machine_memory() > 1e8  # infinite where the system does not say

@@ -242,3 +242,17 @@ def test_finite_overlap_of_the_experiment_is_small(state):
     change = np.abs(there.phase / here.phase - 1)
     assert np.all(change < 3 * state.relative_overlap)
     assert np.all(change > 0.1 * state.relative_overlap)
+
+
+def test_a_wide_spread_is_warned_of():
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    for width, fine in ((2.04e-6, True), (0.8e-3, True), (0.9e-3, False), (7e-3, False)):
+        medium = gp.AveragedForce(gp.Packing(steel, 8e-3, gp.Uniform(width)))
+        state = medium.at_overlap(np.array([4.0, 5.0]) * width if width < 1e-3 else 1e-4)
+        check = gp.validity(state)["spread"]
+        assert np.all(check.ok == fine)
+        np.testing.assert_allclose(check.value, width / np.sqrt(12.0) / 8e-3, rtol=1e-14)
+        assert np.shape(check.value) == state.shape
+    assert "spread" not in [
+        check.name for check in gp.validity(gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(1.0)).checks
+    ]

@@ -704,3 +704,28 @@ def test_reading_a_scene_loads_what_it_needs():
     )
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ("force: 1e9 N", "presses the balls together by"),
+        ("force: [5 N, 1e-9 N]", "is below 1e-08"),
+        ("pressure: 1e-9 N/m", "is below 1e-08"),
+        ("overlap: -3 um", "no balls touch"),
+        ("overlap: 9 mm", "presses the balls together by"),
+    ],
+)
+def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, monkeypatch):
+    monkeypatch.setattr("granphon.simulation.equilibrate", None)
+    text = SIMULATION.replace("force: 5 N", load) + "medium: {simulation: {shape: 8 8}}\n"
+    with pytest.raises(SceneError, match=f"load.*{words}"):
+        Scene.from_text(text)
+
+
+def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
+    scene = Scene.from_text(SIMULATION + "medium: {simulation: {shape: 64 64}}\n")
+    assert scene.cost() is not None
+    monkeypatch.setattr("granphon.cost.machine_memory", lambda: 1e7)
+    with pytest.raises(SceneError, match=r"medium: simulation of 4,096 balls: .* has 0.01 GB .*medium\.simulation\.shape"):
+        scene.cost()

@@ -580,7 +580,7 @@ def test_too_little_load(spread):
     medium = gp.DirectSimulation(spread, (8, 8))
     with pytest.raises(InputError, match="carries no load"):
         medium.at_overlap(-0.2 * WIDTH)
-    with pytest.raises(InputError, match="carries no load"):
+    with pytest.raises(InputError, match="no balls touch"):
         medium.at_overlap([0.5 * WIDTH, -1.0])
     for force in (1e-9, [1.0, 1e-9], 1e-300):
         with pytest.raises(InputError, match="rigidity threshold"):

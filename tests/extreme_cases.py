@@ -1,0 +1,610 @@
+"""The edges of the package, one case each: what is asked, and how exact the answer is claimed to be.
+
+A :class:`Case` measures the worst relative error over its range against a closed form or a reference at many digits that
+owes nothing to the package. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mpmath
+import numpy as np
+from conftest import Twin
+from mpmath import mpf
+
+import granphon as gp
+
+DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
+#: eta = 4/3 (nearly), that of steel, 2/3; and no friction
+POISSON = (-0.999999, 0.276, 0.5)
+ETAS = (0.0, 1e-300, 1e-100, 1e-16, 1e-8, 1e-3, 0.84, 1.0, 4.0 / 3.0)
+SQRT3 = math.sqrt(3.0)
+K, M = np.array([4.0 * math.pi / 3.0, 0.0]), np.array([0.0, 2.0 * math.pi / SQRT3])
+#: Xi of the triangular lattice without friction, in closed form
+XI = (2 * math.pi + 3 * SQRT3) / (4 * math.pi - 3 * SQRT3)
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+D = 8e-3
+
+
+@dataclass(frozen=True)
+class Case:
+    """The worst relative error that ``measure`` finds over ``reach`` is not above ``claim``."""
+
+    name: str
+    reach: str
+    claim: float
+    measure: Callable[[], float]
+
+
+def off(found: Any, exact: Any) -> float:
+    """Relative error of a float, against any number of mpmath's digits; infinite if ``found`` is no finite number."""
+    if not math.isfinite(found):
+        return math.inf
+    return float(abs(mpf(float(found)) / exact - 1)) if exact else abs(float(found))
+
+
+def packings(frictions: Sequence[bool] = (True, False)) -> Iterable[gp.Packing]:
+    """Equal balls of all sizes and materials."""
+    for d, young, sigma, friction in itertools.product(DIAMETERS, MODULI, POISSON, frictions):
+        yield gp.Packing(gp.Material(young, sigma, 7840.0), d, friction=friction)
+
+
+def coefficient(packing: gp.Packing) -> Any:
+    """c = (2/3) E* d^(1/2) of equation (22)."""
+    young, sigma = mpf(packing.material.young_modulus), mpf(packing.material.poisson_ratio)
+    return young / (3 * (1 - sigma**2)) * mpmath.sqrt(mpf(packing.diameter))
+
+
+# -- equal balls ------------------------------------------------------------------------------------------------------
+
+
+def contacts() -> float:
+    worst = 0.0
+    for packing in packings((True,)):
+        medium, c, d = gp.AveragedLattice(packing), coefficient(packing), mpf(packing.diameter)
+        unit = packing.material.young_modulus * packing.diameter**2
+        # Hertz's law ends, by far, below an overlap of a diameter: f = c d^(3/2) > E d^2 / 3
+        for part in (1e-40, 1e-25, 1e-10, 1e-4, 1e-2, 0.3):
+            f = mpf(part * unit)
+            state = medium.at_force(part * unit)
+            delta = (f / c) ** (mpf(2) / 3)
+            worst = max(worst, off(state.overlap, delta), off(state.normal_stiffness, 1.5 * c * mpmath.sqrt(delta)))
+            worst = max(worst, off(state.pressure, mpmath.sqrt(3) * f / d))
+            state = medium.at_overlap(state.overlap)
+            worst = max(worst, off(state.force, c * mpf(state.overlap) ** 1.5), off(gp.local_exponent(state), mpf(1) / 6))
+    return worst
+
+
+def shrinking_boundaries() -> float:
+    worst = 0.0
+    for packing in packings((True,)):
+        medium, c, d = gp.AveragedLattice(packing), coefficient(packing), mpf(packing.diameter)
+        for part in (1e-40, 1e-20, 1e-6, 1e-2, 0.3, 10.0):
+            pressure = part * packing.material.young_modulus * packing.diameter
+            # sqrt(3) c r^3 / P d + r^2 / d = 1 with r = delta^(1/2): convex, and Newton's method comes down to the root
+            cube = mpmath.sqrt(3) * c / mpf(pressure) / d
+            r = mpmath.cbrt(1 / cube)
+            for _ in range(60):
+                r -= (cube * r**3 + r**2 / d - 1) / (3 * cube * r**2 + 2 * r / d)
+            state = medium.at_pressure(pressure, finite_overlap=True)
+            worst = max(worst, off(state.overlap, r**2), off(state.force, c * r**3))
+    return worst
+
+
+def long_waves() -> float:
+    worst = 0.0
+    for packing in packings():
+        eta = (
+            0
+            if not packing.friction
+            else 2 * (1 - mpf(packing.material.poisson_ratio)) / (2 - mpf(packing.material.poisson_ratio))
+        )
+        unit = packing.material.young_modulus * packing.diameter**2
+        for part in (1e-40, 1e-10, 1e-2):
+            state = gp.AveragedLattice(packing).at_force(part * unit)
+            d, k = mpf(packing.diameter), mpf(state.normal_stiffness)
+            bulk = mpmath.sqrt(3) / 2 * k / d
+            shear, density = bulk * (1 + eta) / 2, mpmath.pi * mpf(packing.material.density) / (3 * mpmath.sqrt(3))
+            found, moduli = gp.sound_velocities(state), gp.moduli(state)
+            exact = [mpmath.sqrt((bulk + shear) / density), mpmath.sqrt(shear / density), bulk, shear]
+            values = [found.longitudinal, found.transverse, moduli.bulk, moduli.shear]
+            worst = max(worst, *(off(a, b) for a, b in zip(values, exact, strict=True)))
+    return worst
+
+
+def resonances() -> float:
+    """The breathing mode of strongly auxetic balls, tan(y)/y = 1/(1 - y^2/4r) with y = r^(1/2) x and r = (v_T/v_L)^2."""
+    worst = 0.0
+    for sigma in (-1.0 + 2.0**-53, -1.0 + 1e-15, -1.0 + 1e-12, -0.999999, -0.99, -0.9):
+        for d, young in itertools.product(DIAMETERS, MODULI):
+            with mpmath.workdps(60):
+                r = (1 - 2 * mpf(sigma)) / (2 * (1 - mpf(sigma)))
+                start = mpmath.sqrt(10 * r * (1 + mpf(sigma)) / (1 - 2 * mpf(sigma)))
+                y = mpmath.findroot(
+                    lambda y, r=r: (1 - y**2 / (4 * r)) * mpmath.sin(y) / y - mpmath.cos(y),
+                    (0.9 * start, start),
+                    verify=False,
+                )
+                speed = mpmath.sqrt(mpf(young) / (2 * (1 + mpf(sigma))) / 7840)
+                exact = y / mpmath.sqrt(r) * speed / (mpmath.pi * mpf(d))
+                worst = max(worst, off(gp.Material(young, sigma, 7840.0).lowest_resonance(d), exact))
+    return worst
+
+
+# -- waves ------------------------------------------------------------------------------------------------------------
+
+#: spacing a/d and prestress f/ka of the paper's limit, of a faint and of a huge overlap
+LOADED = ((1.0, 0.0), (1.0 - 1e-12, 1e-12), (0.99, 0.005), (0.7, 0.2))
+DIRECTION = np.array([0.6, 0.8])
+
+
+def branches(wavevectors: Iterable[Any], etas: Sequence[float] = ETAS, loaded: Any = LOADED) -> float:
+    """Frequencies at these wave vectors, in 1/a."""
+    hexagon, worst = Twin.exact_hexagon(), 0.0
+    points = np.array(list(wavevectors))
+    for eta, (spacing, prestress) in itertools.product(etas, loaded):
+        q = points / spacing
+        found = gp.ContactLattice.of("triangular", eta, spacing, prestress).frequencies(q)
+        for values, place in zip(found, q.tolist(), strict=True):
+            squares = Twin.exact_squares(
+                hexagon, [mpf(x) for x in place], mpf(eta), spacing=mpf(spacing), prestress=mpf(prestress)
+            )
+            # at a zero of a branch the reference has nothing but its own rounding
+            exact = [mpmath.sqrt(x) if x > mpf(10) ** -700 else mpf(0) for x in squares]
+            worst = max(worst, *(off(a, b) for a, b in zip(values, exact, strict=True)))
+    return worst
+
+
+def near_gamma() -> float:
+    with mpmath.workdps(800):  # at |q|d = 1e-300 a squared frequency is 1e-600 of others
+        few = branches([size * DIRECTION for size in (1e-300, 1e-150, 1e-81, 1e-79)], (0.0, 1e-300, 0.84), LOADED[::3])
+    return max(few, branches([size * DIRECTION for size in (1e-12, 1e-9, 1e-6, 1e-3, 1.0)], ETAS[:1] + ETAS[3:]))
+
+
+def special_points() -> float:
+    beside = [np.nextafter(K, 9.0), K + M * 1e-16, np.nextafter(M, 9.0), M + K * 1e-16]
+    return branches([K, M, 0.5 * (K + M), *beside], ETAS[:1] + ETAS[3:])
+
+
+def far_zones() -> float:
+    """The rounding of q itself, times the group velocity: in units of |q|d."""
+    return max(branches([size * np.array([1.0, 0.2])], (0.0, 0.84, 4.0 / 3.0)) / size for size in (10.0, 1e3, 1e6))
+
+
+def degenerate_branches() -> float:
+    """Orthonormality and residual of the modes where branches touch, or nearly do."""
+    worst = 0.0
+    for eta, point in itertools.product(
+        (0.0, 1e-8, 0.84, 1.0, 4.0 / 3.0), (0.0 * K, K, K + 1e-16, K * (1.0 + 1e-13), K + 1e-9, 3.0 * K, M)
+    ):
+        lattice = gp.ContactLattice.of("triangular", eta)
+        modes = lattice.modes([point], DIRECTION)
+        vectors, matrix = modes.eigenvectors[0], Twin.matrix(Twin.hexagon(), point, eta)
+        residual = np.abs(matrix @ vectors - vectors * modes.frequencies[0] ** 2).max() / lattice.top_frequency**2
+        unit = np.abs(vectors.conj().T @ vectors - np.eye(len(matrix))).max()
+        fractions = np.abs(modes.rotational_fraction + modes.longitudinal_fraction + modes.transverse_fraction - 1.0).max()
+        known = np.all(np.isfinite(modes.group_velocities))
+        worst = max(worst, float(residual), float(unit), float(fractions), 0.0 if known else math.inf)
+    return worst
+
+
+def velocities_near_gamma() -> float:
+    worst = 0.0
+    for eta, size in itertools.product(ETAS[:1] + ETAS[5:], (0.0, 1e-300, 1e-150, 1e-30, 1e-12, 1e-9)):
+        lattice = gp.ContactLattice.of("triangular", eta)
+        modes = lattice.modes([size * DIRECTION], DIRECTION)
+        longitudinal = mpmath.sqrt(mpf(3) / 8 * (3 + mpf(eta)))
+        transverse = mpmath.sqrt(mpf(3) / 8 * (1 + mpf(eta)))
+        along = modes.group_velocities[0] @ DIRECTION
+        sound = modes.rotational_fraction[0] < 0.5
+        for value, exact in zip(sorted(along[sound]), (transverse, longitudinal), strict=True):
+            worst = max(worst, off(value, exact))
+    return worst
+
+
+def pulses() -> float:
+    worst, rough, smooth = 0.0, gp.Packing(STEEL, D), gp.Packing(STEEL, D, friction=False)
+    for packing, along in itertools.product((rough, smooth), ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8))):
+        state = gp.AveragedLattice(packing).at_force(18.0)
+        unit = math.sqrt(state.normal_stiffness / packing.mass)
+        for part in (1e-150, 1e-60, 1e-12, 1e-6, 1e-3, 0.3, 1.1):
+            found = gp.pulse_velocities(state, part * unit / (2.0 * math.pi), along)
+            for q in found.wavenumber.tolist():
+                with mpmath.workdps(400):  # at 1e-150 a squared frequency is 1e-300 of others
+                    place = [mpf(q) * mpf(packing.diameter) * mpf(x) / mpmath.hypot(*along) for x in along]
+                    squares = Twin.exact_squares(Twin.exact_hexagon(), place, mpf(packing.mindlin_ratio))
+                worst = max(worst, min(off(part, mpmath.sqrt(abs(x))) for x in squares if x))
+    return worst
+
+
+def spectra_of_all_sizes() -> float:
+    """At K a pair of branches has omega^2 = (9/2)(1 + eta) k/M."""
+    worst = 0.0
+    for packing in packings():
+        for part in (1e-40, 1e-4):
+            state = gp.AveragedLattice(packing).at_force(part * packing.material.young_modulus * packing.diameter**2)
+            found = gp.Phonons(state).frequencies([[1.0 / 3.0, 1.0 / 3.0], [1e-12, 0.0]])
+            unit = mpmath.sqrt(mpf(state.normal_stiffness) / mpf(packing.mass)) / (2 * mpmath.pi)
+            eta = mpf(packing.mindlin_ratio)
+            exact = mpmath.sqrt(mpf(9) / 2 * (1 + eta)) * unit
+            worst = max(worst, min(off(x, exact) for x in found[0]))
+            size = mpf(1e-12) * 4 * mpmath.pi / mpmath.sqrt(3)
+            sound = [mpmath.sqrt(mpf(3) / 8 * (x + eta)) * size * unit for x in (1, 3)]
+            worst = max(worst, *(off(a, b) for a, b in zip(found[1][:2], sound, strict=True)))
+    return worst
+
+
+def densities_of_states() -> float:
+    worst = 0.0
+    for friction, mesh, points in itertools.product((True, False), ((1, 1), (2, 2), (3, 3), (1, 17), (31, 31)), (12, 501)):
+        state = gp.AveragedLattice(gp.Packing(STEEL, D, friction=friction)).at_force(18.0)
+        dos = gp.Phonons(state).dos(mesh, points=points)
+        count = np.trapezoid(dos.total, dos.frequencies)
+        known = np.all(np.isfinite(dos.total)) and np.all(dos.total >= -1e-12 * dos.total.max())
+        worst = max(worst, off(float(count), 3 if friction else 2) if known else math.inf)
+    return worst
+
+
+# -- balls that differ ------------------------------------------------------------------------------------------------
+
+
+def power(x: Any, exponent: Any) -> Any:
+    return x ** mpf(exponent) if x > 0 else mpf(0)
+
+
+def uniform_pairs(y: Any, order: int) -> Any:
+    """f* (order 0) and k* (order 1) of the averaged force of a uniform spread."""
+    e, factor = (mpf("3.5"), mpf(16) / 35) if order == 0 else (mpf("2.5"), mpf(8) / 5)
+    return factor * (power(y + 0.5, e) - 2 * power(y, e) + power(y - 0.5, e))
+
+
+def spread_states(
+    medium: Any, heights: Sequence[float], widths: Sequence[float] = (1e-16, 1e-9, 1e-3, 0.3)
+) -> Iterable[Any]:
+    """States of uniform spreads W = ``widths`` times d, at these a*, as far as balls do not overlap by half a diameter."""
+    for width in widths:
+        packing = gp.Packing(STEEL, D, gp.Uniform(width * D), friction=False)
+        for height in heights:
+            if (height - 0.5) * width < 0.5:
+                yield medium(packing).at_overlap((height - 0.5) * packing.width)
+
+
+HEIGHTS = (0.345, 0.42, 0.5, 0.75, 1.0, 1.5, 3.0, 6.499999, 6.500001, 30.0, 1e3, 1e5, 1e8)
+
+
+def averaged_force() -> float:
+    worst = 0.0
+    for state in spread_states(gp.AveragedForce, HEIGHTS):
+        packing = state.packing
+        width, c = mpf(packing.width), coefficient(packing)
+        y = mpf(state.overlap) / width
+        force = c * width ** mpf("1.5") * uniform_pairs(y, 0)
+        worst = max(worst, off(state.force, force))
+        worst = max(worst, off(state.normal_stiffness, c * mpmath.sqrt(width) * uniform_pairs(y, 1)))
+        back = gp.AveragedForce(packing).at_force(state.force)
+        slope = mpf(back.normal_stiffness) * (width + abs(mpf(back.overlap))) / mpf(back.force)
+        worst = max(worst, float(abs(mpf(back.overlap) - mpf(state.overlap)) / (width + abs(mpf(state.overlap))) * slope))
+    return worst
+
+
+def uniform_ball(s: Any) -> tuple[Any, Any]:
+    """F^Q and K^Q of a ball of a uniform spread, s = y + x/2."""
+    upper, lower = s + mpf(1) / 4, s - mpf(1) / 4
+    return mpf(4) / 5 * (power(upper, 2.5) - power(lower, 2.5)), 2 * (power(upper, 1.5) - power(lower, 1.5))
+
+
+def effective_medium() -> float:
+    """The force by equation (36), given k; f* and y from the state."""
+    worst = 0.0
+    with mpmath.workdps(60):
+        for state in spread_states(gp.EffectiveMedium, HEIGHTS, (1e-16, 1e-3, 0.3)):
+            width, c = mpf(state.packing.width), coefficient(state.packing)
+            y, k = mpf(state.overlap) / width, mpf(state.normal_stiffness) / (c * mpmath.sqrt(width))
+            quarter = mpf(1) / 4
+            ends = sorted({y - quarter, y + quarter, *(x for x in (-quarter, quarter) if abs(x - y) < quarter)})
+
+            def part(s: Any, k: Any = k) -> Any:
+                force, stiffness = uniform_ball(s)
+                return mpmath.matrix([force, 1]) / (stiffness + mpf(XI) * k)
+
+            force = mpmath.quad(lambda s: part(s)[0], ends) / mpmath.quad(lambda s: part(s)[1], ends)
+            worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
+    return worst
+
+
+def effective_stiffness() -> float:
+    """Stiffness against differences of the force, of order eight."""
+    worst, weights = 0.0, np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
+    # away from the openings of contacts, a* = 1/2 and 1, where the force has fewer derivatives
+    for state in spread_states(gp.EffectiveMedium, (0.345, 0.42, 0.75, 1.5, 3.0, 30.0, 1e3, 1e8), (1e-16, 1e-3, 0.3)):
+        medium, width = gp.EffectiveMedium(state.packing), state.packing.width
+        step = 0.01 * (state.overlap + 0.5 * width)
+        steps = step * np.arange(1, 5)
+        change = medium.at_overlap(state.overlap + steps).force - medium.at_overlap(state.overlap - steps).force
+        worst = max(worst, off(state.normal_stiffness, mpf(float(weights @ change)) / mpf(step)))
+    return worst
+
+
+def high_pressure() -> float:
+    """f* = y^(3/2) (1 + r/64 y^2 + ...), the next term of relative order 1/y^4."""
+    worst = 0.0
+    for medium, r in ((gp.AveragedLattice, 0), (gp.AveragedForce, 1), (gp.EffectiveMedium, mpf(XI) / (1 + mpf(XI)))):
+        for state in spread_states(medium, (1e4, 1e6, 1e8), (1e-16, 1e-10, 1e-5)):
+            width, c = mpf(state.packing.width), coefficient(state.packing)
+            y = mpf(state.overlap) / width
+            worst = max(worst, off(state.force, c * width ** mpf("1.5") * (y ** mpf("1.5") + r / 64 / mpmath.sqrt(y))))
+            stiffness = mpf(3) / 2 * mpmath.sqrt(y) - r / 128 / y ** mpf("1.5")
+            worst = max(worst, off(state.normal_stiffness, c * mpmath.sqrt(width) * stiffness))
+    return worst
+
+
+def no_width() -> float:
+    """Zero is equal balls to the last bit; the last width that differs, to rounding."""
+    worst = 0.0
+    for medium, spread in itertools.product(
+        (gp.AveragedForce, gp.EffectiveMedium), (gp.Uniform, gp.Normal, lambda w: gp.Discrete((D, D), (0.4, 0.6)))
+    ):
+        for load in (1e-30, 1.0, 1e4):
+            exact = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(load)
+            for width in (0.0, 1e-300, 1e-100):
+                state = medium(gp.Packing(STEEL, D, spread(width))).at_force(load)
+                if width and load < 1.0:
+                    continue
+                error = max(off(state.overlap, exact.overlap), off(state.normal_stiffness, exact.normal_stiffness))
+                worst = max(worst, error if width else (math.inf if error else 0.0))
+    return worst
+
+
+#: fractions and relative deviations of the second kind
+KINDS = list(itertools.product((1e-12, 1e-9, 1e-3, 0.5, 1.0 - 1e-9), (1e-6, -1e-6, 1e-3, -1e-3, 0.2)))
+
+
+def two_kinds(fraction: float, deviation: float) -> gp.Packing:
+    spread = gp.Discrete((D, D * (1.0 + deviation)), (1.0 - fraction, fraction))
+    assert spread.mean is not None
+    return gp.Packing(STEEL, spread.mean, spread, friction=False)
+
+
+def mixtures(medium: Any) -> Iterable[tuple[Any, Any, Any, Any]]:
+    """States of two kinds, and their exact pair overlaps, fractions and c."""
+    for fraction, deviation in KINDS:
+        packing = two_kinds(fraction, deviation)
+        assert isinstance(packing.spread, gp.Discrete)
+        total = sum(map(mpf, packing.spread.fractions))
+        parts = [mpf(part) / total for part in packing.spread.fractions]
+        balls = [mpf(d) for d in packing.spread.diameters]
+        mean = sum(p * b for p, b in zip(parts, balls, strict=True))
+        # above the opening of the common contacts, in units of the deviation
+        for height in (1e-2, 1.0, 1e2):
+            overlap = max(height * abs(deviation) * D, 1e-3 * packing.width)
+            if overlap < 0.5 * D:
+                state = medium(packing).at_overlap(overlap)
+                gaps = [[mpf(state.overlap) + (a + b) / 2 - mean for b in balls] for a in balls]
+                yield state, gaps, parts, coefficient(packing)
+
+
+def uneven_averages() -> float:
+    worst = 0.0
+    for state, gaps, parts, c in mixtures(gp.AveragedForce):
+        both = list(itertools.product(range(2), repeat=2))
+        force = c * sum(parts[i] * parts[j] * power(gaps[i][j], 1.5) for i, j in both)
+        stiffness = 1.5 * c * sum(parts[i] * parts[j] * power(gaps[i][j], 0.5) for i, j in both)
+        worst = max(worst, off(state.force, force), off(state.normal_stiffness, stiffness))
+    return worst
+
+
+def uneven_mediums() -> float:
+    worst = 0.0
+    for state, gaps, parts, c in mixtures(gp.EffectiveMedium):
+        force = [c * sum(p * power(gap, 1.5) for p, gap in zip(parts, row, strict=True)) for row in gaps]
+        stiffness = [1.5 * c * sum(p * power(gap, 0.5) for p, gap in zip(parts, row, strict=True)) for row in gaps]
+        share = [p / (one + mpf(XI) * mpf(state.normal_stiffness)) for p, one in zip(parts, stiffness, strict=True)]
+        exact = sum(s * f for s, f in zip(share, force, strict=True)) / sum(share)
+        worst = max(worst, off(state.force, exact))
+    return worst
+
+
+# -- the simulation ---------------------------------------------------------------------------------------------------
+
+CELLS = ((1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (1, 7), (5, 7), (13, 17), (31, 29), (1, 101), (1, 10000), (10000, 1))
+
+
+def equal_cells() -> float:
+    worst = 0.0
+    for cell, friction in itertools.product(CELLS, (True, False)):
+        packing = gp.Packing(STEEL, D, friction=friction)
+        state = gp.DirectSimulation(packing, cell).at_force(18.0)
+        exact = gp.AveragedLattice(packing).at_force(18.0)
+        found, ideal = gp.moduli(state), gp.moduli(exact)
+        pairs = [(state.overlap, exact.overlap), (state.normal_stiffness, exact.normal_stiffness)]
+        pairs += [(found.bulk, ideal.bulk), (found.shear, ideal.shear)]
+        worst = max(worst, *(off(a, b) for a, b in pairs))
+    return worst
+
+
+def balance(sample: gp.Sample, deviations: Any, load: float) -> float:
+    """Largest force left on a ball, and what the mean force lacks, over the load: by the displacements alone."""
+    centres, c = sample.displacements, sample.packing.law.coefficient
+    deviations = deviations - np.mean(deviations)
+    left, total = np.zeros_like(centres), 0.0
+    for (rows, columns), (x, y) in (((1, 0), (1.0, 0.0)), ((0, 1), (-0.5, SQRT3 / 2)), ((1, 1), (0.5, SQRT3 / 2))):
+        normal, step = np.array([x, y]), (-rows, -columns)
+        apart = (np.roll(centres, step, (0, 1)) - centres) @ normal
+        spread = 0.5 * (deviations + np.roll(deviations, step, (0, 1)))
+        force = c * np.maximum(sample.overlap + spread - apart, 0.0) ** 1.5
+        left += force[..., None] * normal - np.roll(force[..., None] * normal, (rows, columns), (0, 1))
+        total += float(np.mean(force))
+    return max(float(np.abs(left).max()) / load, abs(total / 3.0 / load - 1.0))
+
+
+def disordered_cells() -> float:
+    worst = 0.0
+    for cell, width in itertools.product(CELLS, (1e-8, 1e-3, 0.3)):
+        spread = gp.Uniform(width * D)
+        packing = gp.Packing(STEEL, D, spread, friction=False)
+        unit = float(packing.law.force(packing.width))
+        for part in (1e11, 1e3, 1.0, 1e-2, 1e-4, 1e-6):
+            # near the threshold large cells take many steps
+            if part ** (2.0 / 3.0) * width < 0.5 and (part > 1e-3 or math.prod(cell) < 500):
+                state = gp.DirectSimulation(packing, cell, seed=3).at_force(part * unit)
+                worst = max(worst, balance(state.sample, spread.sample(cell, 3), part * unit))
+    return worst
+
+
+def bulk_moduli() -> float:
+    """Without friction a sample's bulk modulus is (sqrt(3)/2) k/d, whatever the disorder."""
+    worst = 0.0
+    for cell in CELLS:
+        packing = gp.Packing(STEEL, D, gp.Uniform(1e-8 * D), friction=False)
+        for part in (1e11, 1e6, 10.0, 0.1, 1e-2):
+            state = gp.DirectSimulation(packing, cell, seed=5).at_force(part * float(packing.law.force(packing.width)))
+            worst = max(worst, off(gp.moduli(state).bulk, mpmath.sqrt(3) / 2 * mpf(state.normal_stiffness) / mpf(D)))
+    return worst
+
+
+def sweeps() -> float:
+    """Loads up, down, repeated and shuffled, against each one alone."""
+    packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    loads = [18.0, 0.5, 18.0, 3.0, 700.0, 0.5, 60.0]
+    media = {"ala": {}, "afa": {}, "ema": {}, "simulation": {"shape": (5, 7), "seed": 2}}
+    alone: list[Any] = [gp.AveragedLattice(packing), gp.AveragedForce(packing), gp.EffectiveMedium(packing)]
+    alone.append(gp.DirectSimulation(packing, (5, 7), seed=2))
+    worst = 0.0
+    for order in (sorted(loads), sorted(loads, reverse=True), loads):
+        table = gp.sweep(packing, force=order, media=[{name: options} for name, options in media.items()])
+        for column, medium in enumerate(alone):
+            for row, load in enumerate(order):
+                exact = medium.at_force(load)
+                for name in ("overlap", "normal_stiffness"):
+                    worst = max(worst, off(float(table[name].values[row, column]), getattr(exact, name)))
+                worst = max(
+                    worst, off(float(table["longitudinal"].values[row, column]), gp.sound_velocities(exact).longitudinal)
+                )
+    return worst
+
+
+CASES = [
+    Case(
+        "overlap, stiffness and pressure of a force, and back",
+        "d from 1e-9 to 1e3 m, E from 1 to 1e13 Pa, Poisson ratio from -0.999999 to 1/2, f from 1e-40 to 0.3 E d²",
+        4e-15,
+        contacts,
+    ),
+    Case(
+        "force and overlap of a pressure, finite overlap",
+        "the same balls, P from 1e-40 to 10 E d",
+        4e-15,
+        shrinking_boundaries,
+    ),
+    Case(
+        "sound velocities and moduli",
+        "the same balls, with friction and without, f from 1e-40 to 0.01 E d²",
+        4e-15,
+        long_waves,
+    ),
+    Case(
+        "lowest resonance of auxetic balls",
+        "d and E as above, Poisson ratio from -1 + 1.1e-16 to -0.9",
+        1e-14,
+        resonances,
+    ),
+    Case(
+        "frequencies near Γ", "|q|d from 1e-300 to 1, η from 0 and 1e-300 to 4/3, overlap from 0 to 0.3 d", 4e-15, near_gamma
+    ),
+    Case(
+        "frequencies at K and M, and a rounding beside",
+        "η from 0 and 1e-16 to 4/3, overlap from 0 to 0.3 d",
+        4e-15,
+        special_points,
+    ),
+    Case(
+        "frequencies beyond the zone, error over |q|d",
+        "|q|d from 10 to 1e6, η from 0 to 4/3, overlap from 0 to 0.3 d",
+        1e-15,
+        far_zones,
+    ),
+    Case(
+        "modes where branches touch: residual, orthonormality",
+        "Γ, K, a copy of K, M, and 1e-16 to 1e-9 beside K; nearer than 1e-9 branches count as one set",
+        1e-9,
+        degenerate_branches,
+    ),
+    Case(
+        "group velocities near Γ",
+        "|q|d of 0 and from 1e-300 to 1e-9, η of 0 and from 1e-3 to 4/3",
+        4e-15,
+        velocities_near_gamma,
+    ),
+    Case(
+        "wavenumbers of pulses",
+        "frequencies from 1e-150 to 1.1 (k/M)^1/2 / 2π, three directions, with friction and without",
+        1e-11,
+        pulses,
+    ),
+    Case(
+        "phonopy's frequencies in Hz",
+        "the same balls as for velocities, f of 1e-40 and 1e-4 E d², at K and at 1e-12 of a reciprocal vector",
+        1e-13,
+        spectra_of_all_sizes,
+    ),
+    Case(
+        "number of modes under the density of states",
+        "meshes from 1 × 1 (all branches at an edge) to 31 × 31, 12 and 501 points",
+        1e-12,
+        densities_of_states,
+    ),
+    Case("averaged force, uniform", "W from 1e-16 to 0.3 d, a* from 0.345 to 1e8", 1e-13, averaged_force),
+    Case(
+        "averaged force, two kinds",
+        "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way",
+        1e-10,
+        uneven_averages,
+    ),
+    Case(
+        "effective medium, uniform: force by (36) of the stiffness",
+        "W from 1e-16 to 0.3 d, a* from 0.345 to 1e8, η = 0",
+        1e-8,
+        effective_medium,
+    ),
+    Case(
+        "effective medium, uniform: stiffness",
+        "the same, but not near a* = 1/2 and 1, where contacts open",
+        1e-8,
+        effective_stiffness,
+    ),
+    Case(
+        "effective medium, two kinds: force by (36) of the stiffness",
+        "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way, η = 0",
+        1e-8,
+        uneven_mediums,
+    ),
+    Case(
+        "force and stiffness at high pressure, all media", "W from 1e-16 to 1e-5 d, a* from 1e4 to 1e8", 1e-14, high_pressure
+    ),
+    Case(
+        "equal balls as the limit of no width",
+        "W of 0 (to the last bit) and from 1e-300 m to 1e-100 m; uniform, normal, two kinds of one diameter",
+        1e-14,
+        no_width,
+    ),
+    Case("simulation of equal balls", "cells from 1 × 1 to 10000 × 1, prime ones too", 1e-12, equal_cells),
+    Case(
+        "simulation: balance of every ball, and the load",
+        "the same cells, W from 1e-8 to 0.3 d, f* from 0.01 to 1e11; below 500 balls from 1e-6 (a* of 0.28 and less)",
+        1e-9,
+        disordered_cells,
+    ),
+    Case("simulation: bulk modulus without friction", "the same cells, f* from 0.01 to 1e11", 1e-12, bulk_moduli),
+    Case("sweeps up, down, with repeated and shuffled loads", "all media, against each load alone", 1e-10, sweeps),
+]
+
+
+def worst(case: Case) -> float:
+    """What a case finds, to forty digits of the reference."""
+    with mpmath.workdps(40):
+        return case.measure()

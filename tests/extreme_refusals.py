@@ -1,0 +1,173 @@
+"""What is refused at the edges, and the page of both: ``python tests/extreme_refusals.py --write`` makes its tables.
+
+A :class:`Refusal` holds calls that must end in an error of the package, with nothing else said or returned.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from extreme_cases import CASES, STEEL, D, K, M, worst
+
+import granphon as gp
+from granphon import errors
+from granphon.local_field import local_field
+
+PAGE = Path(__file__).parent.parent / "docs" / "extremes.md"
+BEGIN, END = "<!-- table: python tests/extreme_refusals.py --write -->", "<!-- end -->"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Each of ``attempts`` over ``reach`` raises ``error``, with nothing else said or returned."""
+
+    name: str
+    reach: str
+    error: type[errors.GranphonError]
+    attempts: Callable[[], Iterable[Callable[[], Any]]]
+
+
+def unusable_balls() -> Iterable[Callable[[], Any]]:
+    yield lambda: gp.Packing(gp.Material(5e-324, 0.3, 1.0), 1.0)
+    for young, density, d in itertools.product((1e-308, 1.0, 1.7e308), (5e-324, 1e3, 1.7e308), (5e-324, 1e-2, 1.7e308)):
+        if (young, density, d) != (1.0, 1e3, 1e-2):
+            yield lambda young=young, density=density, d=d: gp.Packing(gp.Material(young, 0.3, density), d)
+
+
+def _loads(values: Iterable[float], medium: Any) -> Iterable[Callable[[], Any]]:
+    for value, name in itertools.product(values, ("at_force", "at_pressure", "at_overlap")):
+        yield lambda value=value, name=name: getattr(medium, name)(value)
+
+
+def unusable_loads() -> Iterable[Callable[[], Any]]:
+    spread = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    for medium in (gp.AveragedLattice(gp.Packing(STEEL, D)), gp.AveragedForce(spread), gp.EffectiveMedium(spread)):
+        yield from _loads((math.nan, math.inf, -math.inf, 1.7e308, -1.0, 1e13), medium)
+    yield from _loads((5e-324, 1e-320, 0.0, -0.0), gp.AveragedLattice(gp.Packing(STEEL, D)))
+    yield from _loads((math.nan, math.inf, 1.7e308, -1.0), gp.DirectSimulation(spread, (3, 3)))
+
+
+def too_low_loads() -> Iterable[Callable[[], Any]]:
+    packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    unit = float(packing.law.force(packing.width))
+    yield lambda: gp.EffectiveMedium(packing).at_force(0.99e-6 * unit)
+    yield lambda: gp.EffectiveMedium(packing).at_overlap(-0.499 * packing.width)
+    yield lambda: gp.EffectiveMedium(packing).at_force([unit, 5e-324])
+    yield lambda: gp.AveragedForce(packing).at_force(1e-40 * unit)
+
+
+def loose_samples() -> Iterable[Callable[[], Any]]:
+    simulation = gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(2e-6)), (16, 16))
+    unit = float(simulation.packing.law.force(2e-6))
+    yield lambda: simulation.at_overlap((0.3 - 0.5) * 2e-6)
+    yield lambda: simulation.at_force(0.99e-8 * unit)
+    yield lambda: simulation.at_pressure(1e-300)
+    yield lambda: gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(0.99e-20 * D)))
+    yield lambda: gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(1e-300)))
+    yield lambda: gp.DirectSimulation(simulation.packing, (0, 5))
+
+
+def buckled_lattices() -> Iterable[Callable[[], Any]]:
+    smooth = gp.AveragedLattice(gp.Packing(STEEL, D, friction=False)).at_overlap(0.9 * D, finite_overlap=True)
+    yield lambda: gp.sound_velocities(smooth, finite_overlap=True)
+    yield lambda: gp.moduli(smooth, finite_overlap=True)
+    yield lambda: gp.ContactLattice.of("triangular", 0.0, 0.1, 6.0).frequencies([K, M])
+    yield lambda: gp.Phonons(smooth, finite_overlap=True).frequencies([[0.1, 0.2]])
+
+
+def unusable_wavevectors() -> Iterable[Callable[[], Any]]:
+    lattice = gp.ContactLattice.of("triangular", 0.84)
+    state = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)
+    for q in (math.nan, math.inf):
+        yield lambda q=q: lattice.frequencies([[q, 0.0]])
+        yield lambda q=q: gp.Phonons(state).frequencies([[q, 0.0]])
+    yield lambda: lattice.modes([[0.0, 0.0]])
+    yield lambda: lattice.modes([[1.0, 0.0]], (0.0, 0.0))
+    yield lambda: gp.pulse_velocities(state, 0.0)
+
+
+def unusable_spreads() -> Iterable[Callable[[], Any]]:
+    for fraction in (5e-324, 1e-300, 0.99e-12):
+        yield lambda fraction=fraction: gp.Discrete((D, 2 * D), (1.0, fraction))
+    yield lambda: gp.Uniform(math.nan)
+    yield lambda: gp.Packing(STEEL, D, gp.Uniform(2.0 * D))
+    yield lambda: gp.Packing(STEEL, D, gp.Uniform(1.7e308))
+    yield lambda: gp.Measured((D, 5e-324, math.inf))
+
+
+def fast_pulses() -> Iterable[Callable[[], Any]]:
+    state = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)
+    for factor in (3.0, 1e30, 1e300):
+        yield lambda factor=factor: gp.pulse_velocities(state, factor * state.scales.frequency)
+
+
+def loose_fields() -> Iterable[Callable[[], Any]]:
+    for eta in (1e-18, 1e-20):
+        yield lambda eta=eta: local_field("kagome", eta)
+
+
+REFUSALS = [
+    Refusal("balls beyond double precision", "E, ρ or d near 5e-324 or 1.7e308", errors.InputError, unusable_balls),
+    Refusal(
+        "loads that cannot be", "not finite, zero, tensile, subnormal, or an overlap of d or more",
+        errors.InputError, unusable_loads,
+    ),
+    Refusal(
+        "loads too low for a medium", "f* < 1e-6 in the effective medium; the first contact of the averaged force",
+        errors.PrecisionError, too_low_loads,
+    ),
+    Refusal(
+        "samples that nothing holds, or that cannot be",
+        "a* below the rigidity threshold, f* < 1e-8, W < 1e-20 d, no balls",
+        errors.InputError, loose_samples,
+    ),
+    Refusal("lattices that buckle", "finite overlap of 0.9 d without friction", errors.InstabilityError, buckled_lattices),
+    Refusal(
+        "wave vectors that cannot be", "not finite; Γ without a direction; a direction of no length; no frequency",
+        errors.InputError, unusable_wavevectors,
+    ),
+    Refusal("pulses that no branch carries", "a frequency above the top", errors.UnreachableFrequencyError, fast_pulses),
+    Refusal("local fields without digits", "kagome lattice, η of 1e-18 and 1e-20", errors.PrecisionError, loose_fields),
+    Refusal(
+        "spreads that cannot be", "not finite, a ball of no size, a kind rarer than 1e-12",
+        errors.InputError, unusable_spreads,
+    ),
+]  # fmt: skip
+
+
+# -- the page -------------------------------------------------------------------------------------------------------
+
+
+def tables(seen: Sequence[str]) -> str:
+    """The two tables of the page, the last column of the first one given."""
+    lines = ["| case | range | claimed error | worst seen |", "|---|---|---|---|"]
+    lines += [
+        f"| {escaped(c.name)} | {escaped(c.reach)} | {c.claim:.0e} | {found} |" for c, found in zip(CASES, seen, strict=True)
+    ]
+    lines += ["", "| refused | range | error |", "|---|---|---|"]
+    lines += [f"| {r.name} | {escaped(r.reach)} | `{r.error.__name__}` |" for r in REFUSALS]
+    return "\n".join(lines)
+
+
+def escaped(text: str) -> str:
+    return text.replace("|", "\\|").replace("*", "\\*")
+
+
+def printed() -> str:
+    """What the page has between its marks."""
+    return PAGE.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0].strip()
+
+
+if __name__ == "__main__":
+    found = [f"{worst(case):.1e}" for case in CASES]
+    text = tables(found)
+    print(text)
+    if "--write" in sys.argv:
+        before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
