@@ -422,7 +422,7 @@ class DirectSimulation:
             found = [_equilibria(alone, index, loads, order) for index in range(self.samples)]
         else:
             jobs = [self.executor.submit(_equilibria, alone, index, loads, order) for index in range(self.samples)]
-            found = [job.result() for job in jobs]
+            found = [_shared(job.result()) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
             Sample(self.packing, seed, column[place])
@@ -447,6 +447,15 @@ def _equilibria(
             raise
     stencils.forget()
     return out
+
+
+def _shared(found: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
+    """The same, with one array of deviations for all loads, which each has its own of when it comes from another process."""
+    first = next(iter(found.values()))
+    for one in found.values():
+        object.__setattr__(one, "deviations", first.deviations)
+        vars(one)["stencils"] = first.stencils
+    return found
 
 
 def _pair(shape: Any) -> tuple[Any, Any]:

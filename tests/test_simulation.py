@@ -260,10 +260,12 @@ def test_slopes_are_derivatives_of_the_means(medium):
         assert gp.local_exponent(state) == pytest.approx(exponent, rel=1e-4)
 
 
-def test_what_workers_found_comes_back(medium):
-    sample = medium.at_force(5.0).sample
-    assert "_derivatives" in vars(sample.equilibrium)
-    assert "_derivatives" in vars(pickle.loads(pickle.dumps(sample)).equilibrium)
+def test_what_workers_found_comes_back(spread):
+    with ProcessPoolExecutor(1) as executor:
+        samples = gp.DirectSimulation(spread, (4, 6), executor=executor).at_force([5.0, 2.0]).samples
+    assert all("_derivatives" in vars(sample.equilibrium) for sample in samples)
+    assert samples[0].equilibrium.deviations is samples[1].equilibrium.deviations
+    assert samples[0].equilibrium.stencils is samples[1].equilibrium.stencils
 
 
 def test_a_law_keeps_no_more_than_the_last_samples(spread, monkeypatch):
