@@ -284,8 +284,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def _stiffness(self, overlap: Array) -> Array:
         """Reduced normal stiffness: exactly one at the state's own overlap."""
-        stiffness = self.state.law.stiffness(overlap * self.scales.length) / self.scales.stiffness
-        return np.where(overlap == self._overlap, 1.0, stiffness)
+        stiffness, other = np.ones(overlap.shape), overlap != self._overlap
+        if np.any(other):  # where the law is that of a simulation, each overlap is an equilibrium
+            stiffness[other] = self.state.law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
+        return stiffness
 
     def contact_lattice(self, atoms: Atoms) -> ContactLattice:
         """The :class:`~granphon.lattice.ContactLattice` of any cell of these balls: harmonic about the state.

@@ -157,7 +157,7 @@ def run(
     _named("--out", out)
     read = Scene.from_yaml(scene)
     cost = read.cost()
-    if cost is not None and cost.seconds > _LONG and not quiet:
+    if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
     with _processes(workers if read.is_sweep else 1) as executor:
         result = read.run(out, force, on_stderr(quiet), figures, resume, executor)

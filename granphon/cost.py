@@ -39,12 +39,17 @@ _SHAPE, _AT = (96, 96), 1.0
 
 @dataclass(frozen=True)
 class Cost:
-    """``memory`` in bytes, ``seconds`` of one processor, ``balls`` of one sample, and how many ``equilibria`` there are."""
+    """``memory`` in bytes, ``work`` in balls of the small sample, ``balls`` of one sample, and how many ``equilibria``."""
 
     memory: float
-    seconds: float
+    work: float
     balls: int
     equilibria: int
+
+    @property
+    def seconds(self) -> float:
+        """Of one processor of this machine, on which the small sample is tried when first asked."""
+        return self.work * _second_per_ball()
 
     @property
     def text(self) -> str:
@@ -83,12 +88,12 @@ def estimate(
     kept = _SAMPLE * (simulation.samples - 1) + _KEPT * (count - 1)
     memory = _BASE + balls * ((_TURNING if turning else _WORKING) + kept)
     if not packing.width:
-        return Cost(memory, 0.1 * _second_per_ball() * balls * count, balls, count)
+        return Cost(memory, 0.1 * balls * count, balls, count)
     force = np.maximum(_reduced_force(simulation, kind, loads), _FORCE[0])
     rest = _steps(force)
     linear = rest * (_TURNED if turning else _STILL) if moduli else 0.0
-    unit = _second_per_ball() / _steps(np.interp(_AT, _SPACING, _FORCE))
-    return Cost(memory, float(np.sum(rest + linear) * unit * balls * simulation.samples), balls, count)
+    relative = float(np.sum(rest + linear) / _steps(np.interp(_AT, _SPACING, _FORCE)))
+    return Cost(memory, relative * balls * simulation.samples, balls, count)
 
 
 def _reduced_force(simulation: DirectSimulation, kind: str, loads: Array) -> Array:

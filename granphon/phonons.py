@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 #: part of the top frequency below which phonopy's eigenvalues have lost digits that C(q) still has
 _RESOLVED = 1e-3
+#: bytes of tetrahedron weights that are held at a time
+_WEIGHTS = 2**26
 
 
 class Phonons:
@@ -278,10 +280,14 @@ class Phonons:
             # each value is the mean over its own interval, from the integrated density: van Hove singularities fall between
             # points, and the trapezoidal sum over the points is the number of modes exactly
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
-            integrated = TetrahedronDOSAccumulator(
-                values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
-                ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=edges,
-            ).result.cumulative[0].T  # fmt: skip
+            # phonopy holds a weight for each mode and frequency: some frequencies at a time
+            several = np.array_split(edges, -(-8 * values.size * edges.size // _WEIGHTS))
+            integrated = np.concatenate([
+                TetrahedronDOSAccumulator(
+                    values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
+                    ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=some,
+                ).result.cumulative[0].T for some in several
+            ], axis=1)  # fmt: skip
             integrated[:, 0] = 0.0  # modes at zero belong to the first interval
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
-from ase.geometry.minkowski_reduction import minkowski_reduce
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -22,7 +21,6 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import HalfspaceIntersection
 
 from granphon.errors import InputError, message
 from granphon.lattice import ContactLattice
@@ -195,6 +193,10 @@ def _reciprocal(bands: Bands) -> Array:
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
     """Corners (n, 2) of the Brillouin zone, the Wigner-Seitz cell of the rows of ``reciprocal`` (2, 2), anticlockwise."""
+    # here: a figure without a zone needs neither
+    from ase.geometry.minkowski_reduction import minkowski_reduce
+    from scipy.spatial import HalfspaceIntersection
+
     cell = np.eye(3)
     cell[:2, :2] = reciprocal
     # of the shortest vectors no more than eight sums can be neighbours

@@ -262,7 +262,7 @@ class Scene:
             if self._document is not None:
                 raise self._document.error(("medium",), f"{what}. {mend}")
             raise InputError(message(what, mend=mend))
-        return Cost(most.memory, sum(c.seconds for c in found), most.balls, sum(c.equilibria for c in found))
+        return Cost(most.memory, sum(c.work for c in found), most.balls, sum(c.equilibria for c in found))
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
         """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too.

@@ -86,8 +86,17 @@ def test_equal_balls_cost_next_to_nothing():
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")]
 )
-def test_durations_are_read_at_a_glance(seconds, text):
+def test_durations_are_read_at_a_glance(seconds, text, monkeypatch):
+    monkeypatch.setattr(cost, "_second_per_ball", lambda: 1.0)
     assert cost.Cost(2.5e9, seconds, 10_000_000, 1).text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
+
+
+def test_nothing_is_tried_until_time_is_asked_for(monkeypatch):
+    monkeypatch.setattr(cost, "_second_per_ball", None)
+    guess = estimate(simulation(), "force", 5.0)
+    assert guess.memory > 0.0
+    with pytest.raises(TypeError):
+        _ = guess.seconds
 
 
 def test_the_text_counts_equilibria():

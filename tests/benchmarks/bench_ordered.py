@@ -2,25 +2,25 @@
 
     python tests/benchmarks/bench_ordered.py [--json FILE] [--repeats N]
 
-Nothing is asserted: machines are shared and noisy. The documentation quotes a run.
+The exit code is 1 if a bound is missed. The documentation quotes a run.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-import platform
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from side_by_side import Part, Row, against, alternate, command_line
 
+#: points on a segment where what does not depend on their number matters little
+MANY = 2001
 HEAD = "import phonopy, matplotlib.pyplot"
 
 #: what a user without granphon would write: force constants of the contacts by hand, then phonopy
@@ -57,39 +57,81 @@ def bare(eta=0.839907192575406, n=101, mesh=64, dos=True):
 """
 
 
-def alternate(repeats: int, **calls: Callable[[], object]) -> dict[str, float]:
-    """Median seconds of each call, taken in turns so that a busy machine slows all of them."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        call()
-    for _ in range(repeats):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            times[name].append(time.perf_counter() - start)
-    return {name: statistics.median(values) for name, values in times.items()}
+def by_hand(corners: NDArray[np.float64], eta: float, n: int = 101) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies and group velocities along the path, all q at once: D(q) of three contacts typed out, and eigh."""
+    reciprocal = 2.0 * np.pi * np.linalg.inv(np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])).T
+    ends = corners @ reciprocal
+    step = np.linspace(0.0, 1.0, n)[:, None]
+    q = np.concatenate([a + (b - a) * step for a, b in pairwise(ends)])
+    angle = np.arange(3) * np.pi / 3.0
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    phase = np.exp(1j * q @ normal.T)  # (n_q, 3 contacts)
+    spin = np.full(3, np.sqrt(2.5))
+    along = np.column_stack([normal, 0.0 * spin])
+    across = np.column_stack([-normal[:, 1], normal[:, 0], 0.0 * spin])
+    turn = np.column_stack([np.zeros((3, 2)), spin])
+    rows = np.concatenate([(phase - 1.0)[..., None] * along, np.sqrt(eta) * ((phase - 1.0)[..., None] * across
+                           - (phase + 1.0)[..., None] * turn)], axis=1)  # fmt: skip
+    slopes = np.concatenate([1j * phase[..., None] * along, np.sqrt(eta) * 1j * phase[..., None] * (across - turn)], axis=1)
+    slopes = slopes[:, None] * np.tile(normal, (2, 1)).T[None, :, :, None]  # (n_q, 2, 6, 3)
+    adjoint = rows.conj().swapaxes(1, 2)
+    squared, modes = np.linalg.eigh(adjoint @ rows)
+    values = np.sqrt(np.maximum(squared, 0.0))
+    half = (rows @ modes).conj()[:, None] * (slopes @ modes[:, None])
+    with np.errstate(divide="ignore", invalid="ignore"):  # at Gamma they have no value
+        velocities = np.moveaxis(np.sum(half, axis=2).real / values[:, None], 1, 2)
+    return values, velocities
 
 
-def bands(repeats: int) -> dict[str, float]:
+def bands(repeats: int) -> list[Row]:
     """Bands with eigenvectors and group velocities on the same q points."""
     import granphon as gp
 
     scope: dict[str, Callable[..., object]] = {}
     exec(BARE, scope)  # the text is also run as a script of its own below
     steel = gp.Material(211.65e9, 0.276, 7840.0)
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(18.446)
-    ours = gp.Phonons(state).bands("GKMG", npoints=101)
+    packing = gp.Packing(steel, 8e-3)
+    state = gp.AveragedLattice(packing).at_force(18.446)
+    phonons = gp.Phonons(state)
+    ours = phonons.bands("GKMG", npoints=101)
+    corners = np.array([[0.0, 0.0], [1 / 3, 1 / 3], [0.5, 0.0], [0.0, 0.0]])
+    lattice, eta = phonons.lattice, packing.mindlin_ratio
+    q = lattice.wavevectors(ours.qpoints.reshape(-1, 3))
+    towards = np.repeat(q.reshape(3, -1, 2)[:, -1] - q.reshape(3, -1, 2)[:, 0], 101, axis=0)
+    scale, top = phonons.scales, float(ours.frequencies.max())
     _, theirs = scope["bare"](dos=False)  # type: ignore[misc]
-    worst = np.max(np.abs(np.array(theirs.frequencies) * gp.Phonons(state).scales.frequency - ours.frequencies))
-    assert worst < 1e-7 * ours.frequencies.max(), "the two engines disagree: the ratio would mean nothing"
+    hand, speeds = by_hand(corners, eta)
+    generic = hand[:, 0] > 1e-2  # and apart: where branches touch, velocities are those of a chosen direction
+    generic &= np.min(np.diff(hand, axis=1), axis=1) > 1e-3
+    found = ours.group_velocities.reshape(-1, 3, 2)[generic] / scale.velocity
+    for name, other in (("phonopy", np.array(theirs.frequencies)), ("numpy", hand.reshape(3, -1, 3))):
+        worst = np.max(np.abs(other * scale.frequency - ours.frequencies))
+        assert worst < 1e-7 * top, f"{name} disagrees: the ratio would mean nothing"
+    assert np.max(np.abs(found - speeds[generic])) < 1e-6, "group velocities disagree: the ratio would mean nothing"
     seconds = alternate(
-        repeats, granphon=lambda: gp.Phonons(state).bands("GKMG", npoints=101), phonopy=lambda: scope["bare"](dos=False)
+        repeats,
+        granphon=lambda: gp.Phonons(state).bands("GKMG", npoints=101),
+        phonopy=lambda: scope["bare"](dos=False),
+        modes=lambda: lattice.modes(q, towards),
+        numpy=lambda: by_hand(corners, eta),
+        granphon_many=lambda: gp.Phonons(state).bands("GKMG", npoints=MANY),
+        numpy_many=lambda: by_hand(corners, eta, MANY),
     )
-    return {"granphon_s": seconds["granphon"], "bare_phonopy_s": seconds["phonopy"],
-            "ratio": seconds["granphon"] / seconds["phonopy"]}  # fmt: skip
+    what, points = "bands along Γ-K-M-Γ with eigenvectors and group velocities", "303 q points"
+    return [
+        Row(f"{what}, {points}: over bare phonopy", seconds["granphon"] / seconds["phonopy"], "", 0.5,
+            note=against(seconds, "granphon", "phonopy")),
+        Row(f"{what}, {points}: over batched numpy, D(q) typed", seconds["granphon"] / seconds["numpy"], "", 25.0,
+            note=against(seconds, "granphon", "numpy")),
+        Row(f"{what}, {3 * MANY} q points: over batched numpy, D(q) typed",
+            seconds["granphon_many"] / seconds["numpy_many"], "", 6.0,
+            note=against(seconds, "granphon_many", "numpy_many")),
+        Row(f"modes of C(q) alone, {points}: over batched numpy, D(q) typed", seconds["modes"] / seconds["numpy"], "", 6.0,
+            note=against(seconds, "modes", "numpy")),
+    ]  # fmt: skip
 
 
-def command(repeats: int) -> dict[str, float]:
+def command(repeats: int) -> list[Row]:
     """The command on the steel example, against the imports and the bare computation, as whole processes."""
     root = Path(__file__).resolve().parents[2]
     environment = {**os.environ, "MPLBACKEND": "Agg"}
@@ -100,31 +142,29 @@ def command(repeats: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / "out")
         granphon = [sys.executable, "-m", "granphon", "run", "examples/steel_hexagon.yaml", "-o", out, "--force"]
+        velocities = Path(folder) / "velocities.yaml"
+        text = (root / "examples" / "steel_hexagon.yaml").read_text(encoding="utf-8")
+        velocities.write_text(text.replace("[velocities, bands, dos]", "[velocities]"), encoding="utf-8")
         seconds = alternate(
             repeats,
             granphon=process(*granphon),
             imports=process(sys.executable, "-c", HEAD),
             bare=process(sys.executable, "-c", f"{HEAD}\n{BARE}\nbare()"),
+            velocities=process(*granphon[:4], str(velocities), "-o", f"{out}.v", "--force"),
+            own=process(sys.executable, "-c", "import granphon.cli, granphon.run, granphon.scene, pint, ruamel.yaml"),
         )
-    ratios = {"ratio_to_imports": seconds["granphon"] / seconds["imports"], "ratio": seconds["granphon"] / seconds["bare"]}
-    return {**{f"{name}_s": value for name, value in seconds.items()}, **ratios}
+    what = "`granphon run examples/steel_hexagon.yaml`, a process"
+    return [
+        Row(f"{what}: over bare phonopy for the same", seconds["granphon"] / seconds["bare"], "", 2.0,
+            note=against(seconds, "granphon", "bare")),
+        Row(f"{what}: over the imports of phonopy and pyplot", seconds["granphon"] / seconds["imports"], "", 4.0,
+            note=against(seconds, "granphon", "imports")),
+        Row("the same with velocities alone: over its own imports", seconds["velocities"] / seconds["own"], "", 2.0,
+            note=against(seconds, "velocities", "own")),
+    ]  # fmt: skip
 
 
-def report(description: str, parts: dict[str, Callable[[int], object]], argv: list[str] | None = None) -> None:
-    """Run each part with as many repeats as the command line says, and print and perhaps write what they give."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--json", type=Path, help="also write the results here")
-    parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args(argv)
-    results: dict[str, object] = {
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        **{name: part(options.repeats) for name, part in parts.items()},
-    }
-    text = json.dumps(results, indent=2)
-    print(text)
-    if options.json:
-        options.json.write_text(text + "\n", encoding="utf-8")
-
+PARTS: dict[str, Part] = {"bands": bands, "command": command}
 
 if __name__ == "__main__":
-    report("Benchmarks of the ordered lattice", {"bands": bands, "command": command})
+    sys.exit(command_line("Benchmarks of the ordered lattice", PARTS))

@@ -2,13 +2,12 @@
 
     python tests/benchmarks/bench_simulation.py [--json FILE] [--repeats N] [--huge]
 
-After the results comes a table of them; the exit code is 1 if a bound is missed. ``--huge`` adds ten million balls, some
-minutes and some GiB. Balls are spread uniformly and rest under a given overlap; one thread throughout.
+The exit code is 1 if a bound is missed. ``--huge`` adds ten million balls, some minutes and some GiB. Balls are spread
+uniformly and rest under a given overlap; one thread throughout.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import resource
@@ -17,14 +16,14 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from unittest import mock
 
 import numpy as np
-from bench_ordered import alternate, report
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
+from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon import equilibrium as module
@@ -42,30 +41,6 @@ SEEDS = range(4)
 HUGE = 3164
 #: rigidity threshold, a*
 THRESHOLD = 0.343
-
-
-class Row(NamedTuple):
-    """A line of the table; ``bound`` is the most that ``value`` may be, or, with ``least``, the least."""
-
-    what: str
-    value: float
-    unit: str = ""
-    bound: float = math.inf
-    least: bool = False
-    note: str = ""
-
-    @property
-    def passed(self) -> bool:
-        return self.value >= self.bound if self.least else self.value <= self.bound
-
-    def __str__(self) -> str:
-        sign, bounded = "≥" if self.least else "≤", math.isfinite(self.bound)
-        cells = self.what, f"{self.value:.3g} {self.unit}".strip(), self.note
-        return f"| {' | '.join(cells)} | {f'{sign} {self.bound:g}' if bounded else ''} | {self.verdict} |"
-
-    @property
-    def verdict(self) -> str:
-        return ("pass" if self.passed else "FAIL") if math.isfinite(self.bound) else ""
 
 
 def balls(length: int, seed: int = 0) -> Array:
@@ -291,28 +266,11 @@ def seconds(repeats: int) -> list[Row]:
     return rows
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--huge", action="store_true")
-    ours, others = parser.parse_known_args()
-    parts = {"memory": memory(1024, 1.2), "direct": direct, "growth": growth, "fire": fire, "seconds": seconds}
-    if ours.huge:
-        parts = {"huge": memory(HUGE, 24.0), **parts}
-    rows: list[Row] = []
-
-    def kept(part: Callable[[int], list[Row]]) -> Callable[[int], object]:
-        def run(repeats: int) -> object:
-            found = part(repeats)
-            rows.extend(found)
-            return [{**row._asdict(), "bound": row.bound if row.verdict else None} for row in found]
-
-        return run
-
-    description = "Benchmarks of the direct simulation; --huge adds ten million balls"
-    report(description, {name: kept(part) for name, part in parts.items()}, others)
-    print("\n| what | measured | | bound | |\n|---|---|---|---|---|", *rows, sep="\n")
-    return int(not all(row.passed for row in rows))
-
+#: memory first: it is measured in a process that inherits the peak of this one
+PARTS: dict[str, Part] = {
+    "memory": memory(1024, 1.2), "direct": direct, "growth": growth, "fire": fire, "seconds": seconds,
+}  # fmt: skip
+HUGE_PARTS: dict[str, Part] = {"huge": memory(HUGE, 24.0)}
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command_line("Benchmarks of the direct simulation", PARTS, HUGE_PARTS))

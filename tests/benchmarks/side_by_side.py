@@ -1,0 +1,117 @@
+"""What the benchmarks share: calls timed in turns, results with the bound each is to keep, the machine, the command line.
+
+Nothing but the standard library is imported here, so that a process can be measured that imports little else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+#: takes the number of repeats
+Part = Callable[[int], "list[Row]"]
+
+
+class Row(NamedTuple):
+    """A line of the table; ``bound`` is the most that ``value`` may be, or, with ``least``, the least."""
+
+    what: str
+    value: float
+    unit: str = ""
+    bound: float = math.inf
+    least: bool = False
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return self.value >= self.bound if self.least else self.value <= self.bound
+
+    def __str__(self) -> str:
+        sign, bounded = "≥" if self.least else "≤", math.isfinite(self.bound)
+        cells = self.what, f"{self.value:.3g} {self.unit}".strip(), self.note
+        return f"| {' | '.join(cells)} | {f'{sign} {self.bound:g}' if bounded else ''} | {self.verdict} |"
+
+    @property
+    def verdict(self) -> str:
+        return ("pass" if self.passed else "FAIL") if math.isfinite(self.bound) else ""
+
+
+def alternate(repeats: int, **calls: Callable[[], object]) -> dict[str, float]:
+    """Median seconds of each call, taken in turns so that a busy machine slows all of them."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        call()
+    for _ in range(repeats):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            call()
+            times[name].append(time.perf_counter() - start)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def against(seconds: Mapping[str, float], ours: str, other: str) -> str:
+    """The note of a ratio."""
+    return " against ".join(f"{1e3 * s:.3g} ms" if s < 1.0 else f"{s:.3g} s" for s in (seconds[ours], seconds[other]))
+
+
+def machine() -> dict[str, Any]:
+    """What the numbers depend on."""
+    import numpy as np
+
+    name = platform.processor() or platform.machine()
+    described = Path("/proc/cpuinfo")
+    if described.is_file():
+        lines = described.read_text(encoding="utf-8").splitlines()
+        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
+    config: Any = np.show_config(mode="dicts")
+    blas = config["Build Dependencies"]["blas"]
+    versions = {package: version(package) for package in ("numpy", "scipy", "ase", "phonopy", "matplotlib", "xarray")}
+    return {
+        "processor": name, "architecture": platform.machine(), "cores": os.cpu_count(),
+        "load": os.getloadavg() if hasattr(os, "getloadavg") else None, "system": platform.system(),
+        "python": platform.python_version(), "blas": f"{blas['name']} {blas['version']}", **versions,
+    }  # fmt: skip
+
+
+def command_line(
+    description: str, parts: Mapping[str, Part], huge: Mapping[str, Part] | None = None, argv: Sequence[str] | None = None
+) -> int:
+    """Run parts with as many repeats as the command line says; 1 if a bound is missed."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--json", type=Path, help="also write the machine and the results here")
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument(
+        "--only", nargs="+", metavar="PART", choices=sorted({*parts, *(huge or ())}), help="these parts alone"
+    )
+    if huge:
+        parser.add_argument("--huge", action="store_true", help="ten million balls too: some minutes and some GiB")
+    options = parser.parse_args(argv)
+    # first, as memory is measured in it
+    chosen = {**((huge or {}) if getattr(options, "huge", False) else {}), **parts}
+    results: dict[str, list[Row]] = {}
+    about = machine()
+    print(", ".join(f"{name} {value}" for name, value in about.items()))
+    print("\n| what | measured | | bound | |\n|---|---|---|---|---|", flush=True)
+    for name in options.only or chosen:
+        results[name] = chosen[name](options.repeats)
+        print(*results[name], sep="\n", flush=True)
+    if options.json:
+        rows = {
+            name: [{**row._asdict(), "bound": row.bound if row.verdict else None} for row in found]
+            for name, found in results.items()
+        }
+        options.json.write_text(json.dumps({"machine": about, **rows}, indent=2) + "\n", encoding="utf-8")
+    missed = [row.what for found in results.values() for row in found if not row.passed]
+    for what in missed:
+        print(f"missed: {what}", file=sys.stderr)
+    return int(bool(missed))

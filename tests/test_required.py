@@ -1,0 +1,223 @@
+"""A scene pays for what it asks: in a process of its own, costly calls are counted and costly modules listed."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import sys
+from functools import reduce
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon import response
+from granphon.stencils import Stencils
+
+BENCHMARKS = Path(__file__).parent / "benchmarks"
+
+
+def load(name: str) -> ModuleType:
+    """One of the scripts beside the benchmarks."""
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+
+
+#: what makes the table of costs, and what the benchmarks share
+costs, side_by_side = load("costs"), load("side_by_side")
+
+ALWAYS = {"scene.yaml", "summary.yaml"}
+SWEEP = {"sweep.nc", "sweep.csv"}
+BANDS = {"band.yaml", "phonopy_params.yaml"}
+#: what the effective medium takes of scipy: nodes of Gauss and Jacobi
+NODES = {"scipy.special", "scipy.linalg"}
+#: Fourier transforms
+WAVES = {"scipy.fft", "scipy.special"}
+PHONOPY = {"phonopy", "spglib", "ase", "ase.calculators"}
+XARRAY = {"xarray", "h5netcdf", "pandas"}
+#: ase.io, which writes the sample, imports calculators
+SAMPLE = {"ase", "ase.calculators"}
+EMA = {"local field": 1, "effective medium": 1}
+SPECTRA = {"force constants": 1, "phonopy": 1}
+
+#: of each kind: calls, modules, files, all but those of figures
+ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
+    "velocities, equal balls": ({}, set(), set()),
+    "velocities, averaged force": ({}, set(), set()),
+    "velocities, effective medium": (EMA, NODES, set()),
+    "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
+    "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
+    "density of states": (SPECTRA | {"mesh": 1}, PHONOPY, {"dos.csv"}),
+    "bands and density of states": (SPECTRA | {"modes": 1, "mesh": 1}, PHONOPY, {*BANDS, "dos.csv"}),
+    "sweep, averaged": ({}, XARRAY, SWEEP),
+    "sweep, effective medium": (EMA, XARRAY | NODES, SWEEP),
+    "simulation": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
+    "simulation, no friction": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
+    # the sound velocity, one of the conditions of validity, takes the linear response
+    "bands of a simulation": (
+        SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1}, PHONOPY | WAVES, {*BANDS, "sample.extxyz"},
+    ),
+    "sweep of simulations": ({"equilibria": 6, "linear responses": 6}, XARRAY | WAVES, SWEEP),
+}  # fmt: skip
+FIGURES = {
+    "bands": {"bands.png"}, "bands, no friction": {"bands.png"}, "density of states": {"dos.png"},
+    "bands and density of states": {"bands.png"}, "sweep, averaged": {"sweep.png"}, "sweep, effective medium": {"sweep.png"},
+    "simulation": {"forces.png"}, "simulation, no friction": {"forces.png"},
+    "bands of a simulation": {"bands.png", "forces.png"}, "sweep of simulations": {"sweep.png"},
+}  # fmt: skip
+
+
+def asked(seen: Any) -> dict[str, int]:
+    """Calls but for the trials by which the command estimates what a simulation takes: three, of one small sample."""
+    calls = dict(seen.calls)
+    assert calls.pop(costs.TRIAL, 0) <= (3 if "equilibria" in calls else 0)
+    return calls
+
+
+def judged(modules: set[str]) -> set[str]:
+    """ASE and phonopy bring parts of scipy of their own, and which is not ours to say."""
+    foreign = bool(modules & {"ase", "phonopy"})
+    return {one for one in modules if not (foreign and one.startswith("scipy."))}
+
+
+def test_every_kind_of_scene_is_held_to_what_it_asks():
+    assert set(ASKED) == set(costs.SCENES)
+    assert set(costs.LARGE) < set(ASKED)
+
+
+@pytest.mark.parametrize("kind", ASKED)
+def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind):
+    calls, modules, files = ASKED[kind]
+    drawn = FIGURES.get(kind, set())
+    seen = costs.seen(kind)
+    assert asked(seen) == calls | ({"figures": len(drawn)} if drawn else {})
+    assert judged(set(seen.modules)) == judged(modules | ({"matplotlib"} if drawn else set()))
+    assert set(seen.files) == ALWAYS | files | drawn
+
+
+@pytest.mark.parametrize("kind", ["bands", "sweep, effective medium", "sweep of simulations", "simulation"])
+def test_without_figures_nothing_is_drawn_and_matplotlib_stays_out(kind):
+    calls, modules, files = ASKED[kind]
+    seen = costs.seen(kind, "--no-figures")
+    assert asked(seen) == calls
+    assert judged(set(seen.modules)) == judged(modules)
+    assert set(seen.files) == ALWAYS | files
+
+
+def test_without_friction_nothing_turns():
+    assert costs.seen("bands").branches == 3
+    assert costs.seen("bands, no friction").branches == 2
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_a_simulation_without_friction_has_no_rotations(friction, steel, monkeypatch):
+    made: list[int] = []
+
+    class Counted(Stencils):
+        def __init__(self, *arguments: object) -> None:
+            super().__init__(*arguments)
+            made.append(self.n_fields)
+
+    monkeypatch.setattr(response, "Stencils", Counted)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=friction)
+    gp.moduli(gp.DirectSimulation(packing, shape=(8, 8)).at_force(10.0))
+    assert set(made) == {3 if friction else 2}
+
+
+@pytest.mark.parametrize("kind", ["bands and density of states", "sweep, averaged"])
+def test_a_check_computes_no_spectra_and_writes_nothing(kind):
+    seen = costs.seen(kind, command="check")
+    assert (seen.calls, seen.modules, seen.files) == ({}, [], [])
+
+
+def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
+    seen = costs.seen("bands of a simulation", command="check")
+    assert set(seen.calls) <= {costs.TRIAL}
+    assert set(seen.modules) <= WAVES
+    assert not seen.files
+
+
+def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
+    from granphon import simulation
+
+    loads: list[object] = []
+    solve = simulation.equilibrate
+
+    def counted(deviations, load, *rest):
+        loads.append(load)
+        return solve(deviations, load, *rest)
+
+    monkeypatch.setattr(simulation, "equilibrate", counted)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
+    state = gp.DirectSimulation(packing, shape=(8, 8), samples=2).at_force(np.array([10.0, 20.0]))
+    assert len(loads) == 4
+    for one in (state, state[0], state[1]):
+        gp.sound_velocities(one), gp.moduli(one), gp.local_exponent(one), gp.validity(one)
+        _ = one.contact_fraction, one.force_fluctuation, one.standard_error("overlap")
+    phonons = gp.Phonons(state[0])
+    phonons.bands("GK", npoints=3)
+    phonons.dos((4, 4), points=20)
+    assert len(loads) == 4
+
+
+def test_a_density_of_states_holds_few_weights_at_a_time_and_gives_the_same_numbers(state, monkeypatch):
+    from granphon import phonons as module
+
+    sizes: list[int] = []
+    accumulate = module.TetrahedronDOSAccumulator
+
+    def counted(values, *rest, sampling_points, **options):
+        sizes.append(values.size * sampling_points.size * 8)
+        return accumulate(values, *rest, sampling_points=sampling_points, **options)
+
+    monkeypatch.setattr(module, "TetrahedronDOSAccumulator", counted)
+    phonons = gp.Phonons(state)
+    whole = phonons.dos((24, 24), points=101)
+    assert len(sizes) == 1
+    limit = sizes.pop() // 5
+    monkeypatch.setattr(module, "_WEIGHTS", limit)
+    parts = phonons.dos((24, 24), points=101)
+    assert len(sizes) >= 5
+    assert max(sizes) <= 1.2 * limit  # a piece has one frequency more than another
+    np.testing.assert_array_equal(parts.translational, whole.translational)
+    np.testing.assert_array_equal(parts.rotational, whole.rotational)
+
+
+@pytest.mark.parametrize("entry", costs.WATCHED)
+def test_what_is_counted_exists_and_is_python(entry):
+    module, name = entry
+    found = reduce(getattr, name.split("."), importlib.import_module(module))
+    found = getattr(found, "__wrapped__", found)
+    # so that a call is seen under this name
+    assert (found.__module__, found.__code__.co_qualname) == entry
+
+
+@pytest.mark.parametrize("module", costs.HEAVY)
+def test_what_is_listed_can_be_imported(module):
+    assert importlib.util.find_spec(module) is not None
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "least", "code"), [(2, 3, False, 0), (4, 3, False, 1), (4, 3, True, 0), (2, 3, True, 1)]
+)
+def test_a_missed_bound_of_a_benchmark_is_the_exit_code(value, bound, least, code, tmp_path, capsys):
+    row = side_by_side.Row("a ratio", value, bound=bound, least=least)
+    parts = {"one": lambda repeats: [row], "free": lambda repeats: [side_by_side.Row("seconds", repeats, "s")]}
+    path = tmp_path / "results.json"
+    assert side_by_side.command_line("Benchmarks", parts, argv=["--json", str(path), "--repeats", "3"]) == code
+    out, err = capsys.readouterr()
+    assert ("missed: a ratio" in err) == bool(code)
+    assert f"| a ratio | {value} |  | {'≥' if least else '≤'} 3 | {'FAIL' if code else 'pass'} |" in out
+    results = json.loads(path.read_text(encoding="utf-8"))
+    assert results["machine"]["cores"] >= 1
+    assert {"processor", "python", "numpy", "scipy", "phonopy", "blas"} <= set(results["machine"])
+    assert results["one"][0]["value"] == value
+    assert results["free"][0]["value"] == 3
+    assert results["free"][0]["bound"] is None
