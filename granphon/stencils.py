@@ -250,17 +250,23 @@ class Stencils:
         """The inverse of each ball's own block of C^T K C, displacements and rotation apart."""
         blocks = [(0, 0), (0, 1), (1, 1)] + [(2, 2)] * (self.n_fields - 2)
         room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
-        for kind, row in enumerate(self._rows):
-            (s1, s2), weight = row.shift, 1.0 if kind < self.n_contacts else self.mindlin_ratio
-            for slot, (a, b) in enumerate(blocks):
-                ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
-                if ahead:
-                    room[slot, s1 : s1 + self.shape[0], s2 : s2 + self.shape[1]] += ahead * stiffness[kind]
-                    room[slot, :-1, :-1] += behind * stiffness[kind] + weight * least * (ahead + behind)
-        xx, xy, yy, *turns = self._fold(room)
-        det = xx * yy - xy * xy
-        across = -xy / det
-        return [[yy / det, across], [across, xx / det], [1.0 / turn for turn in turns]]
+        for rows in self.blocks():
+            for kind, row in enumerate(self._rows):
+                (s1, s2), part = row.shift, stiffness[kind, rows]
+                extra = least if kind < self.n_contacts else self.mindlin_ratio * least
+                for slot, (a, b) in enumerate(blocks):
+                    ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
+                    if ahead:
+                        room[slot, rows.start + s1 : rows.stop + s1, s2 : s2 + self.shape[1]] += _times(ahead, part)
+                        room[slot, rows, :-1] += _times(behind, part) + extra * (ahead + behind)
+        xx, xy, yy, *turns = out = self._fold(room)
+        for rows in self.blocks():
+            first, across, second = out[:3, rows]
+            one_over = 1.0 / (first * second - across * across)
+            xx[rows], xy[rows], yy[rows] = second * one_over, -across * one_over, first * one_over
+            for turn in turns:
+                turn[rows] = 1.0 / turn[rows]
+        return [[xx, xy], [xy, yy], turns]
 
 
 def dot(first: Array, second: Array) -> float:

@@ -118,7 +118,7 @@ def loads(repeats: int) -> list[Row]:
     what = "200,000 loads, f* = 1e-3 to 1e3, the curve known: over one evaluation of the averaged force"
     return [
         Row(what, seconds["granphon"] / seconds["averaged"], "", 2.0, note=against(seconds, "granphon", "averaged")),
-        Row(f"{what}, as printed powers", seconds["granphon"] / seconds["printed"], "", 30.0,
+        Row(f"{what}, as printed powers", seconds["granphon"] / seconds["printed"], "", 10.0,
             note=against(seconds, "granphon", "printed")),
     ]  # fmt: skip
 
