@@ -298,13 +298,7 @@ class _ByLaw(ABC):
         law = self.law
         delta = compressive("overlap", overlap) if law.least_overlap == 0.0 else finite("overlap", overlap)
         if np.any(delta <= law.least_overlap):
-            raise InputError(
-                message(
-                    f"overlap = {overlap!r}: no balls touch",
-                    f"The largest are {-law.least_overlap:g} m wider than the mean",
-                    f"Give an overlap above {law.least_overlap:g} m",
-                )
-            )
+            raise untouched(overlap, -law.least_overlap)
         with np.errstate(all="ignore"):
             force = np.asarray(law.force(delta))
         return self._state(force, delta, "overlap", overlap, finite_overlap)
@@ -424,6 +418,17 @@ class EffectiveMedium(_ByLaw):
 def _scalars(values: Any) -> Values:
     """A float (or bool) for a single load."""
     return np.asarray(values).item() if np.ndim(values) == 0 else values
+
+
+def untouched(overlap: ArrayLike, largest: float) -> InputError:
+    """What to say of an overlap at which all balls are apart, the ``largest`` ones (m above the mean) too."""
+    return InputError(
+        message(
+            f"overlap = {overlap!r}: no balls touch",
+            f"The largest are {largest:g} m wider than the mean",
+            f"Give an overlap above {-largest:g} m",
+        )
+    )
 
 
 def compressive(name: str, values: ArrayLike) -> Array:

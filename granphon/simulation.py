@@ -22,7 +22,7 @@ from granphon.diameters import Measured
 from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
 from granphon.errors import GranphonError, InputError, message
 from granphon.geometry import TRIANGULAR
-from granphon.medium import AveragedLattice, ContactState, compressive, finite
+from granphon.medium import AveragedLattice, ContactState, compressive, finite, untouched
 from granphon.packing import Packing
 from granphon.results import read_only
 from granphon.samples import Sample, standard_error, unit_of_length
@@ -222,8 +222,8 @@ class SimulatedState(ContactState):
     def elastic_tensor(self) -> Array:
         """(..., 3, 3) Pa, Voigt order xx, yy, xy: mean over samples of their linear response.
 
-        At common force ``normal_stiffness`` is a mean of compliances: of different samples, frictionless or not, the bulk
-        modulus is then (3^(1/2)/2) k/d but for the square of their differences.
+        At common force ``normal_stiffness`` is a mean of compliances: of several samples without friction, the bulk modulus
+        is then (3^(1/2)/2) k/d but for the square of their differences.
         """
         return np.asarray(self._average(lambda sample: sample.elasticity.tensor))
 
@@ -392,15 +392,11 @@ class DirectSimulation:
             delta = finite("overlap", values)
             if np.max(delta) > self.packing.width:
                 hertz.at_overlap(float(np.max(delta)))
-            assert self.packing.spread is not None
-            if np.min(delta) <= -self.packing.spread.largest:
-                raise InputError(
-                    message(
-                        f"overlap = {values!r}: no balls touch",
-                        f"The largest are {self.packing.spread.largest:g} m wider than the mean",
-                        f"Give an overlap above {-self.packing.spread.largest:g} m",
-                    )
-                )
+            # given balls may differ by more than the spread that they are taken from
+            given = unit_of_length(self.packing) * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+            largest = max(given, self.packing.spread.largest if self.packing.spread else 0.0)
+            if np.min(delta) <= -largest:
+                raise untouched(values, largest)
 
     @property
     def _unit_of_force(self) -> float:
@@ -422,7 +418,7 @@ class DirectSimulation:
             found = [_equilibria(alone, index, loads, order) for index in range(self.samples)]
         else:
             jobs = [self.executor.submit(_equilibria, alone, index, loads, order) for index in range(self.samples)]
-            found = [_shared(job.result()) for job in jobs]
+            found = [_shared(job.result(), self.workers) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
             Sample(self.packing, seed, column[place])
@@ -449,12 +445,13 @@ def _equilibria(
     return out
 
 
-def _shared(found: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
+def _shared(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
     """The same, with one array of deviations for all loads, which each has its own of when it comes from another process."""
-    first = next(iter(found.values()))
+    deviations = next(iter(found.values())).deviations
+    stencils = Stencils(deviations.shape, workers=workers)
     for one in found.values():
-        object.__setattr__(one, "deviations", first.deviations)
-        vars(one)["stencils"] = first.stencils
+        object.__setattr__(one, "deviations", deviations)
+        vars(one)["stencils"] = stencils
     return found
 
 

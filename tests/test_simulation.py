@@ -589,6 +589,14 @@ def test_too_little_load(spread):
             medium.at_force(np.array(force) * unit_of_force(spread))
 
 
+def test_given_balls_may_differ_by_more_than_their_spread(spread):
+    diameters = D + WIDTH * np.where(np.arange(36).reshape(6, 6) % 2, 2.0, -2.0)
+    medium = gp.DirectSimulation(spread, diameters=diameters)
+    with pytest.raises(InputError, match=r"no balls touch. The largest are 4.08e-06 m wider"):
+        medium.at_overlap(-2.1 * WIDTH)
+    assert medium.at_overlap(-0.6 * WIDTH).force > 0.0
+
+
 def test_terms_of_finite_overlap_are_not_known(spread):
     state = gp.DirectSimulation(spread, (3, 3)).at_force(5.0)
     for of in (gp.sound_velocities, gp.moduli):
