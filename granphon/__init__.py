@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "AutoMedium": "ladder",
     "AveragedForce": "medium",
     "AveragedLattice": "medium",
     "Bands": "spectra",
@@ -46,11 +47,13 @@ _HOME = {
     "pulse_velocities": "observables",
     "sound_velocities": "observables",
     "sweep": "sweeps",
+    "tradeoff": "tradeoffs",
     "validity": "observables",
 }
 
 __all__ = [
     "__version__",
+    "AutoMedium",
     "AveragedForce",
     "AveragedLattice",
     "Bands",
@@ -85,6 +88,7 @@ __all__ = [
     "pulse_velocities",
     "sound_velocities",
     "sweep",
+    "tradeoff",
     "validity",
 ]
 
@@ -97,6 +101,7 @@ if TYPE_CHECKING:
     from granphon.errors import GranphonError
     from granphon.fit import fit_width
     from granphon.geometry import Lattice
+    from granphon.ladder import AutoMedium
     from granphon.lattice import ContactLattice
     from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium
     from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities, validity
@@ -107,6 +112,7 @@ if TYPE_CHECKING:
     from granphon.simulation import DirectSimulation, SimulatedState
     from granphon.spectra import Bands, DensityOfStates
     from granphon.sweeps import sweep
+    from granphon.tradeoffs import tradeoff
     from granphon.units import Units
 
 

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -61,6 +61,7 @@ def _granphon(
       granphon check scene.yaml           is it right, and what will be computed?
       granphon run scene.yaml -o out      compute, and write the folder out
       granphon plot out -o figure.pdf     draw the results again
+      granphon tradeoff scene.yaml        what accuracy costs, measured
     """
 
 
@@ -283,6 +284,65 @@ def fit(
     )
     if out is not None:
         _say(f"Wrote {', '.join(FIT_FILES)} into {out}")
+
+
+@app.command()
+def tradeoff(
+    scene: _SceneFile,
+    out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png.")] = None,
+    budget: Annotated[str, typer.Option(metavar="TIME", help="What all of it may take.")] = "3 minutes",
+    loads: Annotated[int, typer.Option(min=1, metavar="N", help="At most so many of the loads.")] = 3,
+    runs: Annotated[int, typer.Option(min=5, metavar="N", help="How often each point is timed.")] = 5,
+    force: _Force = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table; warnings stay.")] = False,
+) -> None:
+    """Measure what the media, and the knobs inside them, cost and are worth for a scene.
+
+    For the balls and the loads of the scene: averaged lattice and force, effective medium, and simulations of several
+    sizes; the grid of the Green's function; the solution of the effective medium; the mesh of the density of states, if the
+    scene observes it. Each error is that of what the scene observes, against a reference that another algorithm has made;
+    each time the median of warm runs. What does not fit into the budget is listed as not run. The folder gets tradeoff.csv
+    and, as a picture, the work-precision diagrams.
+
+    \b
+    Examples:
+      granphon tradeoff scene.yaml
+      granphon tradeoff scene.yaml -o tradeoff --budget "20 minutes" --loads 5
+    """
+    from granphon.blocks import ruled
+    from granphon.files import check_free, staging
+    from granphon.measurements import TIME
+    from granphon.progress import on_stderr
+    from granphon.scene import Scene
+    from granphon.tradeoffs import TRADEOFF_FILES
+    from granphon.tradeoffs import tradeoff as measure
+    from granphon.wording import work_and_precision
+
+    _named("--out", out)
+    seconds = ruled("--budget", TIME.read, budget)
+    if out is not None:
+        check_free(out, TRADEOFF_FILES, force)
+    read = Scene.from_yaml(scene)
+    if read.parameters:
+        what = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
+        raise InputError(message(what, "A trade-off is that of one packing", "Leave the block 'sweep' out"))
+    kind, values = read.load.applied
+    given: dict[str, Any] = {kind: values}
+    found = measure(
+        read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
+        runs=runs, progress=on_stderr(quiet),
+    )  # fmt: skip
+    if out is not None:
+        from granphon.diagrams import tradeoff_figure
+
+        with staging(out, TRADEOFF_FILES, force) as place:
+            (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
+            tradeoff_figure(found).savefig(place / "tradeoff.png")
+    if not quiet:
+        for line in work_and_precision(found):
+            _say(line)
+        if out is not None:
+            _say(f"Wrote {', '.join(TRADEOFF_FILES)} into {out}")
 
 
 @contextmanager

@@ -11,14 +11,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.collocation import Block, solved
+from granphon.collocation import Averages, Block, solved
 from granphon.curve import VALID_FORCE, EffectiveCurve
 from granphon.errors import PrecisionError, message
 from granphon.laws import SpreadLaw
 from granphon.points import PointAverages
 from granphon.shapes import NormalShape, PointShape, Shape, UniformShape
 
-__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "effective_curve"]
+__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "averages_of", "effective_curve"]
 
 Array = NDArray[np.float64]
 #: points of collocation on a step, without its upper end, and what the last coefficients of k may be, relative to its least
@@ -37,9 +37,13 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 
     Raises :class:`~granphon.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """
-    averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, _ORDER)
     stages, tolerance = (_STAGES, _TOLERANCE) if shape.openings.size < _MANY else (_FEWER, _LARGER)
-    return solved(shape, xi, averages, stages, tolerance)
+    return solved(shape, xi, averages_of(shape, xi), stages, tolerance)
+
+
+def averages_of(shape: Shape, xi: float) -> Averages:
+    """The averages of equation (36) over the balls of a shape."""
+    return PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, _ORDER)
 
 
 @dataclass(frozen=True)

@@ -172,12 +172,16 @@ def fit_width(
     ------
     InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
         parameters (a standard error above the parameter itself, parameters that have the same effect, velocities of equal
-        balls or above); loads or a frequency that the medium cannot carry.
+        balls or above); loads or a frequency that the medium cannot carry; the medium "auto".
     """
     data = Measurements(np.asarray(force), np.asarray(velocity), sigma, frequency)
     waves = Waves(branch, as_direction(direction), data.frequency, finite_overlap)
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    problem = _Problem.of(VelocityModel(packing, names, MediumChoice.parse(medium), data.force, waves), data)
+    choice = MediumChoice.parse(medium)
+    if choice.is_automatic:
+        what, why = f"the medium {choice.label!r} is not fitted with", "It is another one at each load and width"
+        raise InputError(message(what, why, "Name a medium"))
+    problem = _Problem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     logs = _best(problem)
     if data.sigma is None:
         problem = problem.scattered(logs)

@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from operator import attrgetter
 from typing import Any
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.archive import SCHEMA
 from granphon.errors import GranphonError, InputError
 from granphon.files import versions
-from granphon.ladder import MediumChoice
+from granphon.ladder import MediumChoice, Rung
 from granphon.medium import ContactState
 from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
@@ -58,7 +58,10 @@ def packages() -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands."""
+    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands.
+
+    ``places`` of its loads among those of the sweep, if an automatic medium gave it some of them.
+    """
 
     where: str
     packing: Packing
@@ -67,6 +70,7 @@ class Job:
     values: tuple[float, ...]
     finite_overlap: bool
     qpoints: Array | None
+    places: tuple[int, ...] | None = None
 
     def state(self, values: ArrayLike) -> ContactState:
         """At some of the loads."""
@@ -79,13 +83,33 @@ class Job:
         data = {**plain(self), "where": "", "schema": SCHEMA, "versions": packages()}
         return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
+    @cached_property
+    def rungs(self) -> list[Rung]:
+        """What serves which of the loads; an error says at which load."""
+        try:
+            return self.medium.rungs(self.packing, self.load, np.array(self.values))
+        except InputError as error:
+            raise (_located if "load_index" in vars(error) else _named)(self, error) from error
+
+    def _parts(self) -> list[tuple[Job, Rung]]:
+        """The jobs that an automatic medium leaves to others."""
+        out = []
+        for rung in self.rungs:
+            places = tuple(rung.loads.tolist())
+            where = f"{self.where}: {rung.medium.label}"
+            values = tuple(self.values[i] for i in places)
+            out.append((replace(self, where=where, medium=rung.medium, values=values, places=places), rung))
+        return out
+
     @property
     def pieces(self) -> list[Job]:
-        """What can be done side by side: the samples of a simulation; else the job itself."""
+        """What can be done side by side: the loads of different media, and the samples of a simulation; else the job."""
+        if self.medium.is_automatic:
+            return [piece for job, _ in self._parts() for piece in job.pieces]
         try:
             medium = self.medium.of(self.packing)
         except InputError as error:
-            raise type(error)(f"{self.where}: {error}") from error
+            raise _named(self, error) from error
         if not isinstance(medium, DirectSimulation):
             return [self]
         out: list[Job] = []
@@ -93,13 +117,38 @@ class Job:
             # the same sample is the same piece, however many there are
             alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            out.append(_SampleJob(where, self.packing, alone, self.load, self.values, self.finite_overlap, None))
+            out.append(
+                _SampleJob(where, self.packing, alone, self.load, self.values, self.finite_overlap, None, self.places)
+            )
         return out
 
     def joined(self, parts: Sequence[Part]) -> Part:
         """The result, from those of its :attr:`pieces`."""
+        if self.medium.is_automatic:
+            return self._together(parts)
         medium = self.medium.of(self.packing)
         return self.observed(_averaged(self, medium, parts)) if isinstance(medium, DirectSimulation) else parts[0]
+
+    def _together(self, parts: Sequence[Part]) -> Part:
+        """The results of the media that were chosen, each at its loads, of what all of them have."""
+        left, found = list(parts), []
+        for job, rung in self._parts():
+            count = len(job.pieces)
+            found.append((job.joined(left[:count]), rung))
+            del left[:count]
+        out: Part = {"warnings": np.concatenate([part["warnings"] for part, _ in found])}
+        for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
+            values = np.concatenate([part[name] for part, _ in found])
+            order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
+            out[name] = values[order]
+        return out
+
+    def chosen(self) -> Part:
+        """At each load the medium that served it, and its expected error, +inf if that is not known."""
+        choice, error = np.empty(len(self.values), object), np.empty(len(self.values))
+        for rung in self.rungs:
+            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
+        return {"choice": choice.astype(str), "expected_error": error}
 
     def solve(self) -> Part:
         """Every variable at every load, and "warnings", a list of texts; an error says at which load of which task."""
@@ -142,7 +191,7 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
     def at(index: int, error: GranphonError) -> GranphonError:
         unit = ContactState.units[job.load]
         located = type(error)(f"{job.where}, {job.load} = {job.values[index]!r} {unit}: {error}")
-        vars(located)["load_index"] = index
+        vars(located)["load_index"] = index if job.places is None else job.places[index]
         return located
 
     if (known := vars(error).get("load_index")) is not None:  # that of a simulation, which is not worked out again
@@ -152,6 +201,11 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
             job.observed(job.state(np.array([value])))
         except GranphonError as alone:
             return at(index, alone)
+    return _named(job, error)
+
+
+def _named(job: Job, error: GranphonError) -> GranphonError:
+    """``error`` with the task before it."""
     return type(error)(f"{job.where}: {error}")
 
 

@@ -1,19 +1,27 @@
-"""The media by name: what scenes, sweeps and fits choose from."""
+"""The media by name: what scenes, sweeps and fits choose from, or have chosen for them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
-from granphon.blocks import Rule, block, choice, grid, inside, ruled, whole
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.accuracy import accuracy
+from granphon.blocks import Rule, block, choice, grid, inside, number, ruled, whole
 from granphon.errors import InputError, message
-from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium, Medium
+from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium, compressive, finite
 from granphon.packing import Packing
 from granphon.simulation import MOST_SEED, DirectSimulation
 
-__all__ = ["MEDIA", "OPTIONS", "MediumChoice", "Option", "medium", "no_simulation"]
+__all__ = ["MEDIA", "OPTIONS", "AutoMedium", "MediumChoice", "Option", "Rung", "expected_error", "medium", "no_simulation"]
+
+Array = NDArray[np.float64]
+#: sides of the samples that are chosen among
+_SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 
 
 @dataclass(frozen=True)
@@ -24,9 +32,93 @@ class Option:
     rule: Rule
 
 
+@dataclass(frozen=True)
+class AutoMedium:
+    """The cheapest medium whose expected error is within a tolerance.
+
+    Errors are those of :mod:`granphon.accuracy`, relative, of velocities and frequencies at the load that is given. A
+    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024. ``at_*`` take scalars or arrays, and
+    give the state of the one medium that serves all of these loads; :meth:`rungs` has the choice for each.
+
+    Parameters
+    ----------
+    packing : the balls.
+    tolerance : largest expected relative error.
+
+    Raises
+    ------
+    InputError : a tolerance that is not between 0 and 1. ``at_*`` and :meth:`rungs`: a load at which no medium is within
+        the tolerance, which says what can be had; one below those that the errors are known for; or a packing that they
+        are not known for, another lattice or a distribution too skewed.
+    """
+
+    name: ClassVar[str] = "auto"
+
+    packing: Packing
+    tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.packing, Packing):
+            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
+        if not 0.0 < self.tolerance < 1.0:
+            raise InputError(message(f"tolerance is {self.tolerance!r}", "It must be between 0 and 1"))
+
+    def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
+        """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
+        values = (finite if kind == "overlap" else compressive)(kind, loads).ravel()
+        packing = self.packing
+        if (why := accuracy().uncovered(packing)) is not None:
+            raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+        left = np.arange(values.size)
+        found: list[Rung] = []
+        for option in _options_by_cost():
+            error = expected_error(option, packing, kind, values[left])
+            serves = error <= self.tolerance
+            if np.any(serves):
+                found.append(Rung(option, left[serves], error[serves]))
+                left = left[~serves]
+            if not left.size:
+                return found
+        worst = int(np.argmax(error))
+        unmet = self._unmet(kind, float(values[left[worst]]), float(error[worst]))
+        vars(unmet)["load_index"] = int(left[worst])
+        raise unmet
+
+    def _unmet(self, kind: str, load: float, best: float) -> InputError:
+        where = f"{kind} = {load!r} {ContactState.units[kind]}"
+        if np.isfinite(best):
+            what = f"no medium is within {self.tolerance:g} at {where}"
+            why = f"The best that can be had there is {best:.2g}, by a simulation of {_SIDES[-1]} x {_SIDES[-1]} balls"
+            return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
+        name = "a*" if kind == "overlap" else "f*"
+        at, least = float(accuracy().reduced(self.packing, kind, load)), accuracy().least(kind)
+        what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
+        return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
+
+    def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
+        """The one medium, the cheapest, that serves all of the loads."""
+        one_each = self.rungs(kind, loads)  # raises where there is none
+        for option in _options_by_cost():
+            if np.all(expected_error(option, self.packing, kind, loads) <= self.tolerance):
+                return option
+        return one_each[-1].medium  # not reached: the largest simulation is better than any other
+
+    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
+        """State at the mean contact force f, N."""
+        return self.serving("force", force).of(self.packing).at_force(force, finite_overlap)
+
+    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
+        """State at the linear pressure P, N/m."""
+        return self.serving("pressure", pressure).of(self.packing).at_pressure(pressure, finite_overlap)
+
+    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
+        """State at the overlap delta = d - a, m."""
+        return self.serving("overlap", overlap).of(self.packing).at_overlap(overlap, finite_overlap)
+
+
 #: the rungs of the ladder by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium | DirectSimulation]] = {
-    rung.name: rung for rung in (AveragedLattice, AveragedForce, EffectiveMedium, DirectSimulation)
+MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium | DirectSimulation | AutoMedium]] = {
+    rung.name: rung for rung in (AveragedLattice, AveragedForce, EffectiveMedium, DirectSimulation, AutoMedium)
 }
 #: the options of each
 OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
@@ -38,6 +130,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
+    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, partial(number, low=1e-12, high=0.99))},
 }
 
 
@@ -81,10 +174,47 @@ class MediumChoice:
         """Whether it is a :class:`~granphon.simulation.DirectSimulation`."""
         return self.name == DirectSimulation.name
 
+    @property
+    def is_automatic(self) -> bool:
+        """Whether it is an :class:`AutoMedium`, which leaves the choice to the load."""
+        return self.name == AutoMedium.name
+
     def of(self, packing: Packing) -> Medium:
         """The medium of this packing."""
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
+
+    def rungs(self, packing: Packing, kind: str, loads: ArrayLike) -> list[Rung]:
+        """What serves which of the loads (SI): this medium all of them, unless it is an :class:`AutoMedium`."""
+        medium = self.of(packing)
+        if isinstance(medium, AutoMedium):
+            return medium.rungs(kind, loads)
+        count = np.size(loads)
+        return [Rung(self, np.arange(count), expected_error(self, packing, kind, np.ravel(loads)))]
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A medium that serves some loads: their places (n,), and its expected relative error at each (n,)."""
+
+    medium: MediumChoice
+    loads: NDArray[np.intp]
+    errors: Array
+
+
+def _options_by_cost() -> list[MediumChoice]:
+    """What an :class:`AutoMedium` chooses among, the cheapest first."""
+    simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]
+    return [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name] + simulations
+
+
+def expected_error(choice: MediumChoice, packing: Packing, kind: str, loads: ArrayLike) -> Array:
+    """Expected relative error of a medium's velocities and frequencies at each load (SI); +inf where it is not known."""
+    values, settings = np.asarray(loads, float), choice.settings
+    if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
+        return np.full(values.shape, np.inf)
+    balls = int(np.prod(settings["shape"])) * settings["samples"] if choice.simulates else 1
+    return accuracy().error(choice.name, packing, kind, values, balls)
 
 
 def medium(value: Any) -> MediumChoice:
@@ -99,9 +229,9 @@ def medium(value: Any) -> MediumChoice:
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
-    """:class:`~granphon.errors.InputError` if one of the media is a simulation, which has no terms of finite overlap."""
+    """:class:`~granphon.errors.InputError` if a medium is, or may be, a simulation, which has no terms of finite overlap."""
     for one in media:
-        if one.simulates:
+        if one.simulates or one.is_automatic:
             what = f"the medium {one.label!r} has no terms of finite overlap"
             why = "Its linear response is found in the limit of spread and overlap small against the diameter"
             raise InputError(message(what, why, "Leave finite_overlap out, or take another medium"))

@@ -14,7 +14,7 @@ not move, and u_1 is the radial displacement of the corona. Reduced units: lengt
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -27,7 +27,7 @@ from granphon.geometry import TRIANGULAR, Lattice, lattice_named
 from granphon.lattice import ContactLattice
 from granphon.results import Result
 
-__all__ = ["LocalField", "local_field", "paper_local_field"]
+__all__ = ["LocalField", "local_field", "local_field_on", "paper_local_field"]
 
 Array = NDArray[np.float64]
 #: points along each side of the quadrature's triangles, tried until two agree
@@ -36,6 +36,8 @@ _ORDERS = (12, 16, 24, 36, 54, 81)
 _TOLERANCE = 1e-9
 #: least 1 - u_1 in which doubles hold that many digits
 _LEAST_HELD = 1e-6
+#: wave vectors of a uniform grid that are worked on at a time
+_PART = 2**14
 _HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
 
 
@@ -116,6 +118,27 @@ def _local_field(structure: Lattice, eta: float) -> LocalField:
     return LocalField(1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0), xi, eta, structure.name)
 
 
+def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
+    """Xi of the triangular lattice from one fixed quadrature over the Brillouin zone, whatever its error.
+
+    Parameters
+    ----------
+    points : of the quadrature along each side: of its triangles, or of the zone.
+    mindlin_ratio : eta, zero or above.
+    graded : True for triangles graded towards the points q = -q, where the integrand depends on direction (that of
+        :func:`local_field`, whose errors fall geometrically); False for the uniform grid of equal weights, half a step off
+        Gamma, whose errors fall as ``points``^-4 (at eta = 1 as ``points``^-6).
+
+    Raises
+    ------
+    InputError : ``points`` is below two, or eta is below zero or not finite.
+    """
+    if points < 2:
+        raise InputError(message(f"points is {points!r}", "It must be two or more"))
+    medium = ContactLattice.of(TRIANGULAR, _checked(mindlin_ratio))
+    return float(1.0 / _response(medium, points, _zone if graded else _uniform)[0] - 1.0)
+
+
 def _checked(mindlin_ratio: float) -> float:
     """eta as a float; :class:`InputError` if it cannot be."""
     eta = float(mindlin_ratio)
@@ -149,11 +172,15 @@ def _elongations(medium: ContactLattice, name: str) -> list[float]:
     )
 
 
-def _response(medium: ContactLattice, order: int) -> Array:
+#: a quadrature over the zone: from the reciprocal vectors and a number of points to wave vectors and weights, in parts
+_Quadrature = Callable[[Array, int], Iterator[tuple[Array, Array]]]
+
+
+def _response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
     """Mean elongation of each kind of contact under a unit tension of the first: the mean of s^H P t over the zone."""
     total: Any = 0.0
     places = _places(medium)
-    for wavevectors, weights in _zone(medium.reciprocal, order):
+    for wavevectors, weights in (quadrature or _zone)(medium.reciprocal, order):
         # P = Q Q^H. The factor Q of K^1/2 C does not feel the scale of the columns: small near Gamma or at weak friction.
         adjoint = np.linalg.qr(medium.compatibility(wavevectors))[0][:, : len(medium.contacts)].conj().swapaxes(1, 2)
         for kinds in places:
@@ -212,3 +239,12 @@ def _zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
         for axes, sign in itertools.product(([0, 1], [1, 0]), (1.0, -1.0)):
             fractions = 0.5 * np.array(corner) + 0.25 * triangle[:, axes] * [1.0, sign]
             yield fractions @ np.stack([near, far]), weights
+
+
+def _uniform(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
+    """As :func:`_zone`: a grid of ``points``^2 wave vectors of equal weight, half a step off Gamma."""
+    ticks = (np.arange(points) + 0.5) / points
+    half = ticks[ticks <= 0.5]  # q and -q are one
+    grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+    for part in np.array_split(grid, -(-len(grid) // _PART)):
+        yield part @ reciprocal, np.where(part[:, 0] < 0.5, 2.0, 1.0) / points**2

@@ -18,16 +18,16 @@ from granphon.quantities import LENGTH, LOADS, Quantity
 from granphon.results import Result
 from granphon.tables import Table
 
-__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "Measurements"]
+__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements"]
 
 Array = NDArray[np.float64]
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
-_TIME = Quantity("time", "s", "0.5 ms", "s, ms, us")
+TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 #: what a table of measurements may hold, and how it is written
 COLUMNS: Mapping[str, Quantity] = {
-    "force": LOADS["force"], "side_force": LOADS["side_force"], "velocity": SPEED, "time": _TIME, "distance": LENGTH,
-    "sigma": SPEED, "time_sigma": _TIME, "frequency": FREQUENCY,
+    "force": LOADS["force"], "side_force": LOADS["side_force"], "velocity": SPEED, "time": TIME, "distance": LENGTH,
+    "sigma": SPEED, "time_sigma": TIME, "frequency": FREQUENCY,
 }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ __all__ = [
     "PulseVelocities",
     "SoundVelocities",
     "Validity",
+    "bulk_and_shear",
     "contact_lattice",
     "local_exponent",
     "moduli",
@@ -92,7 +93,7 @@ def _is_isotropic(lattice: ContactLattice) -> bool:
 def _raw_velocities(state: ContactState, direction: ArrayLike, finite_overlap: bool) -> Array:
     """(..., 2) longitudinal and transverse, m/s."""
     if isinstance(state, SimulatedState):
-        return _from_moduli(_bulk_and_shear(_simulated_tensor(state, finite_overlap)), state.effective_density)
+        return _from_moduli(bulk_and_shear(_simulated_tensor(state, finite_overlap)), state.effective_density)
     lattice = contact_lattice(state)
     scale = _velocity_scale(state)
     if not finite_overlap:
@@ -116,7 +117,7 @@ def _simulated_tensor(state: SimulatedState, finite_overlap: bool) -> Array:
     return state.elastic_tensor
 
 
-def _bulk_and_shear(tensor: Array) -> Array:
+def bulk_and_shear(tensor: Array) -> Array:
     """(..., 2) K and G of an elastic tensor (..., 3, 3), isotropic or nearly: G is the mean of its two orientations."""
     return np.stack([_bulk(tensor), np.mean(_shears(tensor), axis=-1)], axis=-1)
 
@@ -244,7 +245,7 @@ def local_exponent(state: ContactState) -> Any:
     M = K + G, along the samples' own equilibria.
     """
     if isinstance(state, SimulatedState):
-        modulus, slope = (np.sum(_bulk_and_shear(values), axis=-1) for values in (state.elastic_tensor, state.elastic_slope))
+        modulus, slope = (np.sum(bulk_and_shear(values), axis=-1) for values in (state.elastic_tensor, state.elastic_slope))
         return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / modulus))[()]
     slope = state.law.stiffness_slope(state.overlap)
     return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / state.normal_stiffness))[()]
@@ -300,7 +301,7 @@ def sound_velocities(
     v = _raw_velocities(state, direction, finite_overlap)
     errors: tuple[Any, ...] = (None, None)
     if isinstance(state, SimulatedState) and state.n_samples > 1:
-        every = state.over_samples(lambda sample: _bulk_and_shear(sample.elasticity.tensor))
+        every = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
         velocities = _from_moduli(every, np.asarray(state.effective_density)[..., None])
         errors = tuple(np.moveaxis(standard_error(velocities, -2), -1, 0))
     warnings = validity(state, finite_overlap).warnings
@@ -360,7 +361,7 @@ def moduli(state: ContactState, finite_overlap: bool = False) -> Moduli:
         tensor = _simulated_tensor(state, finite_overlap)
         errors: tuple[Any, ...] = (None, None)
         if state.n_samples > 1:
-            every = state.over_samples(lambda sample: _bulk_and_shear(sample.elasticity.tensor))
+            every = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
             errors = tuple(np.moveaxis(standard_error(every, -2), -1, 0))
         return Moduli(tensor, True, validity(state).warnings, *errors)
     lattice = contact_lattice(state)

@@ -35,7 +35,8 @@ class Refused(ValueError):
 _UNITS = """
 pico- = 1e-12 = p-\nnano- = 1e-9 = n-\nmicro- = 1e-6 = u- = µ- = μ-\nmilli- = 1e-3 = m-\ncenti- = 1e-2 = c-
 kilo- = 1e3 = k-\nmega- = 1e6 = M-\ngiga- = 1e9 = G-\ntera- = 1e12 = T-
-meter = [length] = m = metre\nsecond = [time] = s\ngram = [mass] = g\nkelvin = [temperature] = K
+meter = [length] = m = metre\nsecond = [time] = s\nminute = 60*second = minutes\nhour = 3600*second = h = hours
+gram = [mass] = g\nkelvin = [temperature] = K
 degree_Celsius = kelvin; offset: 273.15 = degC\nhertz = 1/second = Hz\njoule = newton*meter = J
 newton = kilogram*meter/second**2 = N\npascal = newton/meter**2 = Pa\nbar = 1e5*pascal\natm = 101325*pascal
 inch = 0.0254*meter\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from granphon.errors import InputError
 from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
 from granphon.jobs import LATTICE_BANDS, sampling_errors
+from granphon.ladder import Rung
 from granphon.local_field import LocalField
 from granphon.medium import ContactState, EffectiveMedium
 from granphon.observables import (
@@ -66,7 +67,7 @@ RESULT_FILES = (
 WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
     **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
-    "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "direction": "1", "top_frequency": "Hz",
+    "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "direction": "1", "top_frequency": "Hz",
 }  # fmt: skip
 
 
@@ -76,7 +77,7 @@ class RunResult:
 
     ``load`` is what was given, "force", "pressure" or "overlap". ``files`` are the paths written, ``folder`` where they are.
     ``phonons`` are those of the bands and of the density of states. ``local_field`` is that of the effective medium; None in
-    another, and for equal balls.
+    another, and for equal balls. ``rung`` is what an automatic medium has chosen, and its expected error.
     """
 
     folder: Path
@@ -91,6 +92,7 @@ class RunResult:
     bands: Bands | None
     dos: DensityOfStates | None
     files: tuple[Path, ...]
+    rung: Rung | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -102,6 +104,8 @@ class RunResult:
         """The numbers as plain data, under the names of the library's attributes."""
         state, packing = self.state, self.state.packing
         out: dict[str, Any] = {"medium": self.medium}
+        if self.rung is not None:
+            out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
         out |= {name: getattr(state, name) for name in (*state.units, "regime")}
         if isinstance(state, SimulatedState) and state.n_samples > 1:
             found = "force" if self.load == "overlap" else "overlap"
@@ -215,7 +219,7 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
             names.append("dos.csv")
         if {"bands", "dos"} & set(scene.observe):
             drawn.append(figure_name("bands" in scene.observe))
-        if scene.media[0].simulates:
+        if scene.rung.medium.simulates:
             names.append("sample.extxyz")
             drawn.append("forces.png")
     return (*names, *(drawn if figures else ()))
@@ -286,7 +290,8 @@ def _stale(target: Path, names: Sequence[str]) -> list[str]:
 
 def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunResult:
     """The result of a scene of one state."""
-    target, finite, (choice,) = files[0].parent, scene.finite_overlap, scene.media
+    target, finite, rung = files[0].parent, scene.finite_overlap, scene.rung
+    choice = rung.medium
     velocities, constants = None, None
     with progress.step("simulation") if choice.simulates else nullcontext():
         state = scene.state()
@@ -299,7 +304,11 @@ def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunRes
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     load = scene.load.applied[0]
-    return RunResult(target, state, choice.label, load, field, report, velocities, constants, phonons, bands, dos, files)
+    automatic = rung if scene.media[0].is_automatic else None
+    label = scene.media[0].label
+    return RunResult(
+        target, state, label, load, field, report, velocities, constants, phonons, bands, dos, files, automatic
+    )  # fmt: skip
 
 
 def _spectra(

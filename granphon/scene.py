@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -26,7 +27,7 @@ from granphon.diameters import Discrete, Measured
 from granphon.errors import GranphonError, InputError, message
 from granphon.files import MAX_BYTES, Document, dump_yaml, parse_yaml, read_text, shown
 from granphon.geometry import TRIANGULAR, contacts_apart
-from granphon.ladder import MediumChoice, no_simulation
+from granphon.ladder import MediumChoice, Rung, no_simulation
 from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
 from granphon.medium import ContactState, EffectiveMedium
@@ -122,6 +123,19 @@ class Scene:
         """Whether diameters differ, or a sweep makes them."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
+    @cached_property
+    def rung(self) -> Rung:
+        """The medium of a scene of one state, chosen if that is automatic, and its expected error.
+
+        :class:`~granphon.errors.InputError` if none can be chosen, or if the scene is a sweep.
+        """
+        if self.is_sweep:
+            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+        kind, values = self.load.applied
+        with nullcontext() if self._document is None else self._located_medium(self._document, self.media[0]):
+            (rung,) = self.media[0].rungs(self.packing, kind, values)
+            return rung
+
     @property
     def is_sweep(self) -> bool:
         """Whether there is more than one load or medium, or a parameter is swept."""
@@ -183,14 +197,19 @@ class Scene:
 
     def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
         """Raise if a medium cannot carry one of the loads; it can carry all if it carries the least and the greatest."""
-        values = self.load.applied[1]
+        kind, values = self.load.applied
         for index in {int(np.argmin(values)), int(np.argmax(values))}:
-            medium = choice.of(packing)
+            with self._located_medium(document, choice):
+                (rung,) = choice.rungs(packing, kind, values[index])
             with self._located_load(document, index, f"{label}: "):
+                medium = rung.medium.of(packing)
                 if isinstance(medium, DirectSimulation):
-                    medium.require(self.load.applied[0], values[index], self.finite_overlap)
+                    medium.require(kind, values[index], self.finite_overlap)
                     continue
-                contact_lattice(_finite(self._state(packing, choice, values[index])), self.finite_overlap)
+                contact_lattice(_finite(self._state(packing, rung.medium, values[index])), self.finite_overlap)
+
+    def _located_medium(self, document: Document, choice: MediumChoice) -> AbstractContextManager[None]:
+        return _located(document, ("medium",), f"found {choice.label!r}; allowed: a tolerance that is met at every load. ")
 
     def _located_load(self, document: Document, index: int, before: str = "") -> AbstractContextManager[None]:
         path, given = _place(document, "load", self.load.kind, index)
@@ -217,11 +236,10 @@ class Scene:
 
         :class:`~granphon.errors.InputError` if the balls cannot carry it, or if the scene is a sweep.
         """
-        if self.is_sweep:
-            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+        medium = self.rung.medium
         located = nullcontext() if self._document is None else self._located_load(self._document, 0)
         with located:
-            return _finite(self._state(self.packing, self.media[0], self.load.applied[1][0]))
+            return _finite(self._state(self.packing, medium, self.load.applied[1][0]))
 
     def states(self, simulations: bool = True) -> Iterator[tuple[str, ContactState]]:
         """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
@@ -232,11 +250,18 @@ class Scene:
         values = np.array(self.load.applied[1])
         loads = values if len(values) > 1 else values[0]
         for label, packing, choice in self._cases():
-            if choice.simulates and not simulations:
-                continue
             if self._document is not None and not choice.simulates:
                 self._require_loads(self._document, packing, choice, label)
-            yield label, self._state(packing, choice, loads)
+            if not choice.is_automatic:
+                if simulations or not choice.simulates:
+                    yield label, self._state(packing, choice, loads)
+                continue
+            for rung in choice.rungs(packing, self.load.applied[0], loads):
+                if simulations or not rung.medium.simulates:
+                    yield (
+                        f"{label}: {rung.medium.label}",
+                        self._state(packing, rung.medium, np.atleast_1d(loads)[rung.loads]),
+                    )
 
     def _cases(self) -> Iterator[tuple[str, Packing, MediumChoice]]:
         axes = [Axis(name, swept) for name, swept in self.parameters]
@@ -248,13 +273,21 @@ class Scene:
 
         :class:`~granphon.errors.InputError` if this machine has not the memory.
         """
-        media = [choice.of(packing) for _, packing, choice in self._cases() if choice.simulates]
-        if not media:
+        kind: Any
+        kind, values = self.load.applied
+        loads = np.array(values)
+        simulated = [
+            (rung.medium.of(packing), loads[rung.loads])
+            for _, packing, choice in self._cases()
+            if choice.simulates or choice.is_automatic
+            for rung in choice.rungs(packing, kind, loads)
+            if rung.medium.simulates
+        ]
+        if not simulated:
             return None
         from granphon.cost import Cost, estimate, machine_memory
 
-        load: Any = self.load.applied
-        found = [estimate(one, *load) for one in media if isinstance(one, DirectSimulation)]
+        found = [estimate(one, kind, some) for one, some in simulated if isinstance(one, DirectSimulation)]
         most = max(found, key=lambda cost: cost.memory)
         if most.memory > machine_memory():
             what = f"{most.text}, and this machine has {machine_memory() / 1e9:.3g} GB of memory"

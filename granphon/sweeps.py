@@ -42,6 +42,7 @@ __all__ = ["sweep", "swept_packing"]
 Array = NDArray[Any]
 _UNITS = {
     **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
+    "expected_error": "1",
     **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
 }  # fmt: skip
 _LONG_NAMES = {
@@ -68,6 +69,8 @@ _LONG_NAMES = {
     "bulk_error": "standard error over samples of the bulk modulus",
     "shear_error": "standard error over samples of the shear modulus",
     "exponent": "d log v / d log P",
+    "choice": "medium that an automatic one chose",
+    "expected_error": "expected relative error of velocities and frequencies",
     "frequencies": "frequencies of the branches, ascending",
     "young_modulus": "Young modulus of the material",
     "poisson_ratio": "Poisson ratio of the material",
@@ -111,8 +114,9 @@ def sweep(
     ----------
     packing : what is common to the sweep.
     force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
-    media : "ala", "afa", "ema", "simulation", mappings with options such as {"ema": {"local_field": "paper"}} or
-        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}}, or a list of these, each once.
+    media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
+        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
+        each once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
     bands : a path as :meth:`granphon.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
     labels : of the corners of that path; by default the letters, or the coordinates.
@@ -132,6 +136,7 @@ def sweep(
     sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
     ``exponent``; if a simulation has several samples, the standard errors ``longitudinal_error``, ``transverse_error``,
     ``bulk_error``, ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
+    if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
     ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
@@ -252,6 +257,8 @@ def _dataset(
     # a medium that samples nothing has no error
     exact = {name: np.zeros(len(values)) for name in ERRORS if any(name in part for part in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
+    if any(choice.is_automatic for choice in media):
+        parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
     # what every medium gives; the tensor only where it is needed
     names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:

@@ -11,11 +11,13 @@ from granphon.units import prefixed
 
 if TYPE_CHECKING:
     from granphon.cost import Cost
+    from granphon.ladder import Rung
     from granphon.load import Load
     from granphon.run import RunResult, SweepResult
     from granphon.scene import Scene
+    from granphon.tradeoffs import Measured, TradeOff
 
-__all__ = ["announced", "described", "human", "results", "span"]
+__all__ = ["announced", "chosen", "described", "human", "results", "span", "work_and_precision"]
 
 
 def human(value: float, unit: str) -> str:
@@ -51,12 +53,14 @@ def described(scene: Scene) -> list[tuple[str, str]]:
         ("load", _pressed(scene.load)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
+    if not scene.is_sweep and scene.media[0].is_automatic:
+        rows.append(("chosen", chosen(scene.rung)))
     if scene.is_sweep:
         sizes = {"loads": len(scene.load.values), "media": len(scene.media)}
         sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
         counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
         rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
-    elif not scene.media[0].simulates:
+    elif not scene.rung.medium.simulates:
         state = scene.state()
         rows += [
             ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
@@ -73,6 +77,12 @@ def described(scene: Scene) -> list[tuple[str, str]]:
     if "dos" in scene.observe:
         rows.append(("mesh", f"{scene.mesh[0]} x {scene.mesh[1]}"))
     return rows
+
+
+def chosen(rung: Rung) -> str:
+    """The medium that an automatic one has chosen, and what is expected of it."""
+    error = float(rung.errors[0])
+    return f"{rung.medium.label}, expected error {error:.2g}" if error else f"{rung.medium.label}, exact for equal balls"
 
 
 def announced(cost: Cost) -> str:
@@ -95,3 +105,37 @@ def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     if "top_frequency" in numbers:
         rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
     return rows
+
+
+def work_and_precision(result: TradeOff) -> list[str]:
+    """Lines of a table for each study of a trade-off."""
+    heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
+    loads = span(result.loads, LOADS[result.kind].unit)
+    lines = [
+        f"errors at {len(result.loads)} load{'s' if len(result.loads) > 1 else ''}, {loads}; {result.runs} warm runs each"
+    ]
+    for study in result.studies:
+        rows = [heads, *(_row(point) for point in result.of(study))]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+        lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
+        lines += [
+            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+        ]
+        if study in result.references:
+            lines.append(f"  reference: {result.references[study]}")
+    return [*lines, "", f"took {human(result.seconds, 's')} of {human(result.budget, 's')}"]
+
+
+def _row(point: Measured) -> tuple[str, ...]:
+    if point.failure:
+        return point.method, point.knob, *[""] * 6, point.failure
+    times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
+    return (
+        point.method,
+        point.knob,
+        f"{point.error:.2e}",
+        *times,
+        human(point.memory, "B"),
+        f"{point.floor:.0e}",
+        point.note,
+    )

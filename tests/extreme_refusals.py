@@ -19,7 +19,7 @@ import granphon as gp
 from granphon import errors
 from granphon.local_field import local_field
 
-PAGE = Path(__file__).parent.parent / "docs" / "extremes.md"
+PAGE = Path(__file__).parent.parent / "docs" / "reference" / "extremes.md"
 BEGIN, END = "<!-- table: python tests/extreme_refusals.py --write -->", "<!-- end -->"
 
 

@@ -1,18 +1,31 @@
 """The pages do what they say: every block runs, every value in a comment is the value, every link leads somewhere.
 
-The convention: where a line of a block is an expression, and the comment that ends it starts with a number, the numbers
-there (parted by commas, up to the first word) are all of the expression's, rounded to the digits that are printed. A comment
-that is a Python literal of another kind (a text, tuple, list, True or False), up to a colon, is the value.
+The blocks of a page are carried out in order, in one folder, which holds nothing but ``examples`` at the start:
+
+``python``   where a line is an expression, and the comment that ends it starts with a number, the numbers there (parted by
+             commas, up to the first word) are all of the expression's, rounded to the digits that are printed. A comment
+             that is a Python literal of another kind (a text, tuple, list, True or False), up to a colon, is the value.
+``yaml``     is a scene. If its first line is a comment with a name, such as ``# scene.yaml``, it is written there. One that
+             is called wrong.yaml need not be right.
+``text``     likewise, if its first line is such as ``# table.csv``; else it is not looked at.
+``console``  commands after ``$``, and what they print: a line ``...`` stands for any number of lines, ``...``
+             in a line for any text, and nothing for whatever it is.
+``sh``       commands alone.
 """
 
 from __future__ import annotations
 
 import ast
 import io
+import os
 import re
+import shlex
+import subprocess
+import sys
 import tokenize
 import warnings
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -23,25 +36,41 @@ import pytest
 from pydantic import BaseModel
 
 import granphon as gp
-from granphon import schema
+from granphon import ladder, observables, schema, simulation
+from granphon.cli import main
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+#: made by the build, and not pages of ours
+MADE = ("_build", "gallery")
+PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE)]
+#: commands that a page may have and that are not run here: they install, or run this very suite
+NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks")
+
+#: statements of values and commands in some pages, at least
+LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}
 
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rf"{_NUMBER}(?:,\s+{_NUMBER})*(?=[\s:,;]|$)")
 
 
-def blocks(page: Path, language: str) -> list[tuple[int, str]]:
-    """The fenced blocks of a language: line number of the first line, and text."""
+def name_of(page: Path) -> str:
+    return page.relative_to(DOCS if page.is_relative_to(DOCS) else ROOT).as_posix()
+
+
+def blocks(page: Path, *languages: str) -> list[tuple[int, str, str]]:
+    """The fenced blocks of some languages: line number of the first line, language, and text."""
     text = page.read_text(encoding="utf-8")
-    found = [m for m in _FENCE.finditer(text) if m[1] == language]
-    return [(text.count("\n", 0, m.start(2)) + 1, m[2]) for m in found]
+    found = [m for m in _FENCE.finditer(text) if m[1] in languages]
+    return [(text.count("\n", 0, m.start(2)) + 1, m[1], m[2]) for m in found]
 
 
-def having(language: str) -> list[Any]:
-    return [pytest.param(page, id=page.name) for page in PAGES if blocks(page, language)]
+def having(*languages: str) -> list[Any]:
+    return [pytest.param(page, id=name_of(page)) for page in PAGES if blocks(page, *languages)]
+
+
+# -- values in comments ---------------------------------------------------------------------------------------------
 
 
 def comments(code: str) -> dict[int, str]:
@@ -105,29 +134,103 @@ def run(code: str, names: dict[str, Any], where: str, first: int = 1) -> Iterato
             exec(compile(ast.Module([statement], []), place, "exec"), names)
 
 
+# -- commands -------------------------------------------------------------------------------------------------------
+
+
+def commands(text: str, prompt: str) -> Iterator[tuple[str, list[str]]]:
+    """Each command of a block, continued lines joined, and the lines that it is said to print."""
+    command, printed = "", []
+    for line in text.replace("\\\n", " ").splitlines():
+        if line.startswith(prompt) and line.strip():
+            if command:
+                yield command, printed
+            command, printed = line.removeprefix(prompt).strip(), []
+        else:
+            printed.append(line.rstrip())
+    if command:
+        yield command, printed
+
+
+def carried_out(command: str) -> tuple[int, list[str]]:
+    """Exit code and output of a command; granphon's own in this process."""
+    words = shlex.split(command)
+    if words[0] == "granphon":
+        said = io.StringIO()
+        with redirect_stdout(said), redirect_stderr(said):
+            code = main(words[1:])
+        return code, [line.rstrip() for line in said.getvalue().splitlines()]
+    assert words[0] in ("phonopy", "phonopy-bandplot") or command.startswith("python examples/"), f"{command}: not run"
+    program = [sys.executable] if words[0] == "python" else [str(Path(sys.executable).with_name(words[0]))]
+    quiet = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run([*program, *words[1:]], capture_output=True, text=True, check=False, env=quiet)
+    return done.returncode, [line.rstrip() for line in (done.stdout + done.stderr).splitlines()]
+
+
+def is_as_printed(found: list[str], printed: list[str]) -> bool:
+    lines = ("(?:.*\n)*?" if line == "..." else re.escape(line).replace(r"\.\.\.", ".*") + "\n" for line in printed)
+    pattern = "".join(lines)
+    return re.fullmatch(pattern, "".join(f"{line}\n" for line in found)) is not None
+
+
+def at_the_prompt(text: str, prompt: str, where: str) -> Iterator[str | None]:
+    """Carry out the commands of a block; for each, what is wrong."""
+    for command, printed in commands(text, prompt):
+        if command.startswith(NOT_RUN):
+            continue
+        code, found = carried_out(command)
+        refused = any("error:" in line for line in printed)
+        if bool(code) != refused or (printed and not is_as_printed(found, printed)):
+            yield f"{where}: {command}: exit code {code}, it prints\n" + "\n".join(found)
+        else:
+            yield None
+
+
+# -- pages ----------------------------------------------------------------------------------------------------------
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch, state):
-    """Where a page runs; the files that docs/phonopy.md is about are there."""
+def folder(tmp_path, monkeypatch):
+    """Where a page runs."""
     monkeypatch.chdir(tmp_path)
-    phonons = gp.Phonons(state)
-    phonons.save("phonopy_params.yaml")
-    phonons.bands("GKMG", npoints=3).write("band.yaml")
+    (tmp_path / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
     return tmp_path
 
 
-@pytest.mark.parametrize("page", having("python"))
-def test_every_block_runs_and_gives_the_values_in_its_comments(page, folder):
-    if page.name == "phonopy.md":
+def performed(page: Path, folder: Path) -> Iterator[str | None]:
+    """Carry out a page from top to bottom; for each thing that it states, what is wrong with it."""
+    names: dict[str, Any] = {"__name__": page.stem}
+    shells = 0
+    for first, language, text in blocks(page, "python", "yaml", "text", "console", "sh"):
+        where = f"{name_of(page)}:{first}"
+        shells += language == "sh"
+        if language in ("yaml", "text"):
+            named = re.match(rf"# ([\w-]+\.{'yaml' if language == 'yaml' else 'csv'})\n", text)
+            if named:
+                (folder / named[1]).write_text(text, encoding="utf-8")
+            if language == "yaml" and not (named and named[1] == "wrong.yaml"):
+                scene = gp.Scene.from_yaml(named[1]) if named else gp.Scene.from_text(text, where)
+                assert all(np.all(np.asarray(state.force) > 0.0) for _, state in scene.states(simulations=False)), where
+        elif language == "python":
+            yield from run(text, names, name_of(page), first)
+        # the README's first two are those of a clean environment: .ci/run has them
+        elif not (page.name == "README.md" and language == "sh" and shells <= 2):
+            yield from at_the_prompt(text, "$ " if language == "console" else "", where)
+
+
+@pytest.mark.parametrize("page", having("python", "yaml", "text", "console", "sh"))
+def test_every_block_runs_and_gives_what_the_page_says(page, folder):
+    if page == DOCS / "development.md":
+        pytest.skip("its commands are those of .ci/run")
+    if "from euphonic" in page.read_text(encoding="utf-8"):
         pytest.importorskip("euphonic")
     before = matplotlib.get_backend()
     matplotlib.use("Agg")
-    names: dict[str, Any] = {"__name__": page.stem}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one thread
             warnings.filterwarnings("ignore", "More than one OpenMP library", UserWarning)
-            checks = [c for first, code in blocks(page, "python") for c in run(code, names, page.name, first)]
+            checks = list(performed(page, folder))
     finally:
         import matplotlib.pyplot as plt
 
@@ -136,10 +239,10 @@ def test_every_block_runs_and_gives_the_values_in_its_comments(page, folder):
     problems = "\n".join(wrong for wrong in checks if wrong)
     assert not problems, problems
     # the convention has not silently come to mean nothing
-    assert len(checks) >= {"README.md": 2, "python.md": 40}.get(page.name, 0)
+    assert len(checks) >= LEAST.get(name_of(page), 0)
 
 
-def test_the_convention_finds_what_is_wrong():
+def test_the_convention_finds_what_is_wrong(folder):
     right = ("x  # 790.96 m/s", "x  # 791", "[x, -1.0]  # 790.96, -1.0 m/s, both", "'a'  # 'a'", "x > 0  # True")
     for line in right:
         assert list(run(line, {"x": 790.9588}, "here")) == [None]
@@ -148,13 +251,18 @@ def test_the_convention_finds_what_is_wrong():
         (found,) = run(wrong, {}, "here")
         assert found is not None
         assert found.startswith("here:1: the comment says")
-
-
-@pytest.mark.parametrize("page", having("yaml"))
-def test_every_scene_is_one(page):
-    for first, text in blocks(page, "yaml"):
-        for _, state in gp.Scene.from_text(text, f"{page.name}:{first}").states():
-            assert np.all(np.asarray(state.force) > 0.0)
+    version = f"granphon {gp.__version__}"
+    for said in (version, "...", "gran...", f"...\n{version}\n..."):
+        assert list(at_the_prompt(f"$ granphon --version\n{said}\n", "$ ", "here")) == [None]
+    assert list(at_the_prompt("$ granphon \\\n  --version\n", "$ ", "here")) == [None]
+    for said in ("granphon 0", "...\nno", f"{version}\nmore"):
+        (found,) = at_the_prompt(f"$ granphon --version\n{said}\n", "$ ", "here")
+        assert found == f"here: granphon --version: exit code 0, it prints\n{version}"
+    (found,) = at_the_prompt("granphon check nothing.yaml\n", "", "here")
+    assert found is not None
+    assert "exit code 2" in found
+    with pytest.raises(AssertionError, match="not run"):
+        list(at_the_prompt("rm scene.yaml", "", "here"))
 
 
 def links(page: Path) -> list[str]:
@@ -171,25 +279,41 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_link_leads_to_a_file(page):
     for target in links(page):
         path, _, anchor = target.partition("#")
         there = page.parent / path
-        assert there.is_file(), f"{page.name} links to {target}"
-        assert not anchor or anchor in anchors(there), f"{page.name} links to {target}"
+        if there.is_relative_to(DOCS / "gallery"):
+            continue  # the build makes it, and says what is missing
+        # a folder is shown as a list of its files where the README is read
+        assert there.is_file() or (page.name == "README.md" and there.is_dir()), f"{name_of(page)} links to {target}"
+        assert not anchor or anchor in anchors(there), f"{name_of(page)} links to {target}"
 
 
 def test_there_are_links_to_check():
-    assert {"docs/scene.md", "docs/images/bands.png", "CITATION.cff"} <= set(links(ROOT / "README.md"))
+    assert {"docs/reference/scene.md", "docs/images/bands.png", "CITATION.cff"} <= set(links(ROOT / "README.md"))
 
 
 def test_the_readme_starts_with_the_commands_that_install_run_and_test():
-    (_, install), (_, test) = blocks(ROOT / "README.md", "sh")[:2]
+    (_, _, install), (_, _, test) = blocks(ROOT / "README.md", "sh")[:2]
     scene_file = "examples/steel_hexagon.yaml"
     assert install.strip().split(" && ") == ["python -m pip install .", f"granphon run {scene_file} -o out"]
     assert test.strip().split(" && ") == ['python -m pip install ".[test]"', "python -m pytest -q"]
     assert (ROOT / scene_file).is_file()
+
+
+# -- the reference --------------------------------------------------------------------------------------------------
+
+
+def reference(name: str) -> str:
+    return (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
+
+
+def rows(text: str, *heads: str) -> list[list[str]]:
+    """The cells of the one table with these heads."""
+    (found,) = re.findall(rf"^\| {re.escape(' | '.join(heads))} \|\n\|[-|]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
+    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in found.splitlines()]
 
 
 def keys(model: type[BaseModel], prefix: str = "") -> list[str]:
@@ -203,14 +327,70 @@ def keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return found
 
 
-def test_the_table_of_keys_lists_those_of_the_schema():
-    text = (ROOT / "docs" / "scene.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"^\| key \|.*\n\|[-|]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
-    listed = [key for row in table.splitlines() for key in re.findall(r"`([^`]+)`", row.split("|")[1])]
-    assert sorted(listed) == sorted(keys(schema.SceneFile))
+def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    import _generate
+
+    made = _generate.regions()
+    assert set(made) == {name for page in _generate.PAGES for name in _generate.marks(page.read_text(encoding="utf-8"))}
+    for page in _generate.PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert _generate.filled(text, made) == text, f"{page.name} is out of date: run python docs/_generate.py"
+
+
+def test_every_public_name_is_in_the_page_of_the_interface():
+    listed = re.findall(r"^\.\. auto(?:class|function):: granphon\.(\w+)$", reference("api"), re.MULTILINE)
+    # errors are listed by their module, of which GranphonError is the root
+    assert sorted(listed) == sorted(set(gp.__all__) - {"__version__", "GranphonError"})
+
+
+def test_every_key_of_the_schema_has_its_row():
+    table = rows(reference("scene"), "key", "what it is", "allowed", "SI unit", "default")
+    assert sorted(row[0] for row in table) == sorted(f"`{key}`" for key in keys(schema.SceneFile))
+    for key, said, allowed, unit, default in table:
+        assert all((said, allowed, default)), key
+        assert bool(unit) == ("with its unit" in allowed), key
+
+
+def test_every_medium_and_every_option_has_its_row():
+    page = reference("scene")
+    assert [row[0] for row in rows(page, "medium", "what it is")] == [f"`{name}`" for name in ladder.MEDIA]
+    found = rows(page, "medium", "option", "what it is", "allowed", "default")
+    assert [row[:2] for row in found] == [[f"`{m}`", f"`{o}`"] for m, options in ladder.OPTIONS.items() for o in options]
+    assert all(all(row) for row in found)
+
+
+def test_every_command_and_every_option_is_listed(capsys):
+    sections = dict(re.findall(r"^## granphon (\w+)\n(.*?)(?=^## |\Z)", reference("commands"), re.MULTILINE | re.DOTALL))
+    main(["--help"])
+    listed = re.findall(r"^  (\w+) ", capsys.readouterr().out.partition("Commands:")[2].partition("\n\n")[0], re.MULTILINE)
+    assert listed == list(sections)
+    for name, section in sections.items():
+        main([name, "--help"])
+        options = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", capsys.readouterr().out)) - {"--help", "-h"}
+        assert options <= set(re.findall(r"-[\w-]+", section)), name
+
+
+def test_every_quantity_of_a_result_is_in_the_page_of_files():
+    units = {**simulation.SimulatedState.units, **observables.SoundVelocities.units, **observables.Moduli.units}
+    del units["shears"]  # of Python only
+    summary = {
+        row[0].strip("`"): row
+        for row in rows(reference("files"), "variable", "unit", "dimensions", "in sweep.csv", "what it is")
+    }
+    for name, unit in units.items():
+        assert name in summary, name
+        assert summary[name][1] == ("" if name == "valid" else unit), name
+    for row in re.findall(r"^\| `.*", reference("files"), re.MULTILINE):
+        assert row.rstrip(" |").count("|") >= 2, row  # none without a meaning
+
+
+# -- the table of contents ------------------------------------------------------------------------------------------
 
 
 def test_every_page_is_in_the_table_of_contents():
-    (_, tree) = blocks(ROOT / "docs" / "index.md", "{toctree}")[0]
-    listed = [line for line in tree.splitlines() if line and not line.startswith(":")]
-    assert sorted(listed) == sorted(page.stem for page in PAGES[1:] if page.stem != "index")
+    trees = [text for _, _, text in blocks(DOCS / "index.md", "{toctree}")]
+    listed = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    ours = [name_of(page).removesuffix(".md") for page in PAGES[1:] if page != DOCS / "index.md"]
+    assert sorted(set(listed) - {"gallery/index"}) == sorted(ours)
+    assert len(listed) == len(set(listed))

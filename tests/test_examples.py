@@ -2,40 +2,54 @@
 
 from __future__ import annotations
 
-import importlib.util
+import ast
+import runpy
+import sys
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
+from PIL import Image
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-SCRIPTS = (
-    "conjecture", "fit_width", "force_chains", "modes_K_M", "paper_figure2", "paper_figure5", "paper_figures6_7_8",
-    "paper_figures9_10_11", "pulse_dispersion", "steel_bands",
-)  # fmt: skip
+SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+#: of those that do not write a picture that stands still
+SUFFIX = {"rolling_wave": ".gif"}
 
 
-def figure_of(name: str, out: Path | None = None) -> Figure:
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    figure = module.main(out)
-    assert isinstance(figure, Figure)
-    return figure
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Runs an example as the command line does with -o, once: its names, its figure and the file it has written."""
+
+    @cache
+    def once(name):
+        folder = tmp_path_factory.mktemp(name)
+        out = folder / f"figure{SUFFIX.get(name, '.png')}"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", [f"{name}.py", "-o", str(out)])
+            patch.chdir(folder)
+            names = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        figure = names["figure"]
+        assert isinstance(figure, Figure)
+        plt.close("all")
+        return SimpleNamespace(names=names, figure=figure, out=out)
+
+    return once
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_an_example_runs_and_writes_its_figure(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    out = tmp_path / "figure.png"
-    figure = figure_of(name, out)
-    assert out.read_bytes().startswith(b"\x89PNG")
-    assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
+def test_an_example_runs_and_writes_its_figure(run, name):
+    figure, out = run(name).figure, run(name).out
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    with Image.open(out) as image:
+        assert image.format == out.suffix[1:].upper()
+        assert_allclose(image.size, figure.get_size_inches() * figure.dpi, atol=1.0)
     tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert min(tight.x0, tight.y0) >= 0.0
     assert tight.x1 <= width
@@ -43,9 +57,34 @@ def test_an_example_runs_and_writes_its_figure(name, tmp_path, monkeypatch):
     assert min(text.get_fontsize() for text in figure.findobj(Text) if text.get_text()) >= 7.0
 
 
-def test_figure_2_is_in_the_units_of_the_paper():
-    above, below = figure_of("paper_figure2").axes[:2]
-    for ax, top in ((above, np.sqrt(30.0 * 2.0 * (1.0 - 0.276) / (2.0 - 0.276))), (below, np.sqrt(6.0))):
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_an_example_is_a_page_of_the_gallery_and_asserts_a_number(name):
+    tree = ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))
+    title, line, *text = (ast.get_docstring(tree) or "").splitlines()
+    assert line == "=" * len(title)
+    assert text
+    assert any(isinstance(node, ast.Assert) for node in ast.walk(tree))
+
+
+def test_the_wave_runs_to_the_right_and_comes_back_after_a_period(run):
+    names = run("rolling_wave").names
+    with Image.open(run("rolling_wave").out) as image:
+        assert image.n_frames == 16
+    for e in names["mixed"].values():
+        now, later = names["motion"](e, 0.0), names["motion"](e, 2.0 * np.pi)
+        assert_allclose(later[0], now[0], atol=1e-12)
+        assert_allclose(later[1], now[1], atol=1e-12)
+        # four balls to a wave: after a quarter of a period each ball of a row moves as the one to the left of it did
+        quarter = names["motion"](e, 0.5 * np.pi)
+        row = np.flatnonzero(names["sites"][:, 1] == 0.0)
+        assert np.all(np.diff(names["sites"][row, 0]) == 1.0)
+        assert_allclose(quarter[0][row[1:]], now[0][row[:-1]], atol=1e-12)
+        assert np.ptp(now[1]) > 0.1
+
+
+def test_figure_2_is_in_the_units_of_the_paper(run):
+    first, second = run("paper_figure2").figure.axes[:2]
+    for ax, top in ((first, np.sqrt(30.0 * 2.0 * (1.0 - 0.276) / (2.0 - 0.276))), (second, np.sqrt(6.0))):
         y = np.concatenate([c.get_segments() for c in ax.collections])[..., 1]
         assert y.max() == pytest.approx(top, rel=1e-9)
         left, right = ax.get_xlim()
@@ -54,8 +93,8 @@ def test_figure_2_is_in_the_units_of_the_paper():
         assert ax.get_xticks()[3] == pytest.approx(2.0 / 3.0)
 
 
-def test_the_pulse_figure_starts_at_the_velocities_of_long_waves():
-    (ax,) = figure_of("pulse_dispersion").axes
+def test_the_pulse_figure_starts_at_the_velocities_of_long_waves(run):
+    (ax,) = run("pulse_dispersion").figure.axes
     lines = {line.get_label(): line.get_data() for line in ax.lines}
     for kind in ("phase", "group"):
         assert lines[f"longitudinal, {kind}"][1][0] == pytest.approx(790.96, rel=1e-4)
@@ -63,8 +102,8 @@ def test_the_pulse_figure_starts_at_the_velocities_of_long_waves():
     assert np.all(lines["longitudinal, group"][1] <= lines["longitudinal, phase"][1])
 
 
-def test_the_points_of_the_simulation_are_in_the_figures_of_the_paper():
-    six, seven, eight = figure_of("paper_figures6_7_8").axes
+def test_the_points_of_the_simulation_are_in_the_figures_of_the_paper(run):
+    six, seven, eight = run("paper_figures6_7_8").figure.axes
     points = [ax.containers[0][0].get_xydata() for ax in (six, seven, eight)]
     assert_allclose(points[1][:, 0], points[0][:, 0] + 0.343, rtol=1e-12)
     assert_allclose(points[1][:, 1] ** 1.5, points[0][:, 1], rtol=1e-12)

@@ -1,4 +1,4 @@
-"""At the edges of its range the package is as exact as docs/extremes.md claims, or says why not; never silently wrong."""
+"""At the edges the package is as exact as docs/reference/extremes.md claims, or says why not; never silently wrong."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def test_labels_say_what_is_not_the_default():
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        ("simulaton", "medium: found 'simulaton'; allowed: ala, afa, ema, simulation. Did you mean 'simulation'?"),
+        ("simulaton", "medium: found 'simulaton'; allowed: ala, afa, ema, simulation, auto. Did you mean 'simulation'?"),
         ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, simulation."),
         (3, "medium: found 3; allowed: ala, afa, ema, simulation."),
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),

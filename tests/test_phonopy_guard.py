@@ -1,4 +1,4 @@
-"""The table of docs/phonopy.md, entry by entry: every public attribute of phonopy.Phonopy works, is read only, or raises."""
+"""The table of docs/reference/phonopy.md: every public attribute of phonopy.Phonopy works, is read only, or raises."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import granphon as gp
 from granphon.bridge import READ_ONLY, REFUSED, ContactPhonopy
 from granphon.errors import UnsupportedError
 
-PAGE = Path(__file__).parent.parent / "docs" / "phonopy.md"
+PAGE = Path(__file__).parent.parent / "docs" / "reference" / "phonopy.md"
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 ROW = re.compile(r"^\| `(\w+)` \| (works|read only|raises) \| (.+) \|$")
 
@@ -57,8 +57,8 @@ def test_the_table_covers_phonopy():
     assert len(rows) == len(set(rows)), "an attribute is listed twice"
     new = sorted(set(PUBLIC) - set(TABLE))
     gone = sorted(set(TABLE) - set(PUBLIC))
-    assert not new, f"this phonopy has public attributes that docs/phonopy.md does not judge: {', '.join(new)}"
-    assert not gone, f"docs/phonopy.md judges attributes that this phonopy does not have: {', '.join(gone)}"
+    assert not new, f"this phonopy has public attributes that docs/reference/phonopy.md does not judge: {', '.join(new)}"
+    assert not gone, f"docs/reference/phonopy.md judges attributes that this phonopy does not have: {', '.join(gone)}"
     assert all(len(reason) > 3 for _, reason in TABLE.values())
 
 
@@ -390,7 +390,7 @@ CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().i
 
 @pytest.mark.parametrize("name", of_status("works"))
 def test_works(ph, name, tmp_path, monkeypatch, drawing):
-    assert name in CHECKS, f"docs/phonopy.md says that {name} works, and nothing here shows it"
+    assert name in CHECKS, f"docs/reference/phonopy.md says that {name} works, and nothing here shows it"
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         # phonopy compares lists of objects that numpy would rather see as arrays, in its plots alone

@@ -18,14 +18,16 @@ ORDER = [
     "errors", "units", "results", "progress", "files", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "medium",
-    "stencils", "equilibrium", "response", "samples", "simulation", "cost", "ladder", "observables",
-    "calculator", "spectra", "bridge", "phonons",
-    "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit",
-    "rules", "schema", "load", "scene", "plot", "charts", "redraw", "run", "wording", "cli", "__main__",
+    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "observables",
+    "ensemble",
+    "calculator", "spectra", "bridge", "phonons", "references",
+    "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit", "studies", "tradeoffs",
+    "rules", "schema", "load", "scene", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
 BORDERS = {
-    "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot", "charts"}, "typer": {"cli"},
+    "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot", "charts", "diagrams"},
+    "typer": {"cli"},
 }  # fmt: skip
 
 

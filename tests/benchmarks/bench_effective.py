@@ -19,6 +19,7 @@ import granphon as gp
 from granphon.effective import effective_curve
 from granphon.laws import FORCE, STIFFNESS, high_pressure_series
 from granphon.local_field import local_field
+from granphon.references import balance
 from granphon.shapes import NormalShape, Shape, UniformShape
 
 XI = local_field(mindlin_ratio=0.84).xi
@@ -34,21 +35,16 @@ def plain(shape: Shape) -> tuple[float, float]:
     """y and k at f* = 1e-4 by scipy alone: k' = (k - G_y)/G_k with the same averages, downwards from the same start."""
     start = high_pressure_series(shape, XI).start
 
-    def balance(y: float, k: float) -> tuple[float, float, float]:
+    def state(y: float, k: float) -> tuple[float, float, float]:
         x, weights = shape.nodes(y)
-        force, stiffness, slope = shape.force(y, x), shape.stiffness(y, x), shape.stiffness_slope(y, x)
-        part = weights / (stiffness + XI * k)
-        f = np.sum(part * force) / np.sum(part)
-        bent = part / (stiffness + XI * k) * (force - f)
-        by_y = (np.sum(part * stiffness) - np.sum(bent * slope)) / np.sum(part)
-        return f, by_y, -XI * np.sum(bent) / np.sum(part)
+        return balance((weights, shape.force(y, x), shape.stiffness(y, x), shape.stiffness_slope(y, x)), k, XI)
 
     def slope(y: float, k: np.ndarray) -> list[float]:
-        _, by_y, by_k = balance(y, k[0])
+        _, by_y, by_k = state(y, k[0])
         return [(k[0] - by_y) / by_k]
 
     def least(y: float, k: np.ndarray) -> float:
-        return math.log(balance(y, k[0])[0] / LEAST)
+        return math.log(state(y, k[0])[0] / LEAST)
 
     least.terminal = True  # type: ignore[attr-defined]
     k = high_pressure_series(shape, XI).value(start, STIFFNESS)

@@ -9,7 +9,6 @@ uniformly and rest under a given overlap; one thread throughout.
 from __future__ import annotations
 
 import json
-import math
 import resource
 import subprocess
 import sys
@@ -21,12 +20,11 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon import equilibrium as module
+from granphon.direct import SparseArray
 from granphon.equilibrium import TOLERANCE, Equilibrium, Load, equilibrate
 from granphon.geometry import TRIANGULAR
 from granphon.stencils import Stencils
@@ -59,89 +57,17 @@ def residual(state: Equilibrium) -> float:
 # -- Newton's method with a sparse LU -----------------------------------------------------------------------------------
 
 
-class SparseNewton:
-    """The same equations and measure of rest, with scipy's LU: everything that can be known beforehand is."""
-
-    def __init__(self, x: Array) -> None:
-        n, table = x.size, TRIANGULAR.contacts
-        site = np.arange(n).reshape(x.shape)
-        i = np.tile(site.ravel(), len(table))
-        j = np.concatenate([np.roll(site, (-a, -b), (0, 1)).ravel() for a, b in table.shift.tolist()])
-        normal = np.repeat(table.normal, n, axis=0).T
-        self.means = 0.5 * (x.ravel()[i] + x.ravel()[j])
-        contacts = np.arange(i.size)
-        columns = np.concatenate([2 * j, 2 * j + 1, 2 * i, 2 * i + 1])
-        entries = np.concatenate([*normal, *-normal])
-        self.c = csc_array((entries, (np.tile(contacts, 4), columns)), shape=(i.size, 2 * n)).tocsr()
-        self.transposed = self.c.T.tocsr()
-        # entries of C^T K C are a matrix times the stiffnesses; the first ball is pinned
-        blocks = [
-            (a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p in (0, 1) for q in (0, 1)
-        ]
-        row, column, factor = (
-            np.concatenate(parts)
-            for parts in zip(*((2 * a + p, 2 * b + q, s * normal[p] * normal[q]) for a, b, p, q, s in blocks), strict=True)
-        )
-        kept, self.size = (row > 1) & (column > 1), 2 * n - 2
-        place, slot = np.unique((column[kept] - 2) * self.size + row[kept] - 2, return_inverse=True)
-        contact = np.tile(contacts, len(blocks))[kept]
-        self.fill = csc_array((factor[kept], (slot, contact)), shape=(place.size, i.size)).tocsr()
-        self.indices = (place % self.size).astype(np.int32)
-        self.starts = np.searchsorted(place, np.arange(self.size + 1) * self.size).astype(np.int32)
-
-    def step(self, stiffness: Array, force: Array) -> Array:
-        matrix = csc_array((self.fill @ stiffness, self.indices, self.starts), shape=(self.size, self.size))
-        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        return np.concatenate([[0.0, 0.0], factors.solve(force[2:])])
-
-    def solve(self, y: float, tolerance: float = TOLERANCE) -> Array:
-        """Contact forces at rest."""
-        h = y + self.means
-        while True:
-            closed = np.maximum(h, 0.0)
-            root = np.sqrt(closed)
-            forces = closed * root
-            pull = self.transposed @ forces
-            left = math.sqrt(np.max(pull[0::2] ** 2 + pull[1::2] ** 2)) / min(np.mean(forces), np.std(forces))
-            if left <= tolerance:
-                return forces
-            stiffness = 1.5 * root
-            stiffness += 1e-2 * min(1.0, left) * np.mean(stiffness)
-            strain = self.c @ self.step(stiffness, pull)
-            h = h - self.length(h, strain) * strain
-
-    @staticmethod
-    def length(h: Array, strain: Array) -> float:
-        """To where the slope of the energy has fallen to a tenth: Newton's method, kept between what is known."""
-        first, low, high, length = 0.0, 0.0, math.inf, 0.0
-        for trial in range(30):
-            closed = np.maximum(h - length * strain, 0.0)
-            root = np.sqrt(closed)
-            slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
-            if trial == 0:
-                first, length = slope, 1.0
-                continue
-            if abs(slope) <= 0.1 * abs(first):
-                break
-            low, high = (length, high) if slope < 0.0 else (low, length)
-            length -= slope / rise
-            if not low < length < high:
-                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-            length = min(length, 4.0 * low) if high == math.inf else length
-        return length
-
-
 def direct(repeats: int) -> list[Row]:
     """128 x 128 balls against the LU: same tolerance, same start; what both make once for the array is left out."""
     x, rows = balls(128), []
-    stencils, other = Stencils(x.shape), SparseNewton(x)
+    stencils, other = Stencils(x.shape), SparseArray(x)
     for spacing, bound in DIRECT:
         load = Load(overlap=spacing - 0.5)
-        ours, theirs = equilibrate(x, load, stencils), other.solve(spacing - 0.5)
-        apart = np.max(np.abs(ours.forces.ravel() - theirs)) / ours.force
+        ours, theirs = equilibrate(x, load, stencils), other.forces(spacing - 0.5)
+        apart = np.max(np.abs(ours.forces - theirs)) / ours.force
         assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
         calls: dict[str, Callable[[], object]] = {
-            "granphon": lambda load=load: equilibrate(x, load, stencils), "lu": lambda load=load: other.solve(load.overlap),
+            "granphon": lambda load=load: equilibrate(x, load, stencils), "lu": lambda load=load: other.forces(load.overlap),
         }  # fmt: skip
         seconds = alternate(repeats, **calls)
         note = f"{seconds['granphon']:.3g} s against {seconds['lu']:.3g} s"

@@ -1,0 +1,520 @@
+"""The tables of the reference, from what they describe: ``python docs/_generate.py`` writes them into their pages.
+
+What a key allows is asked of the rule that reads it; defaults and units are those of the schema; commands and their options
+are those of the command line; the fields of output files are read from files that small scenes wrote just now. Only what
+things *mean* is written here, and what has no meaning yet is an error.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
+from importlib import import_module
+from inspect import Parameter, cleandoc, signature
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, get_args, get_type_hints
+
+from _meanings import (
+    ATTRIBUTES,
+    DEFAULTS,
+    FIELD_UNITS,
+    FIELDS,
+    FILES,
+    FITTED,
+    KEYS,
+    MEASURED,
+    PACKINGS,
+    RANGE,
+    RUNG_OPTIONS,
+    RUNGS,
+    SAMPLE,
+    SPREAD_BLOCKS,
+    SPREADS,
+    SWEPT,
+)  # fmt: skip
+from pydantic import BaseModel
+from typer.models import OptionInfo
+
+from granphon import rules
+from granphon.archive import load_sweep
+from granphon.cli import app
+from granphon.cli import main as granphon
+from granphon.diameters import Normal
+from granphon.files import parse_yaml
+from granphon.fit import FIT_FILES
+from granphon.ladder import MEDIA, OPTIONS
+from granphon.medium import ContactState
+from granphon.parameters import PARAMETERS
+from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Refused
+from granphon.results import Result
+from granphon.run import RESULT_FILES
+from granphon.schema import SceneFile
+from granphon.tradeoffs import TRADEOFF_FILES, TradeOff
+
+HERE = Path(__file__).parent
+PAGES = [HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files")]
+_REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
+_UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, *LOADS.values())}
+
+_STEEL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
+_ARRAY = "simulation: {shape: 8 8, samples: 2}"
+#: small scenes that between them write every file, and every field
+SCENES = {
+    "all": "packing: {diameter: 8 mm}\nload: {force: 5 N}\nobserve: [velocities, bands, dos]\n"
+    "phonopy: {band_points: 3, mesh: 6 6 1}",
+    "ema": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 5 N}",
+    "square": "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}",
+    "array": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5 N}}\nmedium: {{{_ARRAY}}}",
+    "squeezed": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{overlap: 1 um}}\nmedium: {{{_ARRAY}}}",
+    "sweep": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [5 N, 9 N]}}\n"
+    f"medium: [ema, {_ARRAY}]\nsweep: {{width: [1 um, 2 um]}}\nobserve: [bands]\nphonopy: {{band_points: 2}}",
+    "arrays": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{pressure: [2 kN/m, 3 kN/m]}}\n"
+    f"medium: {{{_ARRAY}}}",
+    "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
+    "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
+    "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
+}  # fmt: skip
+
+
+# -- tables ---------------------------------------------------------------------------------------------------------
+
+
+def table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in (heads, *rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(heads), *lines[1:]])
+
+
+def meaning(words: Mapping[str, Any], name: str) -> Any:
+    """What is written here about ``name``; an error if it is new."""
+    if name not in words:
+        raise SystemExit(f"docs/_meanings.py does not say what {name} means: add it there")
+    return words[name]
+
+
+def literal(value: Any) -> str:
+    """A value as a scene has it."""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return f"`{' '.join(map(str, value))}`"
+    return f"`{value}`"
+
+
+def told(attempt: Callable[[], Any]) -> str:
+    """What a rule says is allowed, when it is given what it cannot take."""
+    try:
+        attempt()
+    except Refused as refused:
+        return re.split(r"\.(?: [A-Z]|$)", str(refused).split("; allowed: ", 1)[1])[0]
+    raise SystemExit("docs/_generate.py: a rule has taken what it should refuse")
+
+
+def known(attempt: Callable[[], Any]) -> list[str]:
+    """The keys of a block, as the refusal of another one lists them."""
+    return told(attempt).removeprefix("a block of keys: ").split(", ")
+
+
+# -- the interface --------------------------------------------------------------------------------------------------
+
+
+def result_units() -> str:
+    """The unit of each field of the results that the page of the interface has."""
+    documented = re.findall(r"autoclass:: (\S+)\.(\w+)", (HERE / "reference" / "api.md").read_text(encoding="utf-8"))
+    rows = []
+    for module, name in documented:
+        one = getattr(import_module(module), name)
+        if not (isinstance(one, type) and issubclass(one, Result)):
+            continue
+        inherited = one.__mro__[1].units if issubclass(one.__mro__[1], ContactState) else {}
+        units = [f"`{field}` {unit}" for field, unit in one.units.items() if field not in inherited]
+        more = [f"those of {{class}}`~{module}.{one.__mro__[1].__name__}`"] if inherited else []
+        if units:
+            rows.append([f"{{class}}`~{module}.{name}`", ", ".join([*more, *units])])
+    return table(("result", "fields and their units"), rows)
+
+
+# -- the scene ------------------------------------------------------------------------------------------------------
+
+
+def keys(model: type[BaseModel] = SceneFile, prefix: str = "") -> Iterable[tuple[str, Any]]:
+    """Every key of the schema with its pydantic field, blocks written out."""
+    for name, info in model.model_fields.items():
+        key = prefix + (info.alias or name)
+        kind = info.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from keys(kind, f"{key}.")
+        else:
+            yield key, info
+
+
+def scene_keys() -> str:
+    """Key, meaning, what is allowed, SI unit, default."""
+    rows = []
+    context = SimpleNamespace(context={"folder": HERE})
+    for key, info in keys():
+        (rule,) = (one.func for one in info.metadata if hasattr(one, "func"))
+        needed = [one for one in signature(rule).parameters.values() if one.default is one.empty]
+        given = (object(), context)[: len(needed)]
+        allowed = told(partial(rule, *given))
+        several = "; or a list of these, or a [range](#ranges)" if getattr(rule, "func", None) is rules.values else ""
+        if info.is_required():
+            default = "required"
+        elif key.startswith("load."):
+            default = "one load is required" if key != "load.balls_per_side" else "required with `side_force`"
+        else:
+            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, info.default)
+        rows.append([f"`{key}`", meaning(KEYS, key), allowed + several, _UNITS.get(allowed, ""), default])
+    return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
+
+
+def _plain_default(key: str, value: Any) -> str:
+    if value is None or value == ():
+        raise SystemExit(f"docs/_meanings.py does not say in words what the default of {key} is: add it there")
+    return f"`[{', '.join(value)}]`" if key == "observe" else literal((*value, 1) if key == "phonopy.mesh" else value)
+
+
+def spreads() -> str:
+    """The forms of a spread, from the rule that reads them."""
+
+    def probe(value: Any) -> Callable[[], Any]:
+        return lambda: rules.spread(value, HERE)
+
+    rows = []
+    for kind in told(probe(object())).removeprefix("exactly one of ").split(", "):
+        alone = told(probe({kind: object()}))
+        if not alone.startswith("a block of keys"):
+            rows.append([kind, alone, _UNITS.get(alone, ""), ""])
+        inner = known(probe({kind: {"?": 0}})) if kind in SPREAD_BLOCKS else []
+        for key in inner + (["diameters"] if kind == "measured" else []):
+            rest = {} if (kind, key) == ("measured", "diameters") else SPREAD_BLOCKS[kind]
+            allowed = told(probe({kind: {**rest, key: object()}}))
+            default = f"{Normal(1.0).cutoff:g}" if key == "cutoff" else ""
+            rows.append([f"{kind}.{key}", allowed, "m" if key == "diameters" else _UNITS.get(allowed, ""), default])
+    return table(
+        ("form", "what it is", "allowed", "SI unit", "default"),
+        ([f"`{name}`", meaning(SPREADS, name), allowed, unit, default] for name, allowed, unit, default in rows),
+    )
+
+
+def media() -> str:
+    """The words for a medium."""
+    return table(("medium", "what it is"), ([f"`{name}`", meaning(RUNGS, name)] for name in MEDIA))
+
+
+def medium_options() -> str:
+    """The options of each medium."""
+    rows = [
+        [
+            f"`{name}`",
+            f"`{key}`",
+            meaning(RUNG_OPTIONS, f"{name}.{key}"),
+            told(partial(one.rule, object())),
+            literal(one.default),
+        ]
+        for name, options in OPTIONS.items()
+        for key, one in options.items()
+    ]
+    return table(("medium", "option", "what it is", "allowed", "default"), rows)
+
+
+def sweep_parameters() -> str:
+    """What a block ``sweep`` may hold."""
+    rows = []
+    for name, unit in PARAMETERS.items():
+        allowed = told(lambda name=name: rules.parameters({name: object()}, HERE))
+        several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
+        rows.append([f"`{name}`", meaning(PACKINGS, name), f"{several}: {_element(name, allowed)}", unit or ""])
+    return table(("parameter", "what is swept", "allowed", "SI unit"), rows)
+
+
+def _element(name: str, allowed: str) -> str:
+    if not allowed.startswith("a list"):
+        return allowed
+    return told(lambda: rules.parameters({name: [object()]}, HERE))
+
+
+def ranges() -> str:
+    """The keys of a range."""
+    full = {"from": "1 N", "to": "2 N", "points": 2}
+    rows = []
+    for key in known(lambda: rules.values({"?": 0}, LOADS["force"].read)):
+        allowed = "as a single value" if key in ("from", "to") else told(
+            lambda key=key: rules.values({**full, key: object()}, LOADS["force"].read)
+        )  # fmt: skip
+        rows.append([f"`{key}`", meaning(RANGE, key), allowed, literal(rules.SCALES[0]) if key == "scale" else "required"])
+    return table(("key of a range", "what it is", "allowed", "default"), rows)
+
+
+# -- the commands ---------------------------------------------------------------------------------------------------
+
+
+def commands() -> str:
+    """Every command with its arguments and options, from the functions that carry them out."""
+    parts = []
+    for command in app.registered_commands:
+        call: Any = command.callback
+        text, _, examples = cleandoc(call.__doc__).partition("\n\n\b\n")
+        kinds = get_type_hints(call, include_extras=True)
+        rows = [_parameter(one, kinds[one.name]) for one in signature(call).parameters.values()]
+        parts += [
+            f"## granphon {command.name or call.__name__}",
+            re.sub(r"(?<!\n)\n(?!\n)", " ", text),
+            table(("argument or option", "what it is", "value", "default"), rows),
+            "```text\n" + "\n".join(line.strip() for line in examples.splitlines()[1:]) + "\n```",
+        ]
+    return "\n\n".join(parts)
+
+
+def _parameter(one: Parameter, annotation: Any) -> list[str]:
+    """A row: names, meaning, what it takes, default."""
+    plain, info = get_args(annotation)
+    options = isinstance(info, OptionInfo)
+    # inside Annotated typer keeps the first name where a default would stand
+    first = [info.default] if isinstance(info.default, str) else []
+    names = [word for decl in (*first, *(info.param_decls or ())) for word in decl.split("/")]
+    names = names or [f"--{one.name.replace('_', '-')}"]
+    if not options:
+        names = [(info.metavar or one.name).strip("[]")]
+    value = "" if plain is bool or not options else info.metavar or "TEXT"
+    value += "" if info.min is None else f", {info.min} or more"
+    if one.default is one.empty:
+        default = "required"
+    elif plain is bool:
+        default = f"`{names[0]}`" if one.default else "off"
+    else:
+        default = "none" if one.default is None else literal(one.default)
+    return [", ".join(f"`{name}`" for name in names), info.help, value, default]
+
+
+# -- the files ------------------------------------------------------------------------------------------------------
+
+
+def files() -> str:
+    """Which file is written when."""
+    rows = [[f"`{name}`", *meaning(FILES, name)] for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES)]
+    return table(("file", "written for", "what is in it"), rows)
+
+
+class Results:
+    """Small scenes, run; what is in their files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for name, text in SCENES.items():
+            scene = folder / f"{name}.yaml"
+            scene.write_text(f"{_STEEL}\n{text}\n", encoding="utf-8")
+            _do("run", str(scene), "-o", str(folder / name), "--no-figures", "-q")
+        data = folder / "data.csv"
+        data.write_text("force (N),velocity (m/s)\n2,465\n5,603\n9,681\n18,774\n", encoding="utf-8")
+        _do("fit", str(folder / "ema.yaml"), str(data), "-o", str(folder / "fit"), "--frequency", "6.5 kHz")
+        #: what the files of a sweep say of their variables
+        self.variables: dict[str, tuple[str, str]] = {}
+        self.sweeps = [load_sweep(folder / name / "sweep.nc") for name in MANY]
+        for dataset in self.sweeps:
+            for name, one in dataset.variables.items():
+                self.variables[str(name)] = (one.attrs.get("long_name", ""), one.attrs.get("units", ""))
+
+    def yaml(self, name: str, file: str) -> Any:
+        """A whole file, read."""
+        return parse_yaml((self.folder / name / file).read_text(encoding="utf-8"), file).data
+
+    def row(
+        self, name: str, value: Any, units: Mapping[str, str] | None = None, words: Mapping[str, str] | None = None
+    ) -> list[str]:
+        """Field, unit, kind, meaning: by ``words``, by those of all files, or by what a sweep says."""
+        units, words = units or {}, FIELDS | dict(words or {})
+        said, unit = self.variables.get(name, ("", ""))
+        unit = units.get(name, FIELD_UNITS.get(name, unit))
+        said = meaning(words, name) if name in words or not said else said
+        return [f"`{name}`", "" if isinstance(value, str | bool) else unit, kind(value), said]
+
+
+def _do(*words: str) -> None:
+    """Carry a command out, quietly."""
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+        failed = granphon(words)
+    if failed:
+        raise SystemExit(f"docs/_generate.py: granphon {' '.join(words)}: {said.getvalue()}")
+
+
+def kind(value: Any) -> str:
+    """What sort of value stands in a file."""
+    if isinstance(value, bool):
+        return "true or false"
+    if isinstance(value, list):
+        # those that are empty here hold sentences
+        inner = kind(value[0]) if value else "text"
+        return "matrix" if inner.startswith("list") else f"list of {inner}s"
+    return {dict: "block", str: "text", float: "number", int: "number", type(None): "text"}[type(value)]
+
+
+#: the scenes of one state, and of many
+ONE, MANY = ("all", "ema", "square", "array", "squeezed", "choice"), ("sweep", "arrays", "choices", "squares")
+HEADS = ("field", "unit", "kind", "what it is")
+
+
+def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of all, each where it first comes."""
+    return {name: value for part in reversed(parts) for name, value in part.items()}
+
+
+def in_order(*parts: Mapping[str, Any]) -> list[str]:
+    """The keys of all, in an order that agrees with that of each."""
+    names: list[str] = []
+    for part in parts:
+        at = 0
+        for name in part:
+            if name in names:
+                at = names.index(name) + 1
+            else:
+                names.insert(at, name)
+                at += 1
+    return names
+
+
+def summary(results: Results) -> str:
+    """Fields of summary.yaml, of all scenes of one state and of many."""
+    ones = [results.yaml(name, "summary.yaml") for name in ONE]
+    many = [results.yaml(name, "summary.yaml") for name in MANY]
+    units = merged(*(one["units"] for one in (*ones, *many)))
+    values = merged(*ones, *many)
+    rows = [results.row(name, values[name], units) for name in in_order(*ones)]
+    extra = [name for name in in_order(*many) if not any(name in one for one in ones)]
+    return table(HEADS, rows + [results.row(name, values[name], units) for name in extra])
+
+
+def sweep_fields(results: Results) -> str:
+    """Variables of sweep.nc, and which of them are columns of sweep.csv."""
+    heads = set()
+    for name in MANY:
+        with (results.folder / name / "sweep.csv").open(encoding="utf-8") as stream:
+            heads |= {head.split(" (")[0] for head in next(csv.reader(stream))}
+    rows = []
+    for name in in_order(*(dataset.variables for dataset in results.sweeps)):
+        (one, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
+        said, unit = results.variables[name]
+        axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in one.dims)
+        shown = f"`{name}`" + (", or another parameter" if name in PARAMETERS else "")
+        rows.append([shown, unit, axes, "yes" if name in heads else "", said or meaning(SWEPT, name)])
+    return table(("variable", "unit", "dimensions", "in sweep.csv", "what it is"), rows)
+
+
+def sweep_attributes(results: Results) -> str:
+    """Global attributes of sweep.nc."""
+    names = in_order(*(dataset.attrs for dataset in results.sweeps))
+    return table(("attribute", "what it is"), ([f"`{name}`", meaning(ATTRIBUTES, name)] for name in names))
+
+
+def band_fields(results: Results) -> str:
+    """The block ``granphon`` of band.yaml."""
+    own = results.yaml("all", "band.yaml")["granphon"]
+    return table(HEADS, (results.row(name, value) for name, value in own.items()))
+
+
+def phonopy_fields(results: Results) -> str:
+    """What the block ``granphon`` of phonopy_params.yaml has besides."""
+    text = (results.folder / "all" / "phonopy_params.yaml").read_text(encoding="utf-8")
+    own = parse_yaml("".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head").data["granphon"]
+    shared = results.yaml("all", "band.yaml")["granphon"]
+    return table(HEADS, (results.row(name, value) for name, value in own.items() if name not in shared))
+
+
+def dos_fields(results: Results) -> str:
+    """Columns of dos.csv."""
+    text = (results.folder / "all" / "dos.csv").read_text(encoding="utf-8")
+    head = next(line for line in text.splitlines() if not line.startswith("#"))
+    rows = [[f"`{name}`", "Hz" if name == "frequency_Hz" else "1/Hz", meaning(FIELDS, name)] for name in head.split(",")]
+    return table(("column", "unit", "what it is"), rows)
+
+
+def sample_fields(results: Results) -> str:
+    """Arrays and scalars of sample.extxyz."""
+    head = (results.folder / "array" / "sample.extxyz").read_text(encoding="utf-8").splitlines()[1]
+    columns = re.search(r"Properties=(\S+)", head)[1].split(":")  # type: ignore[index]
+    names = [(name, int(count)) for name, _, count in zip(columns[::3], columns[1::3], columns[2::3], strict=True)]
+    rows = []
+    for name, count in names:
+        said, unit = SAMPLE.get(name, (FIELDS.get(name), FIELD_UNITS.get(name, "")))
+        rows.append(
+            [
+                f"`{name}`",
+                unit,
+                f"{count} for each ball" if count > 1 else "one for each ball",
+                said or meaning(FIELDS, name),
+            ]
+        )
+    for name in re.findall(r" (\w+)=(?!\")", head):
+        if name not in ("Lattice", "Properties", "pbc"):
+            rows.append([f"`{name}`", FIELD_UNITS.get(name, ""), "of the sample", meaning(FIELDS, name)])
+    return table(("array or number", "unit", "how many", "what it is"), rows)
+
+
+def fit_fields(results: Results) -> str:
+    """Fields of fit.yaml, then the columns of fit.csv that are not among them."""
+    data = results.yaml("fit", "fit.yaml")
+    return table(HEADS, (results.row(name, value, data["units"], FITTED) for name, value in data.items()))
+
+
+def fit_columns(results: Results) -> str:
+    """Columns of fit.csv."""
+    with (results.folder / "fit" / "fit.csv").open(encoding="utf-8") as stream:
+        heads = [head.rstrip(")").split(" (") for head in next(csv.reader(stream))]
+    return table(("column", "unit", "what it is"), ([f"`{n}`", unit, meaning(FIELDS, n)] for n, unit in heads))
+
+
+def tradeoff_columns(results: Results) -> str:
+    """Columns of tradeoff.csv."""
+    empty = TradeOff((), "force", (), {}, {}, 1, 0.0, 0.0)
+    rows = []
+    for head in next(csv.reader(StringIO(empty.csv()))):
+        name, _, unit = head.rstrip(")").partition(" (")
+        rows.append([f"`{name}`", unit or results.variables.get(name, ("", ""))[1], meaning(MEASURED, name)])
+    return table(("column", "unit", "what it is"), rows)
+
+
+# -- the pages ------------------------------------------------------------------------------------------------------
+
+
+def regions() -> dict[str, str]:
+    """What stands between the marks, by their names."""
+    plain = (
+        result_units,
+        scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
+    )  # fmt: skip
+    read = (
+        summary, sweep_fields, sweep_attributes, band_fields, phonopy_fields, dos_fields, sample_fields, fit_fields,
+        fit_columns,
+        tradeoff_columns,
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        results = Results(Path(folder))
+        return {one.__name__: one() for one in plain} | {one.__name__: one(results) for one in read}
+
+
+def marks(text: str) -> list[str]:
+    """Names of the regions of a page."""
+    return [m[2] for m in _REGION.finditer(text)]
+
+
+def filled(text: str, found: Mapping[str, str]) -> str:
+    """A page with its regions made anew."""
+    return _REGION.sub(lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}", text)
+
+
+if __name__ == "__main__":
+    made = regions()
+    for page in PAGES:
+        before = page.read_text(encoding="utf-8")
+        after = filled(before, made)
+        if after != before:
+            page.write_text(after, encoding="utf-8")
+            print(f"wrote {page}", file=sys.stderr)

@@ -1,0 +1,310 @@
+"""What the media are worth: the table that ``medium: auto`` chooses by, and whether it keeps what it promises.
+
+    python tests/benchmarks/accuracy.py [--write] [--held-back] [--side N] [--samples N]
+
+Without an option it does both: measures the errors again over the distributions and loads of the table (``--write``
+writes ``granphon/data/accuracy.json``), then, on other distributions, loads and Poisson ratios, counts how often the error
+of what ``auto`` takes is within the one it expects (``--held-back`` does this alone). Everything is relative, and in reduced
+units: one diameter, width and modulus stand for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import itertools
+import json
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import granphon as gp
+from granphon.accuracy import coefficients_of_form
+from granphon.diameters import Spread
+from granphon.ensemble import observed
+from granphon.observables import bulk_and_shear
+from granphon.samples import Sample
+from granphon.simulation import SimulatedState
+
+Array = NDArray[np.float64]
+DIAMETER, WIDTH = 8e-3, 2e-6
+DATA = Path(gp.__file__).parent / "data" / "accuracy.json"
+#: media with the names of scenes, the cheapest first; a simulation is last
+MEDIA = {"ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium}
+#: loads of the table, f* and a*
+FORCES = (3e-3, 6e-3, 0.012, 0.025, 0.05, 0.1, 0.17, 0.3, 0.5, 0.8, 1.3, 2.0, 4.0, 10.0, 30.0)
+SPACINGS = (0.42, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+#: Poisson ratios that have the Mindlin ratios of the table, after zero: without friction
+POISSON_RATIOS = (0.5, 0.3, 0.0, -0.999999999)
+#: of distributions: two of their own, and whatever else
+FAMILIES = ("uniform", "normal", "any")
+#: part by which the table is above what was measured: loads, ratios and distributions between those of the table
+MARGIN = 1.15
+#: stands for the error of a medium that has no answer
+FAILED = 10.0
+
+
+def listed(x: Sequence[float], fractions: Sequence[float] | None = None) -> Spread:
+    """A list of deviations in arbitrary units, of mean zero and the width of all."""
+    shares = np.full(len(x), 1.0 / len(x)) if fractions is None else np.array(fractions)
+    off = np.array(x, float) - np.sum(shares * np.array(x))
+    off *= WIDTH / np.sqrt(12.0 * np.sum(shares * off**2))
+    return gp.Discrete(tuple((DIAMETER + off).tolist()), tuple(shares.tolist()))
+
+
+def quantiles(count: int) -> Array:
+    return (np.arange(count) + 0.5) / count
+
+
+def normal(cutoff: float) -> Spread:
+    return gp.Normal(WIDTH / np.sqrt(12.0), cutoff)
+
+
+def shapes() -> dict[str, Spread]:
+    """Distributions of the table; the first word is the family that they stand for, beside that of "any"."""
+    return {
+        "uniform": gp.Uniform(WIDTH),
+        "normal, cut at 2": normal(2.0),
+        "normal, cut at 3": normal(3.0),
+        "normal, cut at 6": normal(6.0),
+        "two kinds, half and half": listed([0.0, 1.0]),
+        "two kinds, a fifth larger": listed([0.0, 1.0], [0.8, 0.2]),
+        "two kinds, a fifth smaller": listed([0.0, 1.0], [0.2, 0.8]),
+        "tail upwards": listed(-np.log(1.0 - quantiles(12))),
+        "tail downwards": listed(np.log(1.0 - quantiles(12))),
+    }
+
+
+def other_shapes() -> dict[str, Spread]:
+    """Distributions that are held back."""
+    lot = np.random.default_rng(5).lognormal(0.0, 0.3, 40)
+    return {
+        "uniform": gp.Uniform(WIDTH),
+        "normal, cut at 2.5": normal(2.5),
+        "normal, cut at 4": normal(4.0),
+        "three kinds": listed([-1.0, 0.0, 1.0], [0.3, 0.4, 0.3]),
+        "two kinds, 30 % larger": listed([0.0, 1.0], [0.7, 0.3]),
+        "two kinds, 35 % smaller": listed([0.0, 1.0], [0.35, 0.65]),
+        "triangle": listed(np.concatenate([np.sqrt(quantiles(8)) - 1.0, 1.0 - np.sqrt(quantiles(8))])),
+        "a lot of 40 balls, lognormal": listed(lot),
+    }
+
+
+def packing(spread: Spread, poisson_ratio: float | None) -> gp.Packing:
+    """The balls; without friction for None."""
+    material = gp.Material(70e9, 0.25 if poisson_ratio is None else poisson_ratio, 2500.0)
+    diameter = DIAMETER if spread.mean is None else spread.mean
+    return gp.Packing(material, diameter, spread=spread, friction=poisson_ratio is not None)
+
+
+def unit(balls: gp.Packing) -> float:
+    """Of f*, N."""
+    return float(balls.law.coefficient * balls.width**1.5)
+
+
+class Truth:
+    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given force and overlap."""
+
+    def __init__(self, spread: Spread, forces: Sequence[float], shape: tuple[int, int], seed: int, samples: int) -> None:
+        self.spread, self.forces = spread, np.array(forces)
+        still = packing(spread, None)
+        self.simulation = gp.DirectSimulation(still, shape, seed, samples)
+        self.state = self.simulation.at_force(self.forces * unit(still))
+
+    @property
+    def spacings(self) -> Array:
+        """a*."""
+        return np.asarray(self.state.reduced_spacing)
+
+    def of(self, poisson_ratio: float | None) -> tuple[dict[str, tuple[Array, Array]], Array]:
+        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads, 3); and mean values."""
+        balls = packing(self.spread, poisson_ratio)
+        # the statics are the same in reduced units, whatever the friction
+        taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in self.state.samples)
+        simulation = gp.DirectSimulation(balls, self.simulation.shape, self.simulation.seed, self.simulation.samples)
+        state = SimulatedState.of(simulation, taken, self.forces.shape, False, force=self.forces * unit(balls))
+        moduli = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
+        slopes = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.slope))
+        k, slope, overlap = (
+            state.over_samples(lambda sample, name=name: getattr(sample, name))
+            for name in ("normal_stiffness", "stiffness_slope", "overlap")
+        )
+        squares, rises = (
+            np.stack([np.sum(m, axis=-1), m[..., 1], one], axis=-1) for m, one in ((moduli, k), (slopes, slope))
+        )
+        moved = squares + rises * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
+        chance = {
+            kind: 0.5 * np.std(values, axis=1, ddof=1) / np.mean(values, axis=1)
+            for kind, values in (("force", squares), ("overlap", moved))
+        }
+        count = np.sqrt(state.n_samples)
+        self.overlap = np.asarray(state.overlap)
+        return {kind: (c, c / count) for kind, c in chance.items()}, observed(state)
+
+
+def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
+    return truth.forces * unit(balls) if kind == "force" else truth.overlap
+
+
+def errors_of(
+    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium, kind: str, loads: Array, right: Array
+) -> Array:
+    """(n_loads, 3) relative; :data:`FAILED` where the medium knows no such load."""
+    out = np.full(right.shape, FAILED)
+    for index, load in enumerate(loads.tolist()):
+        with contextlib.suppress(gp.GranphonError):
+            out[index] = np.abs(observed(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
+    return out
+
+
+def measured(
+    spread: Spread, forces: Sequence[float], shape: tuple[int, int], samples: int
+) -> Iterator[tuple[int, str, str, Array, Array]]:
+    """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times root of balls) there."""
+    truth = Truth(spread, forces, shape, 10_000, samples)
+    for place, ratio in enumerate((None, *POISSON_RATIOS)):
+        balls = packing(spread, ratio)
+        chances, right = truth.of(ratio)
+        for kind, (chance, error) in chances.items():
+            loads = truth.forces if kind == "force" else truth.spacings
+            for name, medium in MEDIA.items():
+                found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right)
+                yield place, kind, name, loads, np.max(found + 2.0 * error, axis=1)
+            # a standard deviation of n samples is uncertain by 1/sqrt(2 n)
+            known = 1.0 + 1.0 / np.sqrt(2.0 * samples)
+            yield place, kind, "simulation", loads, known * np.max(chance, axis=1) * np.sqrt(shape[0] * shape[1])
+
+
+def table(shape: tuple[int, int], samples: int) -> dict[str, Any]:
+    """The data: errors by kind of load, medium, eta and load."""
+    places = {"force": np.array(FORCES), "overlap": np.array(SPACINGS)}
+    rows, names = 1 + len(POISSON_RATIOS), (*MEDIA, "simulation")
+    worst = {
+        family: {kind: {name: np.zeros((rows, at.size)) for name in names} for kind, at in places.items()}
+        for family in FAMILIES
+    }
+    for label, spread in shapes().items():
+        for row, kind, name, loads, errors in measured(spread, FORCES, shape, samples):
+            here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
+            for family in {label.partition(",")[0], "any"} & set(FAMILIES):
+                kept = worst[family][kind][name]
+                kept[row] = np.maximum(kept[row], here)
+        print(f"{label}: done", file=sys.stderr, flush=True)
+    forms = np.abs([coefficients_of_form(spread.shape) for spread in shapes().values()]).max(axis=0)
+    return {
+        "schema": 1,
+        "made_by": "tests/benchmarks/accuracy.py",
+        "balls": [*shape, samples],
+        "distributions": list(shapes()),
+        "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
+        "mindlin_ratios": [packing(gp.Uniform(WIDTH), ratio).mindlin_ratio for ratio in (None, *POISSON_RATIOS)],
+        "loads": {kind: at.tolist() for kind, at in places.items()},
+        "errors": {
+            family: {kind: {name: falling(values) for name, values in media.items()} for kind, media in kinds.items()}
+            for family, kinds in worst.items()
+        },
+    }
+
+
+def falling(errors: Array) -> list[list[float]]:
+    """With the margin, at each load no less than at any higher one, and to three digits."""
+    most = np.maximum.accumulate(MARGIN * errors[:, ::-1], axis=1)[:, ::-1]
+    return [[float(f"{x:.3g}") for x in row] for row in most.tolist()]
+
+
+def text(data: Mapping[str, Any]) -> str:
+    """JSON with a row of numbers in a line."""
+    out = json.dumps(data, indent=1)
+    return re.sub(r"\[\s+([-0-9.e+,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", out) + "\n"
+
+
+# -- held back ------------------------------------------------------------------------------------------------------------
+
+TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
+#: the largest side of a simulation that is tried: its truth has many times more balls
+LARGEST = 32
+
+
+class Trial(NamedTuple):
+    """What ``auto`` chose in one case, what it promised, what came out; ``medium`` "" if there was none, or too large."""
+
+    distribution: str
+    force: float
+    mindlin_ratio: float
+    kind: str
+    tolerance: float
+    medium: str
+    promised: float = 0.0
+    realised: float = 0.0
+
+    @property
+    def kept(self) -> bool:
+        return self.realised <= self.promised
+
+
+def trials(
+    seed: int, shape: tuple[int, int], samples: int, loads: int = 8, ratios: int = 3, spreads: Sequence[str] | None = None
+) -> Iterator[Trial]:
+    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each distribution that was held back."""
+    draw = np.random.default_rng(seed)
+    for label, spread in other_shapes().items():
+        if spreads is not None and label not in spreads:
+            continue
+        truth = Truth(spread, np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist(), shape, 20_000, samples)
+        for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
+            balls = packing(spread, ratio)
+            _, right = truth.of(ratio)
+            for kind in ("force", "overlap"):
+                given = load_of(kind, truth, balls)
+                for index, tolerance in itertools.product(range(loads), TOLERANCES):
+                    case = label, float(truth.forces[index]), balls.mindlin_ratio, kind, tolerance
+                    try:
+                        (rung,) = gp.AutoMedium(balls, tolerance).rungs(kind, given[index])
+                    except gp.GranphonError:
+                        yield Trial(*case, "")
+                        continue
+                    medium = rung.medium.of(balls)
+                    if isinstance(medium, gp.DirectSimulation) and medium.shape[0] > LARGEST:
+                        yield Trial(*case, "")
+                        continue
+                    found = observed(getattr(medium, f"at_{kind}")(float(given[index])))
+                    error = float(np.max(np.abs(found / right[index] - 1.0)))
+                    yield Trial(*case, rung.medium.name, float(rung.errors[0]), error)
+
+
+def held_back(shape: tuple[int, int], samples: int) -> None:
+    """Print how often the promise was kept."""
+    found = [one for one in trials(1, shape, samples) if one.medium]
+    print("| chosen | cases | error within the expected one | median of error over expected |\n|---|---|---|---|")
+    for medium in (*MEDIA, "simulation", None):
+        some = [one for one in found if medium in (None, one.medium)]
+        if some:
+            kept, ratio = np.mean([one.kept for one in some]), np.median([one.realised / one.promised for one in some])
+            print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="What the media are worth")
+    parser.add_argument("--write", action="store_true", help="write the table into the package")
+    parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
+    parser.add_argument("--side", type=int, default=48, help="balls along a side of a sample")
+    parser.add_argument("--samples", type=int, default=6)
+    options = parser.parse_args(argv)
+    shape = options.side, options.side
+    if not options.held_back:
+        written = text(table(shape, options.samples))
+        if options.write:
+            DATA.write_text(written, encoding="utf-8")
+        else:
+            print(written)
+    held_back(shape, options.samples)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,125 @@
+"""docs/development.md, and what makes a release, kept true.
+
+``python tests/test_development.py`` prints what tests/lowest.txt must hold.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+from test_structure import ORDER, imports
+
+import granphon
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "development.md"
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+FLOORS = ("ground", "physics", "bridges", "studies", "face")
+
+
+def read(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+# -- the diagram ----------------------------------------------------------------------------------------------------
+
+
+def diagram() -> list[tuple[str, list[str]]]:
+    """Floors and their modules, from the first block of the page whose lines are ``floor | room | modules``."""
+    block = re.search(r"^```text\n(.*?)^```$", read("docs/development.md"), re.MULTILINE | re.DOTALL)
+    assert block is not None
+    floors: list[tuple[str, list[str]]] = []
+    for line in block[1].splitlines():
+        if line.count("|") == 2:
+            floor, _, modules = (cell.strip() for cell in line.split("|"))
+            if floor:
+                floors.append((floor, []))
+            floors[-1][1].extend(modules.split())
+    return floors
+
+
+def test_the_floors_of_the_diagram_are_those_of_the_design():
+    assert tuple(floor for floor, _ in diagram()) == FLOORS
+
+
+def test_the_diagram_has_the_modules_of_the_import_order():
+    drawn = [module for _, modules in diagram() for module in modules]
+    missing = [f"{module} after {before}" for before, module in itertools.pairwise(["", *ORDER]) if module not in drawn]
+    assert not missing, f"add to the diagram of docs/development.md: {', '.join(missing)}"
+    gone = [module for module in drawn if module not in ORDER]
+    assert not gone, f"in docs/development.md, and not in ORDER of tests/test_structure.py: {', '.join(gone)}"
+    first = next((pair for pair in zip(drawn, ORDER, strict=True) if pair[0] != pair[1]), None)
+    assert first is None, f"docs/development.md has {first[0]} where ORDER of tests/test_structure.py has {first[1]}"
+
+
+def test_no_import_goes_to_a_later_floor():
+    floor = {module: n for n, (_, modules) in enumerate(diagram()) for module in modules}
+    for module in floor:
+        for name in imports(module):
+            other = name.removeprefix("granphon.").partition(".")[0]
+            if name.startswith("granphon.") and other in floor:
+                assert floor[other] <= floor[module], f"{module} imports {other}, of the floor {FLOORS[floor[other]]}"
+
+
+@pytest.mark.parametrize("page", ["docs/development.md", "CONTRIBUTING.md"])
+def test_every_file_that_is_named_exists(page):
+    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]*|[\w-]+\.(?:toml|md|cff))`", read(page))
+    assert named
+    for name in named:
+        assert (ROOT / name).exists(), f"{page} names {name}"
+
+
+# -- versions -------------------------------------------------------------------------------------------------------
+
+
+def lowest() -> str:
+    """The text of tests/lowest.txt: the least version of everything that is needed at run time and in the tests."""
+    lines = ["# The least versions that pyproject.toml allows: python tests/test_development.py > tests/lowest.txt"]
+    for requirement in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"]):
+        found = re.fullmatch(r"([\w.-]+)>=([\w.]+)", requirement)
+        assert found, f"{requirement!r} is not of the form name>=version"
+        lines.append(f"{found[1]}=={found[2]}")
+    return "\n".join(lines) + "\n"
+
+
+def test_the_lowest_versions_are_those_of_the_project():
+    assert read("tests/lowest.txt") == lowest(), "run: python tests/test_development.py > tests/lowest.txt"
+
+
+def test_the_versions_of_a_release_agree():
+    cited = YAML(typ="safe").load(read("CITATION.cff"))
+    latest = re.search(r"^## (\S+) \((.+)\)$", read("CHANGELOG.md"), re.MULTILINE)
+    assert latest is not None
+    assert granphon.__version__ == version("granphon") == cited["version"] == latest[1]
+    dated = "unreleased" if "date-released" not in cited else str(cited["date-released"])
+    assert latest[2] == dated, "CHANGELOG.md and CITATION.cff give different dates"
+    assert re.fullmatch(r"unreleased|\d{4}-\d\d-\d\d", dated)
+
+
+# -- what is run before a change ------------------------------------------------------------------------------------
+
+
+def test_the_hooks_run_what_the_extra_installs_and_all_that_a_change_must_pass():
+    (repository,) = YAML(typ="safe").load(read(".pre-commit-config.yaml"))["repos"]
+    assert repository["repo"] == "local"
+    hooks = {hook["id"]: hook for hook in repository["hooks"]}
+    assert all(hook["language"] == "system" for hook in hooks.values()), "a hook that fetches its own versions"
+    entries = [hook["entry"] for hook in hooks.values()]
+    before = re.search(r"^## Before you send a change\n(.*?)^## ", read("CONTRIBUTING.md"), re.MULTILINE | re.DOTALL)
+    assert before is not None
+    for command in ("ruff check", "ruff format", "mypy"):
+        assert any(entry.startswith(command) for entry in entries), command
+        assert re.search(rf"^{command}\b", before[1], re.MULTILINE), command
+    lint = " ".join(PROJECT["optional-dependencies"]["lint"])
+    assert all(f"{package}>=" in lint for package in ("ruff", "mypy", "pre-commit", "pre-commit-hooks"))
+
+
+if __name__ == "__main__":
+    print(lowest(), end="")
