@@ -342,22 +342,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if format not in ("dense", "csr"):
             raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
         lattice = self.contact_lattice(atoms)
-        table, n = lattice.contacts, len(atoms)
-        rows, weights = [table.normal], [lattice.stiffness]
-        turn_i, turn_j = [np.zeros(len(table))], [np.zeros(len(table))]
-        if lattice.rotates:
-            rows, weights = [*rows, table.tangent], [*weights, lattice.mindlin_ratio * lattice.stiffness]
-            turn_i.append(-table.arm_i / lattice.gyration[table.i])
-            turn_j.append(-table.arm_j / lattice.gyration[table.j])
-        if lattice.is_prestressed:
-            rows, weights = [*rows, table.tangent], [*weights, -lattice.prestress]
-            turn_i.append(np.zeros(len(table)))
-            turn_j.append(np.zeros(len(table)))
-        # each row of C has six entries: (x, y, w) of i and of j
-        entries = np.stack(
-            [np.column_stack([-axis, left, axis, right]) for axis, left, right in zip(rows, turn_i, turn_j, strict=True)]
-        )
-        blocks = np.einsum("rc,rca,rcb->cab", np.stack(weights), entries, entries)
+        table, n, blocks = lattice.contacts, len(atoms), contact_blocks(lattice)
         ends = np.stack([table.i, table.j], axis=1)
         index = (3 * ends[:, :, None] + np.arange(3)).reshape(len(table), 6)
         first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
@@ -371,6 +356,26 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         dense = np.zeros((3 * n, 3 * n))
         np.add.at(dense, (first, second), blocks.ravel())
         return dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
+
+
+def contact_blocks(lattice: ContactLattice) -> Array:
+    """(n_c, 6, 6) force constants of each contact alone, in (x, y, w) of ball i and then of ball j; units of k."""
+    table = lattice.contacts
+    rows, weights = [table.normal], [lattice.stiffness]
+    turn_i, turn_j = [np.zeros(len(table))], [np.zeros(len(table))]
+    if lattice.rotates:
+        rows, weights = [*rows, table.tangent], [*weights, lattice.mindlin_ratio * lattice.stiffness]
+        turn_i.append(-table.arm_i / lattice.gyration[table.i])
+        turn_j.append(-table.arm_j / lattice.gyration[table.j])
+    if lattice.is_prestressed:
+        rows, weights = [*rows, table.tangent], [*weights, -lattice.prestress]
+        turn_i.append(np.zeros(len(table)))
+        turn_j.append(np.zeros(len(table)))
+    # each row of C has six entries
+    entries = np.stack(
+        [np.column_stack([-axis, left, axis, right]) for axis, left, right in zip(rows, turn_i, turn_j, strict=True)]
+    )
+    return np.asarray(np.einsum("rc,rca,rcb->cab", np.stack(weights), entries, entries))
 
 
 class _Deformations:

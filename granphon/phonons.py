@@ -17,14 +17,14 @@ from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumu
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
-from granphon.calculator import HertzMindlin
+from granphon.calculator import HertzMindlin, contact_blocks
 from granphon.calculator import atoms as lattice_atoms
 from granphon.contact import positive
 from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import BALL, contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.medium import ContactState
-from granphon.observables import validity
+from granphon.observables import contact_lattice, validity
 from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
 from granphon.units import Units
 
@@ -74,7 +74,10 @@ class Phonons:
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
-        self.lattice: ContactLattice = self.calculator.contact_lattice(self.atoms)
+        # one cell of the lattice has the contacts of the state: they need not be looked for
+        self.lattice: ContactLattice = (
+            contact_lattice(state, finite_overlap) if atoms is None else self.calculator.contact_lattice(self.atoms)
+        )
         if not self.lattice.area > 0.0:
             raise InputError(
                 message("the Atoms have no cell", "Wave vectors are fractions of one", "Give them one of any size")
@@ -83,8 +86,6 @@ class Phonons:
             raise InputError(
                 message("no two of these balls touch", "They fly, or are turned against the lattice of the state")
             )
-        if atoms is None:
-            self.lattice.require_rigid(state.packing.structure.name)
         self.dim = self._dim(dim)
         self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
 
@@ -141,18 +142,21 @@ class Phonons:
         )
 
     def _force_constants(self, bridge: Phonopy) -> Array:
-        """(n, n_supercell, 3, 3): the calculator's, of the supercell in phonopy's order."""
-        n, dim = len(self.atoms), np.array([*self.dim, 1])
-        matrix: Any = self.calculator.get_force_constants(self.atoms.repeat(tuple(dim)), format="csr")
-        # ASE repeats cell by cell, phonopy atom by atom: tell balls by their number in the cell and the cell they are in
+        """(n, n_supercell, 3, 3): those of the calculator, of the cell's balls with all of phonopy's supercell."""
+        table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
+        dim = np.array(self.dim)
+        # where phonopy has a ball of the cell and its images
         cells, unit = bridge.supercell, bridge.unitcell
         ball = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int) % dim
-        order = np.ravel_multi_index(tuple(place.T), tuple(dim)) * n + ball
-        index = (3 * order[:, None] + np.arange(3)).ravel()
-        first = (3 * np.asarray(bridge.primitive.p2s_map)[:, None] + np.arange(3)).ravel()
-        compact = matrix[index[first]][:, index].toarray().reshape(n, 3, len(order), 3)
-        return np.ascontiguousarray(compact.transpose(0, 2, 1, 3))
+        place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int)[:, :2] % dim
+        where = np.empty((len(self.atoms), *dim), int)
+        where[ball, place[:, 0], place[:, 1]] = np.arange(len(ball))
+        constants = np.zeros((len(self.atoms), len(ball), 3, 3))
+        home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
+        i, j = (table.i, slice(0, 3)), (table.j, slice(3, 6))
+        for (one, row), (other, column), cell in ((i, i, home), (j, j, home), (i, j, away), (j, i, back)):
+            np.add.at(constants, (one, where[other, cell[:, 0], cell[:, 1]]), blocks[:, row, column])
+        return constants
 
     def _eigen(self, qpoints: Array, vectors: bool = False) -> tuple[Array, NDArray[Any] | None]:
         """Reduced frequencies, and eigenvectors if wanted, of phonopy's dynamical matrices."""

@@ -36,7 +36,7 @@ import pytest
 from pydantic import BaseModel
 
 import granphon as gp
-from granphon import ladder, observables, schema, simulation
+from granphon import ladder, measurements, observables, schema, simulation
 from granphon.cli import main
 
 ROOT = Path(__file__).parent.parent
@@ -369,6 +369,12 @@ def test_every_command_and_every_option_is_listed(capsys):
         main([name, "--help"])
         options = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", capsys.readouterr().out)) - {"--help", "-h"}
         assert options <= set(re.findall(r"-[\w-]+", section)), name
+
+
+def test_every_column_of_measurements_is_in_the_page_on_fits():
+    page = (DOCS / "how-to" / "velocities.md").read_text(encoding="utf-8")
+    listed = [name for row in rows(page, "column", "what it is") for name in re.findall(r"`(\w+) \(", row[0])]
+    assert sorted(listed) == sorted(measurements.COLUMNS)
 
 
 def test_every_quantity_of_a_result_is_in_the_page_of_files():

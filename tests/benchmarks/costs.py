@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 WATCHED = {
     ("granphon.collocation", "solved"): "effective medium",
     ("granphon.local_field", "_local_field"): "local field",
-    ("granphon.calculator", "HertzMindlin.get_force_constants"): "force constants",
+    ("granphon.calculator", "contact_blocks"): "force constants",
     ("granphon.bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
     ("granphon.lattice", "ContactLattice.modes"): "modes",
