@@ -11,7 +11,7 @@ from sphinx_gallery.scrapers import figure_rst
 
 _ORDER = (
     "steel_bands", "friction", "dos", "modes_K_M", "rolling_wave", "iso_frequency", "pulse_dispersion", "poisson_ratio",
-    "pressure_sweep", "ladder", "force_chains", "conjecture", "fit_width",
+    "pressure_sweep", "ladder", "work_precision", "force_chains", "conjecture", "fit_width",
 )  # fmt: skip
 _shown: WeakSet[Any] = WeakSet()
 

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
-from ase.neighborlist import neighbor_list
 from numpy.typing import NDArray
 
 from granphon.compatibility import GYRATION
@@ -230,6 +229,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         largest = 1.0 + float(np.max(deviations, initial=0.0)) + _CATCH
         flat = balls.copy()
         flat.positions[:, 2] = 0.0
+        # brings much of scipy along, and the cells of the lattice itself do not need it
+        from ase.neighborlist import neighbor_list
+
         i, j, vector, shift = neighbor_list("ijDS", flat, largest)
         once = (i < j) | ((i == j) & ((shift[:, 0] > 0) | ((shift[:, 0] == 0) & (shift[:, 1] > 0))))
         return i[once], j[once], shift[once][:, :2], vector[once][:, :2]

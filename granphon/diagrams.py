@@ -64,7 +64,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, handlelength=1.4, columnspacing=1.0, borderaxespad=0.0
     )
     missing = {method: sum(bool(p.failure) for p in points if p.method == method) for method in methods}
-    told = [f"{method} {count}" for method, count in missing.items() if count]
+    told = [f"{count} of {method}" for method, count in missing.items() if count]
     if told:
         ax.set_title(ax.get_title(), pad=13.0)
         ax.annotate(

@@ -193,16 +193,17 @@ def _reciprocal(bands: Bands) -> Array:
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
     """Corners (n, 2) of the Brillouin zone, the Wigner-Seitz cell of the rows of ``reciprocal`` (2, 2), anticlockwise."""
-    # here: a figure without a zone needs neither
+    # here: a figure without a zone does not need it
     from ase.geometry.minkowski_reduction import minkowski_reduce
-    from scipy.spatial import HalfspaceIntersection
 
     cell = np.eye(3)
     cell[:2, :2] = reciprocal
-    # of the shortest vectors no more than eight sums can be neighbours
-    short = minkowski_reduce(cell, pbc=[True, True, False])[0][:2, :2]
-    g = np.array([step for step in np.ndindex(3, 3) if step != (1, 1)]) @ short - short.sum(axis=0)
-    found = HalfspaceIntersection(np.column_stack([g, -0.5 * np.sum(g**2, axis=1)]), np.zeros(2)).intersections
+    a, b = short = minkowski_reduce(cell, pbc=[True, True, False])[0][:2, :2]
+    b = -b if a @ b > 0.0 else b
+    # the neighbours of the origin in turn, at blunt angles or none; a corner is as far from two of them as from it
+    g = np.array([a, a + b, b, -a, -a - b, -b])
+    both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
+    found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
     found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
     apart = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1) > 1e-6 * np.linalg.norm(short)
     return np.asarray(found[apart])
