@@ -32,6 +32,5 @@ assert np.allclose(quarter, 0.195, atol=1e-3)
 assert np.allclose(exponent[0, -1], 1 / 6, rtol=1e-4)
 
 figure = sweep_figure(sweep)
-plt.setp(figure.axes[1].texts, fontsize=7.5)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

@@ -40,6 +40,8 @@ Array = NDArray[np.float64]
 #: told apart by every eye, and in grey
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _GREY = "0.6"
+#: letters of a label of which no two stand side by side in a column
+_LONG_LABEL = 24
 _NAMES = {
     "force": "Contact force", "pressure": "Pressure", "overlap": "Overlap", "longitudinal": "Longitudinal velocity",
     "transverse": "Transverse velocity", "exponent": "d log v / d log P", "reduced_force": "Force f*",
@@ -62,13 +64,15 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     legend : whether to draw it, with no more than eight combinations in it.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
-    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide.
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. Where a simulation
+    has several samples, points with bars are its means with their standard errors.
 
     Raises
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
     across, along, lines = _values(dataset, variable), _values(dataset, x), _lines(dataset)
+    error = dataset.get(f"{variable}_error")
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
@@ -79,6 +83,10 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         thin = style | {"linewidth": 0.7, "dashes": (3.0, 1.5), "markerfacecolor": "white"}
         ax.plot(horizontal, vertical, **thin, gid=f"{variable}-all")
         ax.plot(horizontal, np.where(inside, vertical, np.nan), linewidth=width, **style, gid=f"{variable}-valid")
+        sampled = None if error is None else np.asarray(error.isel(index, missing_dims="ignore"))[order]
+        if sampled is not None and np.any(sampled > 0.0):
+            bars = {"fmt": "o", "markersize": 2.5, "elinewidth": 0.8, "capsize": 1.5, "color": colour}
+            ax.errorbar(horizontal, vertical, sampled, **bars, gid=f"{variable}-errors")
     for which, values, name in (("x", along, x), ("y", across, variable)):
         _scale(ax, which, np.asarray(values))
         ax.set(**{f"{which}label": _label(dataset, name)})
@@ -196,7 +204,7 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
         ax.axhline(value, color=_GREY, linewidth=0.6, zorder=0.5)
         ax.annotate(
             name, (0.0, value), xycoords=ax.get_yaxis_transform(), xytext=(2, 1), textcoords="offset points", va="bottom",
-            color="0.4", fontsize="small", path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
+            color="0.4", fontsize=7.0, path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
         )  # fmt: skip
     ax.margins(y=0.1)
     return ax
@@ -224,7 +232,9 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
             ax.margins(x=0.08)
         handles, media = _legend(dataset), _labels(dataset, "medium")
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(2, len(handles)), title=title)
+        longest = max(len(str(handle.get_label())) for handle in handles)
+        columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title)
     return figure
 
 

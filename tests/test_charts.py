@@ -104,6 +104,28 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
     assert len(texts(charts.plot_sweep(many, Figure().subplots()).get_legend())) == 8
 
 
+def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):
+    data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
+    charts.plot_sweep(data, ax, "transverse")
+    (container,) = ax.containers  # none of the effective medium, which has no error
+    points, _, (bars,) = container.lines
+    there = data.isel(medium=1).sortby("force")
+    assert_array_equal(points.get_xydata(), np.stack([there.force, there.transverse], axis=1))
+    ends = np.array(bars.get_segments())[..., 1]
+    assert_allclose(np.diff(ends, axis=1)[:, 0], 2.0 * there.transverse_error, rtol=1e-9)
+    assert_allclose(np.mean(ends, axis=1), there.transverse, rtol=1e-12)
+
+
+def test_long_labels_stand_below_each_other():
+    data = sweep(PACKING, force=[2.0, 9.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
+    figure = charts.sweep_figure(data)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box, width = legend.get_window_extent(), figure.bbox.width
+    assert 0.0 <= box.x0
+    assert box.x1 <= width
+
+
 def test_an_axis_with_zeros_or_negative_values_is_linear(media, ax):
     charts.plot_sweep(media, ax, "force_fluctuation", "overlap")
     assert ax.get_yscale() == "linear"
