@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -25,6 +27,8 @@ _LOOKS = (
     ("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"), ("#E69F00", "v"), ("#000000", "P"),
 )  # fmt: skip
 _SIZE = 4.0
+#: of a line above the axes
+_LETTERS = 54
 #: columns of a figure of several studies
 _COLUMNS = 2
 
@@ -60,22 +64,18 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     _draw_floor(points, ax)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_minor_formatter(NullFormatter())
-    ax.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, handlelength=1.4, columnspacing=1.0, borderaxespad=0.0
-    )
+    if ax.has_data():
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "borderaxespad": 0.0}
+        ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
+    else:
+        ax.annotate("nothing was run", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
+        ax.set(xticks=[], yticks=[])
     missing = {method: sum(bool(p.failure) for p in points if p.method == method) for method in methods}
-    told = [f"{count} of {method}" for method, count in missing.items() if count]
+    told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if told:
-        ax.set_title(ax.get_title(), pad=13.0)
-        ax.annotate(
-            "not run: " + ", ".join(told),
-            (0.5, 1.0),
-            (0.0, 3.0),
-            "axes fraction",
-            "offset points",
-            ha="center",
-            fontsize=7.0,
-        )
+        lines = textwrap.wrap(f"not run: {told}", _LETTERS)
+        ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
+        ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
     return ax
 
 
