@@ -68,7 +68,7 @@ class Accuracy:
     def reduced(self, packing: Packing, kind: str, loads: ArrayLike) -> Array:
         """f*, or a* of loads given as overlaps."""
         values = np.asarray(loads, float)
-        with np.errstate(over="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             if kind == "overlap":
                 return np.asarray(values / packing.width + 0.5)
             if kind == "pressure":
@@ -91,10 +91,10 @@ class Accuracy:
         at, known = np.array(self.data["loads"][table]), self.data["errors"][_family(packing)][table][medium]
         rows = np.array(known)[self._rows(packing.mindlin_ratio)].max(axis=0)
         place = np.maximum(self.reduced(packing, kind, values), 0.0)
-        with np.errstate(divide="ignore"):
+        with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
-        squared = place ** (2.0 / 3.0) / at[-1] ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
-        found = np.where(place > at[-1], rows[-1] / np.maximum(squared, 1.0) ** 2, found)
+            times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
+            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** 2, found)
         if medium == "simulation":
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))

@@ -8,6 +8,7 @@ linear response with rotations. No stencil, no Fourier transform, no conjugate g
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -96,15 +97,17 @@ class SparseArray:
 
     # -- at rest ----------------------------------------------------------------------------------------------------
 
-    def forces(self, overlap: float, tolerance: float = TOLERANCE) -> Array:
+    def forces(self, overlap: float, tolerance: float = TOLERANCE, check: Callable[[], object] | None = None) -> Array:
         """(3, L1, L2) contact forces at rest at the common overlap y, c W^(3/2).
 
         ``tolerance``: largest force left on a ball, over the mean contact force or the rms difference of contact forces, if
-        that is less; no smaller than 1e-14 of the mean. Raises :class:`~granphon.errors.ConvergenceError` if that is not
-        reached, or too few balls touch to carry a load.
+        that is less; no smaller than 1e-14 of the mean. ``check`` is called before each step, if given. Raises
+        :class:`~granphon.errors.ConvergenceError` if that is not reached, or too few balls touch to carry a load.
         """
         h = overlap + self._means
         for _ in range(_NEWTON):
+            if check is not None:
+                check()
             closed = np.maximum(h, 0.0)
             root = np.sqrt(closed)
             forces = closed * root

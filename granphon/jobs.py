@@ -80,7 +80,7 @@ class Job:
     @cached_property
     def name(self) -> str:
         """Of its file: the medium, and a digest of everything that determines the numbers."""
-        data = {**plain(self), "where": "", "schema": SCHEMA, "versions": packages()}
+        data = {**plain(self), "where": "", "places": "", "schema": SCHEMA, "versions": packages()}
         return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @cached_property

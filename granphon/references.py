@@ -9,6 +9,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -25,6 +27,8 @@ __all__ = ["balance", "curve_by_integration", "integrated_dos", "local_field_by_
 Array = NDArray[np.float64]
 #: weights, F^Q, K^Q, and the derivative of K^Q by y or what y is a function of, each (n_Q,)
 Balls = tuple[Array, Array, Array, Array]
+#: called time and again in long work; what it raises ends it
+Check = Callable[[], object] | None
 
 # -- the local field ----------------------------------------------------------------------------------------------------
 
@@ -99,7 +103,12 @@ def balance(balls: Balls, k: float, xi: float, rise: float = 1.0) -> tuple[float
 
 
 def curve_by_integration(
-    shape: Shape, xi: float, force: ArrayLike, tolerance: float = 1e-13, method: Literal["LSODA", "Radau"] = "LSODA"
+    shape: Shape,
+    xi: float,
+    force: ArrayLike,
+    tolerance: float = 1e-13,
+    method: Literal["LSODA", "Radau"] = "LSODA",
+    check: Check = None,
 ) -> tuple[Array, Array]:
     """y and k of the effective medium at reduced forces f*, from k' = (k - dG/dy)/(dG/dk).
 
@@ -114,11 +123,13 @@ def curve_by_integration(
     force : (n,) f*, above zero, in any order.
     tolerance : relative, of a step.
     method : of :func:`scipy.integrate.solve_ivp`. Radau's is of fixed order: k to 4e-9 at 1e-8, to 1e-10 at 1e-10.
+    check : called time and again, if given; what it raises ends the work.
 
     Raises
     ------
     InputError : a force is not finite and above zero.
-    PrecisionError : the stiffness falls to zero above the least force, or the integrator fails.
+    PrecisionError : the stiffness falls to zero above the least force, the integrator fails, or loads are so high that
+        the differences of diameters are lost in rounding.
     """
     from scipy.integrate import solve_ivp
     from scipy.optimize import brentq
@@ -136,7 +147,11 @@ def curve_by_integration(
             return balance(_balls(shape, origin, root), k, xi, 2.0 * root)
 
         def slope(root: float, k: Array) -> list[float]:
+            if check is not None:
+                check()
             _, by_root, by_k = state(root, float(k[0]))
+            if not by_k:
+                raise PrecisionError(message("the differences of diameters are lost in rounding", mend="Lower the load"))
             return [(2.0 * root * float(k[0]) - by_root) / by_k]
 
         def excess(root: float, k: Array) -> float:
@@ -149,9 +164,11 @@ def curve_by_integration(
             event.terminal = True  # type: ignore[attr-defined]
         high = math.sqrt(end - origin)
         span = high, _NEAR * high if origin == first else 0.0
-        out: Any = solve_ivp(
-            slope, span, [k], method, events=(excess, positive), dense_output=True, rtol=tolerance, atol=0.0
-        )
+        with warnings.catch_warnings():  # of failures, which the result tells of too
+            warnings.simplefilter("ignore", UserWarning)
+            out: Any = solve_ivp(
+                slope, span, [k], method, events=(excess, positive), dense_output=True, rtol=tolerance, atol=0.0
+            )
         forces = np.array([state(root, one)[0] for root, one in zip(out.t, out.y[0], strict=True)])
         for place in np.flatnonzero(missing & (wanted >= forces[-1])):
             # the last step whose end is below the force
@@ -188,7 +205,7 @@ def _balls(shape: Shape, origin: float, root: float) -> Balls:
 
 # -- density of states --------------------------------------------------------------------------------------------------
 
-#: lines of a panel; lines that are worked on at a time
+#: lines of a panel; lines that are worked on at a time, of one ball that turns
 _ORDER, _LINES = 8, 2**13
 #: rounds in which panels are split, halvings to find a kink, and the panel too short to be split
 _ROUNDS, _HALVINGS, _SHORT = 12, 40, 1e-9
@@ -196,7 +213,7 @@ _ROUNDS, _HALVINGS, _SHORT = 12, 40, 1e-9
 _REAL = 1e-7
 
 
-def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512) -> Array:
+def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512, check: Check = None) -> Array:
     """Number of modes per ball below each frequency, exact in one direction of the wave vector.
 
     On a line of wave vectors along a reciprocal vector det(D(q) - omega^2) is a trigonometric polynomial. Between its roots
@@ -209,6 +226,7 @@ def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512)
     lattice : of few balls, prestressed or not; its branches are counted 2 or 3 for each ball.
     edges : (n,) angular frequencies, (k/M)^1/2.
     points : lines for each frequency, before panels are split at kinks.
+    check : called time and again, if given; what it raises ends the work.
 
     Returns
     -------
@@ -225,7 +243,7 @@ def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512)
         raise InputError(message("edges must be one row of finite frequencies"))
     if points < 1:
         raise InputError(message(f"points is {points!r}", "It must be one or more"))
-    lines, squared = _Lines(lattice), np.where(values > 0.0, values, 0.0) ** 2
+    lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
     gauss, weights = np.polynomial.legendre.leggauss(_ORDER)
     half = 0.5 * (gauss + 1.0)
     # the map s^2 (3 - 2s) makes square roots at either end smooth; q and -q are one
@@ -236,7 +254,7 @@ def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512)
     total = np.zeros(values.size)
     for left in reversed(range(_ROUNDS)):
         found = []
-        for part in np.array_split(panels, -(-len(panels) * _ORDER // _LINES)) if len(panels) else []:
+        for part in np.array_split(panels, -(-len(panels) * _ORDER // lines.most)) if len(panels) else []:
             edge, low, length = part[:, 0].astype(int), part[:, 1:2], part[:, 2:] - part[:, 1:2]
             q = low + length * places
             counts, kinds = (x.reshape(q.shape) for x in lines.count(q.ravel(), np.repeat(squared[edge], _ORDER)))
@@ -268,9 +286,11 @@ def _split(
 class _Lines:
     """Lines of wave vectors along the reciprocal vector in which the determinant has the lower degree."""
 
-    def __init__(self, lattice: ContactLattice) -> None:
+    def __init__(self, lattice: ContactLattice, check: Check = None) -> None:
         reach = np.max(np.abs(lattice.contacts.shift), axis=0)
-        self.lattice, self.axis = lattice, int(np.argmin(reach))
+        self.lattice, self.axis, self.check = lattice, int(np.argmin(reach)), check
+        # lines of matrices of which roots are found at a time
+        self.most = max(_ORDER, _LINES * 27 // lattice.n_branches**3)
         self.degree = max(1, int(reach[self.axis])) * lattice.n_branches
         # exp(i k theta) (1 + t^2)^m = (1 + it)^(m + k) (1 - it)^(m - k), t = tan(theta/2): its powers of t for k = -m ... m
         up, down = np.polynomial.Polynomial([1.0, 1.0j]), np.polynomial.Polynomial([1.0, -1.0j])
@@ -285,6 +305,8 @@ class _Lines:
 
     def count(self, across: Array, squared: Array) -> tuple[Array, NDArray[np.intp]]:
         """Modes below omega^2 (n,) on each line (n,), and a number that changes where they have a kink."""
+        if self.check is not None:
+            self.check()
         m, n = self.degree, len(across)
         ticks = np.arange(2 * m + 1) / (2 * m + 1)
         shifted = self.matrices(ticks, across[:, None]) - squared[:, None, None, None] * np.eye(self.lattice.n_branches)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, ClassVar, Self, get_args, get_type_hints
+from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -99,12 +99,16 @@ def plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, tuple):
         return [plain(v) for v in value]
+    if isinstance(value, Mapping):
+        return {name: plain(v) for name, v in value.items()}
     return value
 
 
 def restore(value: Any, hint: Any) -> Any:
-    """Build what ``hint`` says (a dataclass, perhaps in a union or a tuple; else arrays and scalars) from plain data."""
+    """Build what ``hint`` says from plain data: a dataclass, perhaps in a union, tuple or dict; else arrays and scalars."""
     if isinstance(value, Mapping):
+        if get_origin(hint) is dict:
+            return {name: restore(v, get_args(hint)[1]) for name, v in value.items()}
         if set(value) == {"real", "imag"}:
             return np.asarray(value["real"]) + 1j * np.asarray(value["imag"])
         for candidate in (hint, *get_args(hint)):

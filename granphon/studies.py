@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -34,7 +35,7 @@ from granphon.medium import AveragedForce, AveragedLattice, ContactState, Effect
 from granphon.observables import contact_lattice, local_exponent
 from granphon.packing import Packing
 from granphon.progress import Step
-from granphon.shapes import Shape
+from granphon.shapes import PointShape, Shape
 from granphon.simulation import DirectSimulation, SimulatedState
 
 __all__ = ["Point", "Reference", "Study", "studies"]
@@ -45,14 +46,20 @@ _EPS = float(np.finfo(float).eps)
 _SIDES, _SAMPLES = (8, 16, 32, 64, 128), (1, 4)
 #: the samples of the reference: balls along a side, and the first seed, far from those of the points
 _SIDE, _SEED = 64, 1_000_000
+#: how many of them it takes at least
+_LEAST_SAMPLES = 3
 #: samples between two looks at how good the reference is
 _LOOK = 8
 #: points along a side of the grids of the Green's function, graded towards its singularities and uniform
 _GRADED, _UNIFORM = (2, 3, 4, 6, 8, 12), (4, 8, 16, 32, 64, 128, 256)
+#: effective media that tell what an error of Xi makes of a velocity
+_SOLUTIONS = 3
 #: tolerances of the collocation by its stages; of few stages a small one takes ever more steps
 _TOLERANCES = {3: (1e-1, 1e-2, 1e-3, 1e-4), 6: (1e-1, 1e-2, 1e-4, 1e-6), 16: (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)}
 #: openings of listed diameters beyond which a general integrator would restart too often
 _MOST_OPENINGS = 40
+#: diameters of a list that is solved to see how long a longer one takes, by this power of the openings
+_FEW, _POWER = 20, 1.1
 #: points along a side of the mesh of the density of states; intervals that are compared, every how many of its points
 _MESHES, _EVERY = (8, 16, 32, 64, 128, 256), 5
 
@@ -187,9 +194,24 @@ class _Disorder:
         return np.asarray(self.effective.reduced_force)
 
     @cached_property
+    def solving(self) -> float:
+        """About how many seconds the effective medium takes: zero but for long lists of diameters."""
+        shape = self.shape
+        if shape.openings.size <= _MOST_OPENINGS:
+            return 0.0
+        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _FEW).astype(int))]
+        few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
+        begun = time.perf_counter()
+        solved(few, 1.0, averages_of(few, 1.0), 12, 1e-10)
+        return float((time.perf_counter() - begun) * (shape.openings.size / few.openings.size) ** _POWER)
+
+    @cached_property
     def condition(self) -> float:
         """How many times a relative change of load and width comes back in a velocity, at most."""
-        state = self.effective
+        state = self.state(AveragedForce(self.packing))
+        if not self.solving:
+            with suppress(GranphonError):  # below its loads
+                state = self.effective
         by_force = np.asarray(local_exponent(state))
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
@@ -200,6 +222,16 @@ class _Disorder:
     def repeated(self, errors: Array) -> Array:
         """(n_loads, n_observed) of errors that all quantities share: a stiffness enters each by its root."""
         return np.repeat(np.abs(errors)[:, None], len(self.quantities), axis=1)
+
+
+def _within(until: float) -> Callable[[], None]:
+    """A check that raises when the time ``until`` is over."""
+
+    def check() -> None:
+        if time.perf_counter() > until:
+            raise GranphonError("it does not fit into the budget.")
+
+    return check
 
 
 def _rms(values: Sequence[Array]) -> Array:
@@ -233,7 +265,7 @@ class MediaStudy(_DisorderStudy):
 
     def points(self) -> list[Point]:
         """As :class:`Study`."""
-        disorder, packing = self.disorder, self.disorder.packing
+        disorder, packing, solving = self.disorder, self.disorder.packing, self.disorder.solving
 
         def solve(medium: Any) -> Array:
             return observed(disorder.state(medium))[:, disorder.columns]
@@ -253,12 +285,13 @@ class MediaStudy(_DisorderStudy):
         found = [
             Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), solve),
             Point("averaged force", "afa", lambda run: AveragedForce(packing), solve),
-            Point("effective medium", "computed field", prepared(lambda: EffectiveMedium(packing)), solve),
+            Point("effective medium", "computed field", prepared(lambda: EffectiveMedium(packing)), solve, solving),
             Point(
                 "effective medium, paper's field",
                 "printed field",
                 prepared(lambda: EffectiveMedium(packing, "paper")),
                 solve,
+                solving,
             ),
         ]
         kind: Any = disorder.kind
@@ -275,18 +308,18 @@ class MediaStudy(_DisorderStudy):
         disorder = self.disorder
         moments = Moments(disorder.packing, disorder.kind, disorder.loads, (_SIDE, _SIDE), _SEED)
         begun = time.perf_counter()
-        apart = self._checked()
+        apart = self._checked(until)
         longest, count, found = 0.0, 0, None
         while time.perf_counter() + 1.5 * longest < until:
             start = time.perf_counter()
             moments.add()
             longest, count = max(longest, time.perf_counter() - start), count + 1
             step.advance()
-            if count >= 3 and count % _LOOK == 0:
+            if count >= _LEAST_SAMPLES and count % _LOOK == 0:
                 found = self._reference(moments, apart)
                 if better(found):
                     break
-        if count < 3:
+        if count < _LEAST_SAMPLES:
             taken = time.perf_counter() - begun
             raise GranphonError(f"the budget holds {count} of its samples only ({taken:.2g} s), and it takes many.")
         return self._reference(moments, apart)
@@ -298,16 +331,20 @@ class MediaStudy(_DisorderStudy):
         made = f"{balls} with control variates; equilibrium and response by sparse LU differ by {np.max(apart):.1e}"
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
-    def _checked(self) -> Array:
+    def _checked(self, until: float) -> Array:
         """(n_loads,) by how much the first sample differs from its solution by another algorithm."""
         from granphon.direct import SparseArray
 
         disorder = self.disorder
-        state = disorder.state(DirectSimulation(disorder.packing, (_SIDE, _SIDE), _SEED))
+        simulation = DirectSimulation(disorder.packing, (_SIDE, _SIDE), _SEED)
+        kind: Any = disorder.kind
+        if (least := _LEAST_SAMPLES * estimate(simulation, kind, disorder.loads).seconds) > until - time.perf_counter():
+            raise GranphonError(f"the budget does not hold its samples: {_LEAST_SAMPLES} take some {least:.2g} s.")
+        state = disorder.state(simulation)
         apart = []
         for sample in state.samples if isinstance(state, SimulatedState) else ():
             other = SparseArray(sample.equilibrium.deviations)
-            forces = other.forces(sample.equilibrium.overlap)
+            forces = other.forces(sample.equilibrium.overlap, check=_within(until))
             tensor = other.elastic_tensor(forces, disorder.packing.mindlin_ratio)
             ours = sample.elasticity.tensor
             scale = sample.normal_stiffness / sample.equilibrium.stiffness / disorder.packing.diameter
@@ -365,6 +402,8 @@ class GridStudy(_DisorderStudy):
         """By adaptive quadrature."""
         from granphon.references import local_field_by_cubature
 
+        if (least := _SOLUTIONS * self.disorder.solving) > until - time.perf_counter():
+            raise GranphonError(f"its {_SOLUTIONS} effective media, some {least:.2g} s, do not fit into the budget.")
         xi, error = local_field_by_cubature(self.disorder.packing.mindlin_ratio)
         errors = self.disorder.repeated(self._sensitivity * error / xi)
         return Reference(xi, errors, f"adaptive quadrature of the Green's function, Xi = {xi:.12g} to {error:.0e}")
@@ -375,8 +414,8 @@ class GridStudy(_DisorderStudy):
 
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """As :class:`Study`."""
-        # Xi = 1/u_1 - 1
-        return float(np.max(np.abs(self._sensitivity)) * _EPS * (1.0 + 1.0 / outcomes[0]))
+        # Xi = 1/u_1 - 1; and a velocity is rounded itself
+        return float(np.max(np.abs(self._sensitivity)) * _EPS * (1.0 + 1.0 / outcomes[0])) + _EPS
 
 
 # -- the solution of the effective medium ---------------------------------------------------------------------------
@@ -393,14 +432,16 @@ class SolutionStudy(_DisorderStudy):
 
     def points(self) -> list[Point]:
         """As :class:`Study`."""
-        shape, xi, forces = self.disorder.shape, self._xi, self.disorder.forces
+        shape, xi = self.disorder.shape, self._xi
 
         def point(stages: int, tolerance: float) -> Point:
             def solve(averages: Any) -> Array:
                 law = _LawOf(1.0, 1.0, shape, xi, solved(shape, xi, averages, stages, tolerance))
-                return np.asarray(law.stiffness(law.overlap(forces)))
+                return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
 
-            return Point(f"{stages} stages", f"{tolerance:.0e}", lambda run: averages_of(shape, xi), solve)
+            return Point(
+                f"{stages} stages", f"{tolerance:.0e}", lambda run: averages_of(shape, xi), solve, self.disorder.solving
+            )
 
         return [point(stages, tolerance) for stages, several in _TOLERANCES.items() for tolerance in several]
 
@@ -411,7 +452,11 @@ class SolutionStudy(_DisorderStudy):
         shape: Shape = self.disorder.shape
         if shape.openings.size > _MOST_OPENINGS:
             raise GranphonError(f"the diameters have {shape.openings.size} openings, at each of which it would start anew.")
-        found = [curve_by_integration(shape, self._xi, self.disorder.forces, tolerance)[1] for tolerance in (1e-11, 1e-13)]
+        check = _within(until)
+        found = [
+            curve_by_integration(shape, self._xi, self.disorder.forces, tolerance, check=check)[1]
+            for tolerance in (1e-11, 1e-13)
+        ]
         errors = self.disorder.repeated(0.5 * (found[0] / found[1] - 1.0))
         made = f"a general integrator of differential equations, with a tolerance 100 times larger {np.max(errors):.0e} away"
         return Reference(found[1], np.maximum(errors, _EPS), made)
@@ -507,7 +552,8 @@ class MeshStudy(Study):
         """By counting between roots."""
         from granphon.references import integrated_dos
 
-        rough, fine = (integrated_dos(self._lattice, self._edges, points) for points in (128, 256))
+        check = _within(until)
+        rough, fine = (integrated_dos(self._lattice, self._edges, points, check) for points in (128, 256))
         error = _displaced(rough, fine)
         made = f"counting between the roots of determinants, on twice the lines {error:.0e} away"
         return Reference(fine, np.array([[max(error, _EPS)]]), made)

@@ -146,7 +146,9 @@ class TradeOff(Result):
             if point.failure:
                 table.writerow([*head, *[""] * 10, point.failure])
                 continue
-            for load, errors, known in zip(self.loads, point.errors, point.reference_errors, strict=False):
+            # a density of states is that at the greatest load alone
+            loads = self.loads[-len(point.errors) :]
+            for load, errors, known in zip(loads, point.errors, point.reference_errors, strict=True):
                 for name, error, limit in zip(self.observed[point.study], errors, known, strict=True):
                     resolved = bool(error >= BETTER * limit)
                     table.writerow([*head, repr(load), name, float(error), float(limit), resolved, *cost])
@@ -255,7 +257,7 @@ def _carried_out(study: Study, until: float, runs: int, progress: Progress, refe
             except GranphonError as error:
                 problem = f"there is no reference: {error}"
     measured = []
-    nothing = np.zeros((0, 0))
+    nothing = np.zeros(0)
     known = {one.point: one for one in done}
     for point in points:
         one = known.get(point)

@@ -1,7 +1,8 @@
 """The edges of the package, one case each: what is asked, and how exact the answer is claimed to be.
 
 A :class:`Case` measures the worst relative error over its range against a closed form or a reference at many digits that
-owes nothing to the package. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
+owes nothing to the package; where there is none, against another algorithm, of :mod:`granphon.references` or
+:mod:`granphon.direct`. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -18,6 +20,10 @@ from conftest import Twin
 from mpmath import mpf
 
 import granphon as gp
+from granphon.direct import SparseArray
+from granphon.local_field import local_field
+from granphon.observables import contact_lattice
+from granphon.references import curve_by_integration, integrated_dos, local_field_by_cubature
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
 #: eta = 4/3 (nearly), that of steel, 2/3; and no friction
@@ -27,7 +33,7 @@ SQRT3 = math.sqrt(3.0)
 K, M = np.array([4.0 * math.pi / 3.0, 0.0]), np.array([0.0, 2.0 * math.pi / SQRT3])
 #: Xi of the triangular lattice without friction, in closed form
 XI = (2 * math.pi + 3 * SQRT3) / (4 * math.pi - 3 * SQRT3)
-STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+STEEL, AUXETIC = (gp.Material(211.65e9, sigma, 7840.0) for sigma in (0.276, POISSON[0]))
 D = 8e-3
 
 
@@ -162,7 +168,7 @@ def branches(wavevectors: Iterable[Any], etas: Sequence[float] = ETAS, loaded: A
 
 def near_gamma() -> float:
     with mpmath.workdps(800):  # at |q|d = 1e-300 a squared frequency is 1e-600 of others
-        few = branches([size * DIRECTION for size in (1e-300, 1e-150, 1e-81, 1e-79)], (0.0, 1e-300, 0.84), LOADED[::3])
+        few = branches([size * DIRECTION for size in (0.0, 1e-300, 1e-150, 1e-81, 1e-79)], (0.0, 1e-300, 0.84), LOADED[::3])
     return max(few, branches([size * DIRECTION for size in (1e-12, 1e-9, 1e-6, 1e-3, 1.0)], ETAS[:1] + ETAS[3:]))
 
 
@@ -250,6 +256,53 @@ def densities_of_states() -> float:
     return worst
 
 
+def band_edges(lattice: gp.ContactLattice) -> Any:
+    """Where the density of states may have an edge, a step or a peak: ends of branches, and the branches at Γ, K and M."""
+    grid = np.stack(np.meshgrid(np.arange(48), np.arange(48)), axis=-1).reshape(-1, 2) / 48.0  # with K and M
+    values = lattice.frequencies(lattice.wavevectors(grid))
+    special = lattice.frequencies(lattice.wavevectors([[0.0, 0.0], [1.0 / 3.0, 1.0 / 3.0], [0.5, 0.0]]))
+    return np.concatenate([values.min(axis=0), values.max(axis=0), special.ravel()])
+
+
+def densities_at_edges() -> float:
+    """Modes in the intervals that hold an edge, or lie beside one; their error times the square of the mesh."""
+    worst = 0.0
+    smooth, rough, equal, auxetic = (
+        gp.Packing(gp.Material(211.65e9, sigma, 7840.0), D, friction=friction)
+        for sigma, friction in ((0.276, False), (0.276, True), (0.0, True), (POISSON[0], True))
+    )
+    tried = [(smooth, 18.0), (rough, 18.0), (equal, 18.0), (auxetic, 18.0), (smooth, 5e3), (rough, 5e3)]
+    tried.append((gp.Packing(STEEL, D, lattice="kagome"), 18.0))  # with a gap
+    for packing, load in tried:
+        state, finite = gp.AveragedLattice(packing).at_force(load), load > 1e3
+        phonons, lattice = gp.Phonons(state, finite_overlap=finite), contact_lattice(state, finite)
+        edges = band_edges(lattice)
+        if lattice.n_balls > 1:
+            edges = np.append(gaps(lattice), lattice.top_frequency)
+        for mesh, exact in itertools.product((17, 64), [dict[int, float]()]):
+            dos = phonons.dos((mesh, mesh))
+            at = dos.frequencies / phonons.scales.frequency
+            ends = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+            place = np.searchsorted(ends, edges, side="right") - 1
+            place = np.unique(np.clip(place[:, None] + [-1, 0, 1], 0, at.size - 1))
+            if not exact:
+                known = np.union1d(place, place + 1)
+                exact.update(zip(known.tolist(), integrated_dos(lattice, ends[known], 256).tolist(), strict=True))
+            found = dos.total[place] * phonons.scales.frequency * np.diff(ends)[place]
+            modes = np.array([exact[i + 1] - exact[i] for i in place.tolist()])
+            worst = max(worst, float(np.max(np.abs(found - modes))) * mesh**2)
+    return worst
+
+
+def gaps(lattice: gp.ContactLattice) -> Any:
+    """Both ends of the gaps between branches."""
+    grid = np.stack(np.meshgrid(np.arange(48), np.arange(48)), axis=-1).reshape(-1, 2) / 48.0
+    values = lattice.frequencies(lattice.wavevectors(grid))
+    low, high = values.max(axis=0)[:-1], values.min(axis=0)[1:]
+    open_ = high - low > 1e-2
+    return np.concatenate([low[open_], high[open_]])
+
+
 # -- balls that differ ------------------------------------------------------------------------------------------------
 
 
@@ -264,14 +317,35 @@ def uniform_pairs(y: Any, order: int) -> Any:
 
 
 def spread_states(
-    medium: Any, heights: Sequence[float], widths: Sequence[float] = (1e-16, 1e-9, 1e-3, 0.3)
+    medium: Any,
+    heights: Sequence[float],
+    widths: Sequence[float] = (1e-16, 1e-9, 1e-3, 0.3),
+    spread: Callable[[float], gp.Spread] = gp.Uniform,
+    materials: Sequence[gp.Material | None] = (None,),
 ) -> Iterable[Any]:
-    """States of uniform spreads W = ``widths`` times d, at these a*, as far as balls do not overlap by half a diameter."""
-    for width in widths:
-        packing = gp.Packing(STEEL, D, gp.Uniform(width * D), friction=False)
+    """States of spreads of about these widths, times d, at these a*, as far as balls do not overlap by half a diameter.
+
+    ``materials``: of balls with friction; None for steel without.
+    """
+    for width, material in itertools.product(widths, materials):
+        packing = gp.Packing(material or STEEL, D, spread(width * D), friction=material is not None)
         for height in heights:
             if (height - 0.5) * width < 0.5:
                 yield medium(packing).at_overlap((height - 0.5) * packing.width)
+
+
+@cache
+def xi_of(eta: float) -> float:
+    """Xi in closed form without friction, and by cubature with it."""
+    return local_field_by_cubature(eta)[0] if eta else XI
+
+
+def local_fields() -> float:
+    """Also at eta = 1, where u_1 = 5/6 - 3^(1/2)/pi."""
+    worst = max(off(local_field(mindlin_ratio=eta).xi, mpf(local_field_by_cubature(eta)[0])) for eta in ETAS)
+    closed = {0.0: (2 * mpmath.pi + 3 * mpmath.sqrt(3)) / (4 * mpmath.pi - 3 * mpmath.sqrt(3))}
+    closed[1.0] = 1 / (mpf(5) / 6 - mpmath.sqrt(3) / mpmath.pi) - 1
+    return max(worst, *(off(local_field(mindlin_ratio=eta).xi, exact) for eta, exact in closed.items()))
 
 
 HEIGHTS = (0.345, 0.42, 0.5, 0.75, 1.0, 1.5, 3.0, 6.499999, 6.500001, 30.0, 1e3, 1e5, 1e8)
@@ -292,6 +366,34 @@ def averaged_force() -> float:
     return worst
 
 
+def averaged_normal() -> float:
+    """By quadrature over x = t + v, x' = t - v, of which that over v is an error function."""
+    worst = 0.0
+    for cutoff in (0.01, 3.0, 10.0):
+        for state in spread_states(
+            gp.AveragedForce, (0.42, 0.5, 0.75, 1.5, 30.0, 1e8), (1e-16, 0.1), lambda std, cut=cutoff: gp.Normal(std, cut)
+        ):
+            cut, root = mpf(cutoff), mpmath.sqrt(2)
+            kept = mpmath.erf(cut / root)
+            rms = mpmath.sqrt(1 - 2 * cut * mpmath.npdf(cut) / kept)
+            std = 1 / (mpmath.sqrt(12) * rms)
+            width, c = mpf(state.packing.width), coefficient(state.packing)
+            worst = max(worst, off(state.packing.width, mpf(state.packing.spread.std) / std))
+            y, edge = mpf(state.overlap) / width, cut * std
+
+            def share(t: Any, std: Any = std, edge: Any = edge, kept: Any = kept) -> Any:
+                both = mpmath.exp(-((t / std) ** 2)) * mpmath.erf((edge - abs(t)) / std)
+                return both / (mpmath.sqrt(mpmath.pi) * std * kept**2)
+
+            cuts = sorted({max(-edge, -y), edge, *(part for part in (mpf(0), -edge / 4, edge / 4) if part > -y)})
+            force, stiffness = (
+                mpmath.quad(lambda t, p=p: power(y + t, p) * share(t), cuts) for p in (mpf("1.5"), mpf("0.5"))
+            )
+            worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
+            worst = max(worst, off(state.normal_stiffness, 1.5 * c * mpmath.sqrt(width) * stiffness))
+    return worst
+
+
 def uniform_ball(s: Any) -> tuple[Any, Any]:
     """F^Q and K^Q of a ball of a uniform spread, s = y + x/2."""
     upper, lower = s + mpf(1) / 4, s - mpf(1) / 4
@@ -302,15 +404,15 @@ def effective_medium() -> float:
     """The force by equation (36), given k; f* and y from the state."""
     worst = 0.0
     with mpmath.workdps(60):
-        for state in spread_states(gp.EffectiveMedium, HEIGHTS, (1e-16, 1e-3, 0.3)):
-            width, c = mpf(state.packing.width), coefficient(state.packing)
+        for state in spread_states(gp.EffectiveMedium, HEIGHTS, (1e-16, 0.3), materials=(None, AUXETIC)):
+            width, c, xi = mpf(state.packing.width), coefficient(state.packing), xi_of(state.packing.mindlin_ratio)
             y, k = mpf(state.overlap) / width, mpf(state.normal_stiffness) / (c * mpmath.sqrt(width))
             quarter = mpf(1) / 4
             ends = sorted({y - quarter, y + quarter, *(x for x in (-quarter, quarter) if abs(x - y) < quarter)})
 
-            def part(s: Any, k: Any = k) -> Any:
+            def part(s: Any, k: Any = mpf(xi) * k) -> Any:
                 force, stiffness = uniform_ball(s)
-                return mpmath.matrix([force, 1]) / (stiffness + mpf(XI) * k)
+                return mpmath.matrix([force, 1]) / (stiffness + k)
 
             force = mpmath.quad(lambda s: part(s)[0], ends) / mpmath.quad(lambda s: part(s)[1], ends)
             worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
@@ -321,7 +423,8 @@ def effective_stiffness() -> float:
     """Stiffness against differences of the force, of order eight."""
     worst, weights = 0.0, np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
     # away from the openings of contacts, a* = 1/2 and 1, where the force has fewer derivatives
-    for state in spread_states(gp.EffectiveMedium, (0.345, 0.42, 0.75, 1.5, 3.0, 30.0, 1e3, 1e8), (1e-16, 1e-3, 0.3)):
+    heights = (0.345, 0.42, 0.75, 1.5, 3.0, 30.0, 1e3, 1e8)
+    for state in spread_states(gp.EffectiveMedium, heights, (1e-16, 1e-3, 0.3), materials=(None, AUXETIC)):
         medium, width = gp.EffectiveMedium(state.packing), state.packing.width
         step = 0.01 * (state.overlap + 0.5 * width)
         steps = step * np.arange(1, 5)
@@ -330,16 +433,62 @@ def effective_stiffness() -> float:
     return worst
 
 
+#: lists with a tail on one side, in units of about a thousandth of the diameter
+TAILS = [
+    gp.Discrete(tuple(D * (1.0 + sign * 1e-3 * part) for part in (0.0, 1.0, 3.0, 10.0)), (0.7, 0.25, 0.049, 0.001))
+    for sign in (1.0, -1.0)
+]
+
+
+def effective_curves() -> float:
+    """Overlap and stiffness of a force against the integration of k' = (k - dG/dy)/(dG/dk)."""
+    worst, forces = 0.0, np.array([1e-4, 1e-2, 1.0, 1e2, 1e5])
+    everywhere = [gp.Material(211.65e9, sigma, 7840.0) for sigma in (*POISSON, 0.0)] + [None]
+    tried: list[tuple[gp.Spread, Any]] = [(gp.Uniform(1e-9 * D), (None, AUXETIC)), (gp.Normal(1e-9 * D), (AUXETIC,))]
+    tried += [(gp.Discrete((D, D * (1.0 + 1e-6)), (1.0 - part, part)), everywhere) for part in (1e-3, 1.0 - 1e-3)]
+    tried += [(tail, everywhere) for tail in TAILS]
+    for spread, materials in tried:
+        for material in materials:
+            packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
+            width, unit = packing.width, float(packing.law.force(packing.width))
+            y, k = curve_by_integration(spread.shape, xi_of(packing.mindlin_ratio), forces, 1e-12)
+            medium = gp.EffectiveMedium(packing)
+            reached = y * width < 0.5 * D
+            y, k, loads = y[reached], k[reached] * unit / width, forces[reached] * unit
+            there, back = medium.at_overlap(y * width), medium.at_force(loads)
+            missed = k * np.abs(back.overlap - y * width) / loads
+            errors = [there.force / loads - 1.0, there.normal_stiffness / k - 1.0, back.normal_stiffness / k - 1.0, missed]
+            worst = max(worst, float(np.max(np.abs(errors))))
+    return worst
+
+
 def high_pressure() -> float:
-    """f* = y^(3/2) (1 + r/64 y^2 + ...), the next term of relative order 1/y^4."""
+    """f* = y^(3/2) (1 + r/64 y^2 + t/64 y^3 + ...), t = (3 (1 - r)^2 - 1) <x^3>, the next term about <x^4>/y^4."""
     worst = 0.0
-    for medium, r in ((gp.AveragedLattice, 0), (gp.AveragedForce, 1), (gp.EffectiveMedium, mpf(XI) / (1 + mpf(XI)))):
-        for state in spread_states(medium, (1e4, 1e6, 1e8), (1e-16, 1e-10, 1e-5)):
-            width, c = mpf(state.packing.width), coefficient(state.packing)
-            y = mpf(state.overlap) / width
-            worst = max(worst, off(state.force, c * width ** mpf("1.5") * (y ** mpf("1.5") + r / 64 / mpmath.sqrt(y))))
-            stiffness = mpf(3) / 2 * mpmath.sqrt(y) - r / 128 / y ** mpf("1.5")
-            worst = max(worst, off(state.normal_stiffness, c * mpmath.sqrt(width) * stiffness))
+    spreads: list[tuple[gp.Spread, float]] = []
+    for width in (1e-16, 1e-10, 1e-5):
+        spreads += [(gp.Uniform(width * D), 0.0), (gp.Normal(width * D / 3.4), 0.0)]
+    for part in (1e-3, 1.0 - 1e-3):
+        spreads.append(
+            (two_kinds(part, 1e-8).spread or spreads[0][0], (1.0 - 2.0 * part) / math.sqrt(1728.0 * part * (1.0 - part)))
+        )
+    for (spread, third), material in itertools.product(spreads, (None, STEEL, AUXETIC)):
+        packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
+        width, c, xi = mpf(packing.width), coefficient(packing), mpf(xi_of(packing.mindlin_ratio))
+        r = xi / (1 + xi)
+        terms = (
+            (gp.AveragedLattice, 0, 0),
+            (gp.AveragedForce, 1, -third),
+            (gp.EffectiveMedium, r, (3 * (1 - r) ** 2 - 1) * third),
+        )
+        for (medium, r, t), height in itertools.product(terms, (1e4, 1e6, 1e8)):
+            if height * packing.width < 0.5 * D:
+                state = medium(packing).at_overlap(height * packing.width)
+                y = mpf(state.overlap) / width
+                force = y ** mpf("1.5") + r / 64 / mpmath.sqrt(y) + t / 64 / y ** mpf("1.5")
+                stiffness = mpf(3) / 2 * mpmath.sqrt(y) - r / 128 / y ** mpf("1.5") - 3 * t / 128 / y ** mpf("2.5")
+                worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
+                worst = max(worst, off(state.normal_stiffness, c * mpmath.sqrt(width) * stiffness))
     return worst
 
 
@@ -347,7 +496,8 @@ def no_width() -> float:
     """Zero is equal balls to the last bit; the last width that differs, to rounding."""
     worst = 0.0
     for medium, spread in itertools.product(
-        (gp.AveragedForce, gp.EffectiveMedium), (gp.Uniform, gp.Normal, lambda w: gp.Discrete((D, D), (0.4, 0.6)))
+        (gp.AveragedForce, gp.EffectiveMedium),
+        (gp.Uniform, gp.Normal, lambda w: gp.Discrete((D, D), (0.4, 0.6)), lambda w: gp.Discrete((D,), (1.0,))),
     ):
         for load in (1e-30, 1.0, 1e4):
             exact = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(load)
@@ -364,16 +514,16 @@ def no_width() -> float:
 KINDS = list(itertools.product((1e-12, 1e-9, 1e-3, 0.5, 1.0 - 1e-9), (1e-6, -1e-6, 1e-3, -1e-3, 0.2)))
 
 
-def two_kinds(fraction: float, deviation: float) -> gp.Packing:
+def two_kinds(fraction: float, deviation: float, material: gp.Material | None = None) -> gp.Packing:
+    """``material``: of balls with friction; None for steel without."""
     spread = gp.Discrete((D, D * (1.0 + deviation)), (1.0 - fraction, fraction))
-    assert spread.mean is not None
-    return gp.Packing(STEEL, spread.mean, spread, friction=False)
+    return gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
 
 
-def mixtures(medium: Any) -> Iterable[tuple[Any, Any, Any, Any]]:
+def mixtures(medium: Any, materials: Sequence[gp.Material | None] = (None,)) -> Iterable[tuple[Any, Any, Any, Any]]:
     """States of two kinds, and their exact pair overlaps, fractions and c."""
-    for fraction, deviation in KINDS:
-        packing = two_kinds(fraction, deviation)
+    for (fraction, deviation), material in itertools.product(KINDS, materials):
+        packing = two_kinds(fraction, deviation, material)
         assert isinstance(packing.spread, gp.Discrete)
         total = sum(map(mpf, packing.spread.fractions))
         parts = [mpf(part) / total for part in packing.spread.fractions]
@@ -400,10 +550,11 @@ def uneven_averages() -> float:
 
 def uneven_mediums() -> float:
     worst = 0.0
-    for state, gaps, parts, c in mixtures(gp.EffectiveMedium):
+    for state, gaps, parts, c in mixtures(gp.EffectiveMedium, (None, AUXETIC)):
+        xi = mpf(xi_of(state.packing.mindlin_ratio))
         force = [c * sum(p * power(gap, 1.5) for p, gap in zip(parts, row, strict=True)) for row in gaps]
         stiffness = [1.5 * c * sum(p * power(gap, 0.5) for p, gap in zip(parts, row, strict=True)) for row in gaps]
-        share = [p / (one + mpf(XI) * mpf(state.normal_stiffness)) for p, one in zip(parts, stiffness, strict=True)]
+        share = [p / (one + xi * mpf(state.normal_stiffness)) for p, one in zip(parts, stiffness, strict=True)]
         exact = sum(s * f for s, f in zip(share, force, strict=True)) / sum(share)
         worst = max(worst, off(state.force, exact))
     return worst
@@ -444,15 +595,90 @@ def balance(sample: gp.Sample, deviations: Any, load: float) -> float:
 
 def disordered_cells() -> float:
     worst = 0.0
-    for cell, width in itertools.product(CELLS, (1e-8, 1e-3, 0.3)):
+    for cell, width in itertools.product(CELLS, (1e-16, 1e-8, 1e-3, 0.3)):
         spread = gp.Uniform(width * D)
         packing = gp.Packing(STEEL, D, spread, friction=False)
         unit = float(packing.law.force(packing.width))
-        for part in (1e11, 1e3, 1.0, 1e-2, 1e-4, 1e-6):
-            # near the threshold large cells take many steps
+        for part in (1e22, 1e11, 1e3, 1.0, 1e-2, 1e-4, 1e-6):
+            # near the threshold large cells take many steps: see below
             if part ** (2.0 / 3.0) * width < 0.5 and (part > 1e-3 or math.prod(cell) < 500):
                 state = gp.DirectSimulation(packing, cell, seed=3).at_force(part * unit)
                 worst = max(worst, balance(state.sample, spread.sample(cell, 3), part * unit))
+    return worst
+
+
+def against_sparse(state: Any, forces: Any, array: SparseArray) -> float:
+    """Contact forces, over their mean, and the elastic tensor, over its largest entry."""
+    sample, packing = state.sample, state.packing
+    found = np.moveaxis(sample.contact_forces, -1, 0) / float(packing.law.force(packing.width))
+    unit = float(packing.law.force(packing.width)) / packing.width / packing.diameter
+    tensor = unit * array.elastic_tensor(forces, packing.mindlin_ratio)
+    error = max(
+        np.max(np.abs(found - forces)) / np.mean(forces), np.max(np.abs(state.elastic_tensor - tensor)) / np.max(tensor)
+    )
+    return float(error)
+
+
+def skewed_samples() -> float:
+    worst = 0.0
+    spreads = [
+        two_kinds(part, deviation).spread for part, deviation in ((1e-3, 1e-3), (1e-3, -1e-3), (1e-9, 1e-3), (1e-2, 0.2))
+    ]
+    cells = [((31, 29), (1e3, 1.0, 1e-2, 1e-3)), ((61, 37), (1.0, 1e-2))]
+    for spread, (cell, parts) in itertools.product([*spreads, *TAILS], cells):
+        for material in (None, STEEL) if cell == (31, 29) else (AUXETIC,):
+            packing = gp.Packing(material or STEEL, spread.mean, spread, friction=material is not None)
+            simulation, unit = gp.DirectSimulation(packing, cell, seed=3), float(packing.law.force(packing.width))
+            array = SparseArray(simulation.deviations(0))
+            for part in parts:
+                if part ** (2.0 / 3.0) * packing.width < 0.5 * D:
+                    state = simulation.at_force(part * unit)
+                    worst = max(worst, against_sparse(state, array.forces(state.overlap / packing.width), array))
+    return worst
+
+
+def samples_near_the_threshold() -> float:
+    """Below 3000 balls against Newton's method from the sites, above from the sample's own overlaps."""
+    worst = 0.0
+    for cell, seed, height in (
+        ((32, 32), 5, 0.345),
+        ((32, 32), 3, 0.35),
+        ((61, 37), 2, 0.345),
+        ((61, 37), 2, 0.35),
+        ((64, 64), 0, 0.35),
+    ):
+        packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+        simulation = gp.DirectSimulation(packing, cell, seed=seed)
+        state = simulation.at_overlap((height - 0.5) * packing.width)
+        array, forces = SparseArray(simulation.deviations(0)), None
+        worst = max(worst, against_sparse(state, array.forces(height - 0.5), array))
+    return worst
+
+
+def other_units() -> float:
+    """Overlap over W and stiffness, in reduced units, are those of other balls at the same f*."""
+    worst = 0.0
+    media: list[Callable[[gp.Packing], Any]] = [gp.AveragedForce, gp.EffectiveMedium]
+    media.append(lambda packing: gp.DirectSimulation(packing, (5, 7), seed=2))
+    for medium, part in itertools.product(media, (1e-2, 1.0, 1e3)):
+        rows = []
+        for d, young in [(D, 211.65e9), *itertools.product(DIAMETERS, MODULI)]:
+            packing = gp.Packing(gp.Material(young, 0.276, 7840.0), d, gp.Uniform(1e-3 * d))
+            unit = float(packing.law.force(packing.width))
+            state, scale = (
+                medium(packing).at_force(part * unit),
+                mpmath.sqrt(mpf(unit) / mpf(packing.width) / mpf(packing.mass)) * mpf(d),
+            )
+            velocity = gp.sound_velocities(state)
+            rows.append(
+                [
+                    state.overlap / packing.width,
+                    state.normal_stiffness * packing.width / unit,
+                    velocity.longitudinal / scale,
+                    velocity.transverse / scale,
+                ]
+            )
+        worst = max(worst, *(off(float(a), mpf(float(b))) for row in rows for a, b in zip(row, rows[0], strict=True)))
     return worst
 
 
@@ -514,7 +740,10 @@ CASES = [
         resonances,
     ),
     Case(
-        "frequencies near Γ", "|q|d from 1e-300 to 1, η from 0 and 1e-300 to 4/3, overlap from 0 to 0.3 d", 4e-15, near_gamma
+        "frequencies at and near Γ",
+        "|q|d of 0 and from 1e-300 to 1, η from 0 and 1e-300 to 4/3, overlap from 0 to 0.3 d",
+        4e-15,
+        near_gamma,
     ),
     Case(
         "frequencies at K and M, and a rounding beside",

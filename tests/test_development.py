@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
-from test_structure import ORDER, imports
+from test_structure import ORDER, PACKAGE, imports
 
 import granphon
 
@@ -73,7 +73,9 @@ def test_every_file_that_is_named_exists(page):
     named = re.findall(r"`((?:[\w.-]+/)+[\w.-]*|[\w-]+\.(?:toml|md|cff))`", read(page))
     assert named
     for name in named:
-        assert (ROOT / name).exists(), f"{page} names {name}"
+        # the package itself is where it is installed
+        home = PACKAGE.parent if name.startswith("granphon/") else ROOT
+        assert (home / name).exists(), f"{page} names {name}"
 
 
 # -- versions -------------------------------------------------------------------------------------------------------

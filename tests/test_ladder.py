@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.errors import InputError
-from granphon.ladder import MEDIA, OPTIONS, MediumChoice
+from granphon.ladder import MEDIA, OPTIONS, MediumChoice, expected_error
 
 CLASSES = {
     "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
+    "auto": gp.AutoMedium,
 }  # fmt: skip
 
 
@@ -59,8 +60,8 @@ def test_labels_say_what_is_not_the_default():
     ("value", "told"),
     [
         ("simulaton", "medium: found 'simulaton'; allowed: ala, afa, ema, simulation, auto. Did you mean 'simulation'?"),
-        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, simulation."),
-        (3, "medium: found 3; allowed: ala, afa, ema, simulation."),
+        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, simulation, auto."),
+        (3, "medium: found 3; allowed: ala, afa, ema, simulation, auto."),
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
         (
             {"simulation": {"sampels": 1}},
@@ -90,3 +91,32 @@ def test_a_choice_checks_itself():
     for arguments in (("emma",), ("ala", (("seed", 1),)), ("simulation", (("samples", 0),))):
         with pytest.raises(InputError, match=r"medium.*allowed: "):
             MediumChoice(*arguments)
+
+
+def test_only_one_of_them_leaves_the_choice_to_the_load():
+    assert [name for name in MEDIA if MediumChoice(name).is_automatic] == ["auto"]
+    assert MediumChoice.parse({"auto": {"tolerance": 1e-3}}) == MediumChoice("auto")
+    assert MediumChoice.parse({"auto": {"tolerance": 0.02}}).label == "auto(tolerance=0.02)"
+
+
+@pytest.mark.parametrize("shape", [(2,), (2, 2)])
+def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(steel, shape):
+    from granphon.accuracy import accuracy
+
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
+    loads = np.linspace(10.0, 40.0, int(np.prod(shape))).reshape(shape)
+    for name in ("ala", "afa", "ema"):
+        (rung,) = MediumChoice(name).rungs(packing, "force", loads)
+        assert rung.medium == MediumChoice(name)
+        assert rung.loads.tolist() == list(range(loads.size))
+        assert rung.errors.tolist() == accuracy().error(name, packing, "force", loads).ravel().tolist()
+    # that of a simulation is of all its balls
+    several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
+    expected = accuracy().error("simulation", packing, "force", loads, 3 * 8 * 16)
+    assert np.array_equal(expected_error(several, packing, "force", loads), expected)
+
+
+def test_of_the_paper_s_local_field_nothing_is_known(steel):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
+    choice = MediumChoice.parse({"ema": {"local_field": "paper"}})
+    assert expected_error(choice, packing, "force", [10.0, 20.0]).tolist() == [np.inf, np.inf]

@@ -52,6 +52,12 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "velocities, equal balls": ({}, set(), set()),
     "velocities, averaged force": ({}, set(), set()),
     "velocities, effective medium": (EMA, NODES, set()),
+    # an automatic medium takes what it has chosen, and no more
+    "auto, equal balls": ({}, set(), set()),
+    "auto, high load": ({}, set(), set()),
+    "auto, intermediate load": (EMA, NODES, set()),
+    "auto, to be simulated": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
+    "sweep, auto": ({}, XARRAY, SWEEP),
     "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "density of states": (SPECTRA | {"mesh": 1}, PHONOPY, {"dos.csv"}),
@@ -69,6 +75,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
 FIGURES = {
     "bands": {"bands.png"}, "bands, no friction": {"bands.png"}, "density of states": {"dos.png"},
     "bands and density of states": {"bands.png"}, "sweep, averaged": {"sweep.png"}, "sweep, effective medium": {"sweep.png"},
+    "sweep, auto": {"sweep.png"}, "auto, to be simulated": {"forces.png"},
     "simulation": {"forces.png"}, "simulation, no friction": {"forces.png"},
     "bands of a simulation": {"bands.png", "forces.png"}, "sweep of simulations": {"sweep.png"},
 }  # fmt: skip
@@ -135,6 +142,13 @@ def test_a_simulation_without_friction_has_no_rotations(friction, steel, monkeyp
 def test_a_check_computes_no_spectra_and_writes_nothing(kind):
     seen = costs.seen(kind, command="check")
     assert (seen.calls, seen.modules, seen.files) == ({}, [], [])
+
+
+def test_a_check_of_an_automatic_medium_simulates_nothing():
+    seen = costs.seen("auto, to be simulated", command="check")
+    assert set(seen.calls) <= {costs.TRIAL}
+    assert set(seen.modules) <= WAVES
+    assert not seen.files
 
 
 def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():

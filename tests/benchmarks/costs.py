@@ -50,11 +50,17 @@ load: {force: %s}
 """
 EQUAL = _BALLS % ("", "1 N")
 SPREAD = _BALLS % (", spread: {uniform: 0.3 um}", "1 N")
+ROUGH = ", spread: {uniform: 3 um}"
 SMOOTH = ", friction: false"
 LOADS = "[1 N, 2 N, 4 N]"
 SCENES = {
     "velocities, equal balls": EQUAL + "medium: ema\n",
     "velocities, averaged force": SPREAD + "medium: afa\n",
+    "auto, equal balls": EQUAL + "medium: auto\n",
+    "auto, high load": _BALLS % (ROUGH, "40 N") + "medium: auto\n",
+    "auto, intermediate load": _BALLS % (ROUGH, "0.8 N") + "medium: {auto: {tolerance: 0.02}}\n",
+    "auto, to be simulated": _BALLS % (ROUGH, "0.8 N") + "medium: {auto: {tolerance: 0.01}}\n",
+    "sweep, auto": _BALLS % (ROUGH, "[12 N, 40 N]") + "medium: auto\n",
     "velocities, effective medium": SPREAD + "medium: ema\n",
     "bands": EQUAL + "observe: [bands]\n",
     "bands, no friction": _BALLS % (SMOOTH, "1 N") + "observe: [bands]\n",

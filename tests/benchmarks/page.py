@@ -1,0 +1,67 @@
+"""The tables of docs/reference/benchmarks.md, from the numbers of a run.
+
+    python tests/benchmarks --json docs/reference/benchmarks.json && python tests/benchmarks/page.py
+
+``tests/test_benchmarks.py`` holds the page to the numbers beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import bench_effective
+import bench_ordered
+import bench_simulation
+from side_by_side import Row
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "benchmarks.md"
+NUMBERS = PAGE.with_suffix(".json")
+#: the tables of the page, and the parts of the benchmarks in each
+TABLES = {
+    "ordered": tuple(bench_ordered.PARTS), "effective": tuple(bench_effective.PARTS),
+    "simulation": tuple(bench_simulation.PARTS),
+}  # fmt: skip
+_HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
+
+
+def rows(found: list[Mapping[str, Any]]) -> list[Row]:
+    """The rows of a part, as they were before they were written."""
+    return [Row(**{**one, "bound": math.inf if one["bound"] is None else one["bound"]}) for one in found]
+
+
+def table(parts: tuple[str, ...], numbers: Mapping[str, Any]) -> str:
+    """A table of the page; the verdict is left out, as a bound that is missed ends the run with an error."""
+    lines = [str(row).replace("a*", r"a\*").replace("f*", r"f\*") for part in parts for row in rows(numbers[part])]
+    return _HEAD + "".join(line.rpartition("| ")[0].rpartition(" |")[0] + " |\n" for line in lines)
+
+
+def machine(numbers: Mapping[str, Any]) -> str:
+    """What the numbers depend on, in a sentence."""
+    about = numbers["machine"]
+    packages = ", ".join(f"{name} {about[name]}" for name in ("numpy", "scipy", "ase", "phonopy", "blas"))
+    return f"{about['processor']}, {about['cores']} cores, Python {about['python']}, {packages}\n"
+
+
+def written(text: str, numbers: Mapping[str, Any]) -> str:
+    """The page with these numbers."""
+    pieces = {name: table(parts, numbers) for name, parts in TABLES.items()} | {"machine": machine(numbers)}
+    for name, piece in pieces.items():
+        mark = f"<!-- {name}: python tests/benchmarks/page.py -->\n"
+        before, rest = text.split(mark)
+        text = before + mark + piece + rest[rest.index("<!-- end -->") :]
+    return text
+
+
+def main() -> int:
+    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))
+    PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), numbers), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,286 @@
+"""What the pages say of the simulated array and of the effective medium, from runs too long for the tests.
+
+    python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
+
+Nine minutes on one processor. Seeds are given, so that all but the seconds of ``loads`` and ``lists`` is the same on any
+machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless it is said;
+brackets hold the standard error of the last digits.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from side_by_side import Part, Row, command_line
+
+import granphon as gp
+from granphon.effective import effective_curve
+from granphon.equilibrium import Equilibrium, Load, equilibrate
+from granphon.local_field import local_field
+from granphon.observables import bulk_and_shear
+
+Array = NDArray[np.float64]
+STEEL, DIAMETER, WIDTH = gp.Material(211.65e9, 0.276, 7840.0), 8e-3, 2.04e-6
+#: friction, and without
+PACKINGS = {f: gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=f) for f in (True, False)}
+#: N, of f*
+UNIT = float(PACKINGS[True].law.coefficient * WIDTH**1.5)
+#: standard errors within which two numbers agree
+AGREE = 3.0
+#: rigidity threshold that the paper quotes, a*, and how near to it ours must be
+THRESHOLD, NEAR = 0.343, 2e-3
+#: of random diameters
+LISTS = 500
+
+
+def seeds(first: int, count: int) -> range:
+    """Samples share balls where they share a seed: each size has its own."""
+    return range(1000 * first, 1000 * first + count)
+
+
+def at_rest(length: int, seed: int, loads: Sequence[Load]) -> list[Equilibrium]:
+    """One sample under some loads, each found from the one before."""
+    x = gp.Uniform(1.0).sample((length, length), seed)
+    x -= np.mean(x)
+    states: list[Equilibrium] = []
+    for load in loads:
+        states.append(equilibrate(x, load, None, states[-1] if states else None))
+    return states
+
+
+def mean_and_error(values: Array) -> tuple[Array, Array]:
+    """Over the first axis."""
+    return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / math.sqrt(len(values))
+
+
+def bracketed(value: float, error: float) -> str:
+    """Such as 0.3423(5)."""
+    places = max(0, -math.floor(math.log10(error)))
+    digit = round(error * 10.0**places)
+    return f"{value:.{places}f}({digit})" if digit < 10 else f"{value:.{places - 1}f}(1)"
+
+
+def judged(what: str, value: float, error: float, claimed: float) -> list[Row]:
+    """A number, and how far it is from what is claimed."""
+    apart = abs(value - claimed) / error
+    return [
+        Row(what, float(value), note=bracketed(float(value), float(error))),
+        Row(f"{what}: distance from {claimed:g} in standard errors", float(apart), "", AGREE),
+    ]
+
+
+def threshold_by(what: str, value: float, error: float) -> Row:
+    """An estimate of the threshold: how far it is from the one quoted."""
+    far = abs(float(value) - THRESHOLD)
+    return Row(f"threshold by {what}: distance from {THRESHOLD}", far, "", NEAR, note=bracketed(float(value), float(error)))
+
+
+# -- how large an array must be -----------------------------------------------------------------------------------------
+
+#: balls along a side, and samples
+SIZES = {24: 48, 48: 24, 96: 8, 128: 8}
+
+
+def sizes(repeats: int) -> list[Row]:
+    """Bulk and shear moduli of small arrays against those of 128 x 128, with friction and without."""
+    force = np.array([3.0, 1.0, 0.3, 0.08, 0.02]) * UNIT
+    worst, pairs, rows = 0.0, 0, []
+    for friction, packing in PACKINGS.items():
+        found = []
+        for length, samples in SIZES.items():
+            simulation = gp.DirectSimulation(packing, (length, length), 1000 * length, samples)
+            moduli = simulation.at_force(force).over_samples(lambda one: bulk_and_shear(one.elasticity.tensor))
+            found.append(mean_and_error(np.moveaxis(moduli, 1, 0)))
+        *small, (large, error) = found
+        for mean, own in small:
+            apart = np.abs(mean - large) / np.hypot(own, error)
+            worst, pairs = max(worst, float(np.max(apart))), pairs + apart.size
+        rows.append(
+            Row(f"G of {128}x{128} balls at f* = 0.02, {'friction' if friction else 'no friction'}: its standard error",
+                float(error[-1, 1] / large[-1, 1]))
+        )  # fmt: skip
+    what = "K and G of 24x24, 48x48, 96x96 balls against 128x128, f* = 0.02 to 3: largest difference in standard errors"
+    return [Row(what, worst, "", AGREE, note=f"of {pairs}"), *rows]
+
+
+def scatter(repeats: int) -> list[Row]:
+    """f* at given a* from one sample to another, relative."""
+    rows = []
+    for length, spacing, count, claimed in ((64, 1.0, 64, 7e-4), (64, 0.36, 64, 0.17), (128, 0.36, 24, 0.08)):
+        force = np.array([at_rest(length, seed, [Load(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)])
+        part = float(np.std(force, ddof=1) / np.mean(force))
+        what = f"f* at a* = {spacing:g} of {length}x{length} balls: standard deviation of {count} samples, of the mean"
+        rows += judged(what, part, part / math.sqrt(2.0 * count), claimed)
+    return rows
+
+
+# -- the threshold of rigidity ------------------------------------------------------------------------------------------
+
+
+def zero_of(spacing: Array, power: Array, order: int) -> float:
+    """a* at which f*^(2/3) vanishes: the root next to the points."""
+    roots = np.polynomial.Polynomial.fit(spacing, power, order).roots()
+    below = roots[np.isreal(roots) & (roots.real < spacing.min())].real
+    return float(np.max(below))
+
+
+def threshold(repeats: int) -> list[Row]:
+    """By fits to f*^(2/3) over a* at 128 x 128, a sample at a time."""
+    spacing = np.arange(0.380, 0.3545, -0.0025)
+    zeros = []
+    for seed in seeds(128, 6):
+        states = at_rest(128, seed, [Load(overlap=0.0), *(Load(overlap=a - 0.5) for a in spacing.tolist())])[1:]
+        power = np.array([state.force for state in states]) ** (2.0 / 3.0)
+        near = spacing < 0.3701
+        zeros.append((zero_of(spacing, power, 2), zero_of(spacing[near], power[near], 1)))
+    names = "a parabola through f*^(2/3) from 0.355 to 0.38", "a straight line from 0.355 to 0.37"
+    return [
+        threshold_by(f"{name}, six samples of 128x128", value, error)
+        for name, value, error in zip(names, *mean_and_error(np.array(zeros)), strict=True)
+    ]
+
+
+def contacts(repeats: int) -> list[Row]:
+    """Overlap and contacts of a ball at no load: polynomials in f*^(2/3), which overlaps go as; 64 x 64."""
+    forces = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
+    kept, at_no_load = [], []
+    for seed in seeds(64, 40):
+        states = at_rest(64, seed, [Load(force=f) for f in forces.tolist()])
+        rows = [(state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)) for state in states]
+        kept.append(rows)
+        at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
+    (spacing, number), (error, uncertain) = mean_and_error(np.array(at_no_load))
+    low, low_error = mean_and_error(np.array(kept)[:, -1, 1])
+    of = "40 samples of 64x64"
+    return [
+        threshold_by(f"a polynomial down to f* = 1e-4, {of}", spacing, error),
+        *judged(f"contacts of a ball at no load, {of}", number, uncertain, 2.37),
+        *judged(f"contacts of a ball at f* = 1e-4, {of}", low, low_error, 2.46),
+    ]
+
+
+# -- the conjecture on friction -----------------------------------------------------------------------------------------
+
+#: the velocity that the medium has to 1.1 %
+KEPT = (True, "transverse")
+FORCES = np.array([0.008, 0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 1.0, 3.0])
+
+
+def conjecture(repeats: int) -> list[Row]:
+    """The table of the page: 2G/(1 + eta)K over f*, and what it says of velocities."""
+    rows, bulk = [], {}
+    for friction, packing in PACKINGS.items():
+        state = gp.DirectSimulation(packing, (64, 64), 0, 4).at_force(FORCES * UNIT)
+        moduli = state.over_samples(lambda one: bulk_and_shear(one.elasticity.tensor))
+        ratio = 2.0 / (1.0 + packing.mindlin_ratio) * moduli[..., 1] / moduli[..., 0]
+        of = "steel" if friction else "no friction"
+        for f, mean, error in zip(FORCES.tolist(), *mean_and_error(ratio.T), strict=True):
+            rows.append(Row(f"2G/(1 + η)K at f* = {f:g}, {of}", float(mean), note=bracketed(float(mean), float(error))))
+        bulk[friction] = gp.moduli(state).bulk
+        found, ideal = gp.sound_velocities(state), gp.sound_velocities(gp.EffectiveMedium(packing).at_force(state.force))
+        for name in ("longitudinal", "transverse"):
+            parts = np.asarray(getattr(ideal, name) / getattr(found, name)) - 1.0
+            what = f"{name} velocity of the medium over that of the array, less 1, {of}: largest"
+            note, bound = ", ".join(f"{part:+.4f}" for part in parts), 0.0115 if (friction, name) == KEPT else math.inf
+            rows.append(Row(what, float(np.max(np.abs(parts))), "", bound, note=note))
+    stiffer = bulk[True] / bulk[False] - 1.0
+    rows.append(Row("what friction adds to K: largest", float(np.max(stiffer)),
+                    note=", ".join(f"{part:.3f}" for part in stiffer)))  # fmt: skip
+    return rows
+
+
+# -- time ------------------------------------------------------------------------------------------------------------------
+
+
+def processor_time(call: Callable[[], object]) -> float:
+    start = time.process_time()
+    call()
+    return time.process_time() - start
+
+
+def loads(repeats: int) -> list[Row]:
+    """What lower loads add to the time of an equilibrium of 128 x 128 balls: medians of three samples."""
+    seconds = {
+        spacing: np.median([
+            processor_time(lambda seed=seed, y=spacing - 0.5: at_rest(128, seed, [Load(overlap=y)])) for seed in seeds(7, 3)
+        ])
+        for spacing in (1.0, 0.5, THRESHOLD + 0.02)
+    }  # fmt: skip
+    return [
+        Row(f"time of an equilibrium at a* = {a:g} over that at 1, 128x128", s / seconds[1.0], note=f"{s:.3g} s")
+        for a, s in seconds.items() if a < 1.0
+    ]  # fmt: skip
+
+
+def lists(repeats: int) -> list[Row]:
+    """The curve of random balls, each diameter another: processor time."""
+    rows, xi = [], local_field(mindlin_ratio=0.84).xi
+    for count in (64, 100, 256):
+        shape = gp.Measured(tuple(DIAMETER + 1e-6 * np.random.default_rng(count).normal(size=count))).shape
+        seconds = processor_time(lambda shape=shape: effective_curve(shape, xi))
+        rows.append(Row(f"the curve of {count} balls, each diameter another", seconds, "s"))
+    return rows
+
+
+# -- the media ----------------------------------------------------------------------------------------------------------
+
+
+def saturation(repeats: int) -> list[Row]:
+    """Fraction of contacts of the media less that of the array, between f* = 0.2 and 0.4."""
+    state = gp.DirectSimulation(PACKINGS[True], (64, 64), 0, 4).at_force(np.linspace(0.2, 0.4, 9) * UNIT)
+    rows = []
+    for friction, packing in PACKINGS.items():
+        more = gp.EffectiveMedium(packing).at_force(state.force).contact_fraction - state.contact_fraction
+        rows.append(
+            Row(f"contacts of the medium less the array's, f* = 0.2 to 0.4, {'' if friction else 'no '}friction: most",
+                float(np.max(more)), "", 0.02, note=", ".join(f"{part:+.4f}" for part in more))
+        )  # fmt: skip
+    return rows
+
+
+def fits(repeats: int) -> list[Row]:
+    """The fit of docs/how-to/velocities.md by samples of other seeds: spread of the widths."""
+    packing, force = PACKINGS[True], np.geomspace(2.0, 18.446, 12)
+    clean = gp.pulse_velocities(gp.EffectiveMedium(packing).at_force(force), 6500.0, (0, 1)).group[0]
+    velocity = (1.0 + 0.004 * np.random.default_rng(1).standard_normal(12)) * clean
+    widths = np.array([
+        gp.fit_width(packing, force, velocity, frequency=6500.0,
+                     medium={"simulation": {"shape": (64, 64), "seed": seed}}).width for seed in range(6)
+    ])  # fmt: skip
+    note = ", ".join(f"{1e6 * width:.3f}" for width in widths)
+    return [Row("width fitted by one sample of 64x64, six seeds: largest distance from the mean, of it",
+                float(np.max(np.abs(widths / np.mean(widths) - 1.0))), "", 0.01, note=f"{note} um")]  # fmt: skip
+
+
+def ends(repeats: int) -> list[Row]:
+    """Random lists of two to five kinds, rare ones among them: f* where the equation of the medium ends."""
+    draw, found, rarest = np.random.default_rng(1), [], 0.0
+    for _ in range(LISTS):
+        count = int(draw.integers(2, 6))
+        off, shares = draw.uniform(-1.0, 1.0, count), 10.0 ** draw.uniform(-6.0, 0.0, count)
+        shares /= np.sum(shares)
+        xi = local_field(mindlin_ratio=float(draw.uniform(0.0, 4.0 / 3.0))).xi
+        curve = effective_curve(gp.Discrete(tuple(DIAMETER + 1e-6 * off), tuple(shares)).shape, xi)
+        if curve.vanishes:
+            found.append(curve.least_force)
+            if curve.least_force > 1e-4:
+                rarest = max(rarest, float(np.min(shares)))
+    return [
+        Row(f"end of the medium's equation, {LISTS} random lists: largest f*", max(found), "", 1e-2,
+            note=f"{len(found)} lists have one"),
+        Row("share of the rarest kind where there is an end above f* = 1e-4: largest", rarest, "", 0.01),
+    ]  # fmt: skip
+
+
+PARTS: dict[str, Part] = {
+    "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
+    "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(command_line("Study of the simulated array", PARTS))

@@ -1,0 +1,293 @@
+"""The table of accuracy: what it covers, that it bounds what it did not see, and how it goes on above its loads."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon import accuracy as module
+from granphon.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
+from granphon.ensemble import Moments, observed
+from granphon.errors import InputError
+
+WIDTH = 2e-6
+KINDS = ("force", "pressure", "overlap")
+MEDIA = ("ala", "afa", "ema")
+BENCHMARKS = Path(__file__).parent / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def maker():
+    """The script that made the table."""
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        return importlib.import_module("accuracy")
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+
+
+def balls(spread=None, poisson_ratio=0.276, diameter=8e-3, friction=True, lattice="triangular"):
+    material = gp.Material(211.65e9, poisson_ratio, 7840.0)
+    return gp.Packing(material, diameter, spread=spread or gp.Uniform(WIDTH), friction=friction, lattice=lattice)
+
+
+def unit(packing):
+    """Of f*, N."""
+    return packing.law.coefficient * packing.width**1.5
+
+
+def load(packing, kind, place):
+    """The load (SI) at a place of the table: f*, or a*."""
+    if kind == "overlap":
+        return (np.asarray(place) - 0.5) * packing.width
+    return np.asarray(place) * unit(packing) * (math.sqrt(3.0) / packing.diameter if kind == "pressure" else 1.0)
+
+
+# -- the form of a distribution -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("spread", "skewness", "kurtosis"),
+    [
+        (gp.Uniform(3e-6), 0.0, -1.2),
+        (gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), 0.0, -2.0),
+        # p, q: (q - p)/(pq)^(1/2), 1/(pq) - 6
+        (gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2)), 0.6 / 0.4, 1 / 0.16 - 6.0),
+        (gp.Discrete((7.996e-3, 8.001e-3), (0.2, 0.8)), -0.6 / 0.4, 1 / 0.16 - 6.0),
+        (gp.Measured((7.999e-3, 8e-3, 8.001e-3)), 0.0, -1.5),
+        (gp.Normal(1e-6, cutoff=10.0), 0.0, 0.0),
+        (gp.Normal(1e-6, cutoff=0.001), 0.0, -1.2),
+    ],
+)  # fmt: skip
+def test_skewness_and_kurtosis_have_closed_forms(spread, skewness, kurtosis):
+    assert_allclose(coefficients_of_form(spread.shape), (skewness, kurtosis), atol=1e-6)
+
+
+def test_the_kurtosis_of_a_cut_normal_distribution_is_an_integral():
+    from scipy.integrate import quad
+
+    second, fourth = (quad(lambda x, n=n: x**n * math.exp(-0.5 * x * x), -2.0, 2.0)[0] for n in (2, 4))
+    zeroth = quad(lambda x: math.exp(-0.5 * x * x), -2.0, 2.0)[0]
+    assert_allclose(coefficients_of_form(gp.Normal(1e-6, 2.0).shape)[1], zeroth * fourth / second**2 - 3.0, rtol=1e-7)
+
+
+# -- the table itself ---------------------------------------------------------------------------------------------------
+
+
+def test_the_table_is_complete_and_falls_with_the_load():
+    data = accuracy().data
+    rows = len(data["mindlin_ratios"])
+    assert data["mindlin_ratios"] == sorted(data["mindlin_ratios"])
+    assert accuracy().media() == (*MEDIA, "simulation")
+    for kinds in data["errors"].values():
+        assert set(kinds) == set(data["loads"]) == {"force", "overlap"}
+        for kind, media in kinds.items():
+            assert data["loads"][kind] == sorted(set(data["loads"][kind]))
+            for errors in media.values():
+                assert np.shape(errors) == (rows, len(data["loads"][kind]))
+                assert np.all(np.array(errors) > 0.0)
+                assert np.all(np.diff(errors, axis=1) <= 0.0)
+
+
+def test_any_is_no_better_than_a_family():
+    errors = accuracy().data["errors"]
+    for family in ("uniform", "normal"):
+        for kind, media in errors[family].items():
+            for name, rows in media.items():
+                assert np.all(np.array(errors["any"][kind][name]) >= rows)
+
+
+def test_the_table_knows_the_script_that_made_it(maker):
+    data = accuracy().data
+    assert (BENCHMARKS.parents[1] / data["made_by"]).is_file()
+    assert data["distributions"] == list(maker.shapes())
+    assert data["loads"] == {"force": list(maker.FORCES), "overlap": list(maker.SPACINGS)}
+    assert maker.text(data).strip() == maker.DATA.read_text(encoding="utf-8").strip()
+
+
+def test_the_script_measures_what_the_table_bounds(maker):
+    """One distribution, few loads and small samples, anew."""
+    forces = (0.1, 1.3, 10.0)
+    for place, kind, name, loads, errors in maker.measured(maker.shapes()["uniform"], forces, (24, 24), 4):
+        at = accuracy().data["loads"][kind]
+        known = np.array(accuracy().data["errors"]["uniform"][kind][name][place])
+        here = np.exp(np.interp(np.log(loads), np.log(at), np.log(known)))
+        assert np.all(errors <= 2.5 * here), (place, kind, name)
+        assert np.all(errors[errors < maker.FAILED] > 0.0)
+    assert maker.falling(np.array([[1.0, 3.0, 2.0]])) == [[float(f"{maker.MARGIN * x:.3g}") for x in (3.0, 3.0, 2.0)]]
+
+
+def test_a_table_of_another_schema_is_refused(monkeypatch, tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "accuracy.json").write_text(json.dumps({**accuracy().data, "schema": 2}), encoding="utf-8")
+    monkeypatch.setattr(module, "files", lambda package: tmp_path)
+    accuracy.cache_clear()
+    try:
+        with pytest.raises(InputError, match="schema 2"):
+            accuracy()
+    finally:
+        accuracy.cache_clear()
+
+
+# -- what is read from it -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("medium", [*MEDIA, "simulation"])
+def test_errors_at_its_own_loads_are_those_of_the_table(kind, medium):
+    """eta = 0, and one of its own."""
+    data = accuracy().data
+    table = "overlap" if kind == "overlap" else "force"
+    for row, packing in ((0, balls(friction=False)), (3, balls(poisson_ratio=0.0))):
+        assert math.isclose(packing.mindlin_ratio, data["mindlin_ratios"][row])
+        at = np.array(data["loads"][table][1:-1])
+        expected = np.array(data["errors"]["uniform"][table][medium][row][1:-1])
+        factor = DEVIATIONS / 30.0 if medium == "simulation" else 1.0
+        assert_allclose(accuracy().error(medium, packing, kind, load(packing, kind, at), 900), factor * expected, rtol=1e-6)
+
+
+@given(st.floats(3e-3, 1e4), st.sampled_from([*MEDIA, "simulation"]), st.floats(-0.99, 0.5), st.sampled_from(KINDS))
+def test_between_rows_of_eta_the_worse_is_taken_and_the_error_falls(place, medium, poisson_ratio, kind):
+    packing = balls(poisson_ratio=poisson_ratio)
+    place = max(place, 0.42) if kind == "overlap" else place
+    found = accuracy().error(medium, packing, kind, load(packing, kind, np.array([1.0001, 1.1, 30.0]) * place))
+    assert np.all(np.diff(found) <= 0.0)
+    ratios = np.array(accuracy().data["mindlin_ratios"])
+    above = int(np.searchsorted(ratios, packing.mindlin_ratio * (1.0 - 1e-12)))
+    neighbours = [balls(poisson_ratio=nu) for nu in (0.5, 0.3, 0.0, -0.999999999)] if above else [balls(friction=False)]
+    rows = [one for one in (above - 1, above) if 1 <= one <= 4]
+    around = [neighbours[row - 1] for row in rows]
+    errors = [accuracy().error(medium, one, kind, load(one, kind, 1.1 * place)) for one in around]
+    assert_allclose(found[1], np.max(errors), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("medium", MEDIA)
+def test_errors_do_not_depend_on_the_scale(kind, medium):
+    """One diameter, width and modulus stand for all."""
+    small, large = balls(gp.Uniform(3e-9), diameter=1e-5), balls(gp.Uniform(1e-3), diameter=4.0)
+    places = np.array([0.5, 1.0, 5.0, 500.0])
+    found = [accuracy().error(medium, one, kind, load(one, kind, places)) for one in (small, large)]
+    assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_nothing_is_known_the_error_is_infinite(kind):
+    packing = balls()
+    least = accuracy().least(kind)
+    found = accuracy().error("ema", packing, kind, load(packing, kind, [[0.5 * least, 0.99 * least, 1.01 * least]]))
+    assert found.shape == (1, 3)
+    assert_array_equal(np.isinf(found), [[True, True, False]])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_equal_balls_have_no_error(steel, kind):
+    for lattice in ("triangular", "square", "kagome"):
+        packing = gp.Packing(steel, 8e-3, lattice=lattice)
+        assert_array_equal(accuracy().error("ala", packing, kind, [1e-300, 1.0]), [0.0, 0.0])
+        assert accuracy().uncovered(packing) is None
+
+
+@pytest.mark.parametrize(
+    ("packing", "told"),
+    [
+        (balls(lattice="square"), "square lattice"),
+        (balls(gp.Discrete((7.999e-3, 8.009e-3), (0.9, 0.1))), "skewness 2.67"),
+        (balls(gp.Discrete((7.991e-3, 8.001e-3), (0.1, 0.9))), "skewness -2.67"),
+        (balls(gp.Discrete((7.99e-3, 8e-3, 8.01e-3), (0.05, 0.9, 0.05))), "excess kurtosis 7"),
+    ],
+)
+def test_what_is_not_covered_says_why_and_has_an_infinite_error(packing, told):
+    assert told in accuracy().uncovered(packing)
+    assert_array_equal(accuracy().error("ema", packing, "force", [10.0, 1e4]), [np.inf, np.inf])
+
+
+def test_what_the_table_was_made_of_is_covered(maker):
+    for spread in (*maker.shapes().values(), *maker.other_shapes().values()):
+        assert accuracy().uncovered(maker.packing(spread, 0.3)) is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_so_many_balls_have_the_error_that_was_asked_for(kind):
+    packing = balls()
+    loads = load(packing, kind, [0.6, 5.0])
+    for tolerance in (0.1, 1e-3):
+        number = accuracy().balls(packing, kind, loads, tolerance)
+        assert_allclose(np.max(accuracy().error("simulation", packing, kind, loads, number)), tolerance, rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@given(st.floats(1e-300, 1e-6), st.sampled_from(KINDS), st.floats(1e-300, 1e300), st.sampled_from([*MEDIA, "simulation"]))
+def test_no_load_and_no_width_make_it_stumble(width, kind, value, medium):
+    found = accuracy().error(medium, balls(gp.Uniform(width)), kind, value)
+    assert found.shape == ()
+    assert found >= 0.0
+
+
+# -- against the array --------------------------------------------------------------------------------------------------
+
+
+def test_above_the_table_errors_fall_as_the_second_order_does():
+    """f* = 300 and 3000: the measured error of the averages has the same power, and is within the expected one."""
+    packing = balls()
+    forces = load(packing, "force", [300.0, 3000.0])
+    moments = Moments(packing, "force", forces.tolist(), (16, 16), 3)
+    moments.add(30)
+    array = moments.ensemble()
+    for name, medium in (("ala", gp.AveragedLattice), ("afa", gp.AveragedForce)):
+        errors = np.abs(observed(medium(packing).at_force(forces)) / array.values - 1.0)
+        assert np.all(array.errors[:, :2] < 0.03 * errors[:, :2])
+        # (W/delta)^2, and the overlap goes as f^(2/3)
+        assert_allclose(errors[0, :2] / errors[1, :2], 10.0 ** (4.0 / 3.0), rtol=0.05)
+        expected = accuracy().error(name, packing, "force", forces)
+        assert_allclose(expected[0] / expected[1], 10.0 ** (4.0 / 3.0), rtol=1e-9)
+        assert np.all(np.max(errors, axis=1) <= expected)
+        assert np.all(expected < 3.0 * np.max(errors, axis=1))
+
+
+def test_chance_above_the_table_falls_so_too():
+    packing = balls()
+    forces = load(packing, "force", [30.0, 300.0])
+    moments = Moments(packing, "force", forces.tolist(), (16, 16))
+    moments.add(24)
+    noise = np.max(moments.ensemble().noise, axis=1)
+    expected = accuracy().error("simulation", packing, "force", forces) / DEVIATIONS
+    assert np.all(noise < expected)
+    assert np.all(expected < 2.5 * noise)
+
+
+def test_on_what_was_held_back_the_promise_is_kept(maker):
+    """Other distributions, loads and Poisson ratios than those of the table; truths of fewer balls than it was made with."""
+    spreads = ("uniform", "normal, cut at 2.5", "two kinds, 30 % larger", "a lot of 40 balls, lognormal")
+    found = [one for one in maker.trials(3, (40, 40), 3, loads=4, ratios=2, spreads=spreads) if one.medium]
+    assert {one.distribution for one in found} == set(spreads)
+    assert {one.medium for one in found} == {*MEDIA, "simulation"}
+    assert len(found) >= 200
+    assert np.mean([one.kept for one in found]) >= 0.95
+    # nor is it kept by promising next to nothing
+    assert np.median([one.realised / one.promised for one in found]) > 0.1
+    assert all(one.promised <= one.tolerance for one in found)
+
+
+def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
+    """The same trials fail if errors are taken to be a fifth of what they are."""
+    data = copy.deepcopy(accuracy().data)
+    for kinds in data["errors"].values():
+        for media in kinds.values():
+            for name, rows in media.items():
+                media[name] = (0.2 * np.array(rows)).tolist()
+    monkeypatch.setattr("granphon.ladder.accuracy", lambda: Accuracy(data))
+    found = [one for one in maker.trials(3, (32, 32), 2, loads=4, ratios=1, spreads=("uniform",)) if one.medium]
+    assert len(found) >= 20
+    assert np.mean([one.kept for one in found]) < 0.8

@@ -1,0 +1,488 @@
+"""The automatic medium: the cheapest that is within a tolerance, in every place where media are named."""
+
+from __future__ import annotations
+
+import csv
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from ruamel.yaml import YAML
+
+import granphon as gp
+from granphon.accuracy import accuracy
+from granphon.archive import load_sweep
+from granphon.cli import main
+from granphon.errors import InputError, SceneError
+from granphon.ladder import MediumChoice, _options_by_cost, expected_error
+from granphon.scene import Scene
+from granphon.sweeps import sweep
+
+WIDTH = 2.04e-6
+KINDS = ("force", "pressure", "overlap")
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: 18.446 N}
+medium: {auto: {tolerance: 2e-3}}
+"""
+SWEEP = SCENE.replace("18.446 N", "[6 N, 18.446 N, 90 N]").replace("2e-3", "5e-3")
+
+
+@pytest.fixture(scope="module")
+def rough(steel):
+    """The array of the experiment, with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
+
+
+@pytest.fixture(scope="module")
+def unit(rough):
+    """Of f*, N."""
+    return rough.law.coefficient * rough.width**1.5
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """A working folder with a scene of one state, and one of a sweep."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    (tmp_path / "sweep.yaml").write_text(SWEEP, encoding="utf-8")
+    return tmp_path
+
+
+def refused(work, capsys, text, *arguments):
+    """The one line of an error of exit code 2, which leaves nothing behind."""
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    before = {path.name for path in work.iterdir()}
+    assert main([*arguments] or ["run", "scene.yaml", "-o", "out"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("granphon: error: ")
+    assert err.count("\n") == 1
+    assert {path.name for path in work.iterdir()} == before
+    return err
+
+
+# -- the choice ---------------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.floats(3.1e-3, 1e5), min_size=1, max_size=6), st.floats(-3.5, -0.02), st.booleans(),
+    st.sampled_from(["force", "pressure"]),
+)  # fmt: skip
+def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exponent, friction, kind):
+    packing = gp.Packing(gp.Material(70e9, 0.2, 2500.0), 1e-3, gp.Normal(3e-7), friction=friction)
+    loads = np.array(places) * packing.law.coefficient * packing.width**1.5
+    loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
+    tolerance = 10.0**exponent
+    options = _options_by_cost()
+    errors = np.array([expected_error(one, packing, kind, loads) for one in options])
+    within = errors <= tolerance
+    medium = gp.AutoMedium(packing, tolerance)
+    if not np.all(np.any(within, axis=0)):
+        with pytest.raises(InputError, match="no medium is within") as error:
+            medium.rungs(kind, loads)
+        assert not np.any(within[:, error.value.load_index])
+        return
+    first = np.argmax(within, axis=0)
+    found = medium.rungs(kind, loads)
+    assert sorted(np.concatenate([rung.loads for rung in found]).tolist()) == list(range(len(loads)))
+    for rung in found:
+        assert_array_equal(first[rung.loads], options.index(rung.medium))
+        assert_array_equal(rung.errors, errors[first[rung.loads], rung.loads])
+    # the one medium of all is the first that is within it everywhere
+    assert medium.serving(kind, loads) == options[int(np.argmax(np.all(within, axis=1)))]
+
+
+def test_the_order_is_that_of_cost(rough, unit):
+    from granphon.cost import estimate
+
+    options = _options_by_cost()
+    assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
+    assert all(one.simulates for one in options[3:])
+    seconds = [estimate(one.of(rough), "force", [unit]).work for one in options[3:]]
+    assert seconds == sorted(set(seconds))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_its_state_is_that_of_the_medium_that_was_chosen(rough, kind):
+    load = {"force": 18.446, "pressure": 4e3, "overlap": 2.05e-6}[kind]
+    for tolerance, expected in ((0.05, gp.AveragedLattice(rough)), (1e-3, gp.EffectiveMedium(rough))):
+        state = getattr(gp.AutoMedium(rough, tolerance), f"at_{kind}")(load)
+        right = getattr(expected, f"at_{kind}")(load)
+        assert state.medium == right.medium
+        assert (state.force, state.overlap, state.normal_stiffness) == (right.force, right.overlap, right.normal_stiffness)
+        assert np.shape(state.force) == ()
+
+
+def test_a_simulation_is_chosen_and_carried_out(rough, unit):
+    medium = gp.AutoMedium(rough, 0.01)
+    state = medium.at_force([[0.3 * unit, 5.0 * unit]])
+    (chosen,) = {rung.medium for rung in medium.rungs("force", 0.3 * unit)}
+    assert chosen.simulates
+    assert state.samples[0].equilibrium.deviations.shape == dict(chosen.options)["shape"]
+    assert state.shape == (1, 2)
+    assert_array_equal(state.force, chosen.of(rough).at_force([[0.3 * unit, 5.0 * unit]]).force)
+
+
+def test_what_was_promised_is_kept_against_a_large_sample(rough, unit):
+    forces = np.array([0.5, 2.0, 20.0]) * unit
+    array = gp.sound_velocities(gp.DirectSimulation(rough, (160, 160), 5).at_force(forces)).longitudinal
+    for tolerance in (0.1, 0.02, 0.01):
+        for rung in gp.AutoMedium(rough, tolerance).rungs("force", forces):
+            found = gp.sound_velocities(rung.medium.of(rough).at_force(forces[rung.loads])).longitudinal
+            assert np.all(np.abs(found / array[rung.loads] - 1.0) <= rung.errors)
+            assert np.all(rung.errors <= tolerance)
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "square", "kagome"])
+def test_equal_balls_take_the_averaged_lattice_without_an_error(steel, lattice):
+    packing = gp.Packing(steel, 8e-3, lattice=lattice)
+    (rung,) = gp.AutoMedium(packing, 1e-12).rungs("force", [1e-200, 5.0])
+    assert (rung.medium, rung.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
+    assert (
+        gp.AutoMedium(packing).at_force(5.0).normal_stiffness == gp.AveragedLattice(packing).at_force(5.0).normal_stiffness
+    )
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, float("nan"), float("inf")])
+def test_a_tolerance_is_between_zero_and_one(rough, tolerance):
+    with pytest.raises(InputError, match="between 0 and 1"):
+        gp.AutoMedium(rough, tolerance)
+
+
+@pytest.mark.parametrize(("kind", "bad"), [("force", 0.0), ("force", -1.0), ("pressure", np.nan), ("overlap", np.inf)])
+def test_loads_that_are_none(rough, kind, bad):
+    with pytest.raises(InputError, match=kind):
+        getattr(gp.AutoMedium(rough), f"at_{kind}")([1.0, bad])
+
+
+def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
+    loads = np.array([50.0, 0.01, 3.0]) * unit
+    with pytest.raises(InputError, match="no medium is within 1e-05") as error:
+        gp.AutoMedium(rough, 1e-5).rungs("force", loads)
+    best = min(float(expected_error(one, rough, "force", loads[1])) for one in _options_by_cost())
+    assert f"{best:.2g}, by a simulation of 1024 x 1024 balls" in str(error.value)
+    assert error.value.load_index == 1
+    # and that much is indeed to be had
+    assert gp.AutoMedium(rough, best).rungs("force", loads[1])
+
+
+def test_below_the_known_loads_it_says_from_where_they_are(rough, unit):
+    with pytest.raises(InputError, match=r"not known at force = .* N, f\* = 0\.001\. They are from f\* = 0\.003 on"):
+        gp.AutoMedium(rough, 0.9).at_force([1.0 * unit, 0.001 * unit])
+    with pytest.raises(InputError, match=r"a\* = 0\.4\. They are from a\* = 0\.42 on"):
+        gp.AutoMedium(rough, 0.9).at_overlap(-0.1 * WIDTH)
+
+
+def test_packings_that_are_not_known(steel):
+    for packing, told in (
+        (gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), "square"), "square lattice"),
+        (gp.Packing(steel, 8e-3, gp.Discrete((7.999e-3, 8.009e-3), (0.9, 0.1))), "skewness"),
+    ):
+        with pytest.raises(InputError, match=f"not known here: .*{told}.*Name a medium"):
+            gp.AutoMedium(packing, 0.5).at_force(10.0)
+
+
+# -- sweeps -------------------------------------------------------------------------------------------------------------
+
+
+def pieced(packing, kind, loads, tolerance):
+    """(n_loads, 2) labels and errors, load by load."""
+    out = []
+    for load in loads:
+        (rung,) = gp.AutoMedium(packing, tolerance).rungs(kind, load)
+        out.append((rung.medium.label, float(rung.errors[0])))
+    return out
+
+
+def test_every_load_of_a_sweep_has_its_own_choice(rough, unit):
+    forces = (np.array([4.0, 0.3, 1.0, 0.5]) * unit).tolist()
+    auto = {"auto": {"tolerance": 5e-3}}
+    ds = sweep(rough, force=forces, media=[auto, "ema"])
+    expected = pieced(rough, "force", forces, 5e-3)
+    assert len({label for label, _ in expected}) >= 4
+    chosen = ds.sel(medium="auto(tolerance=0.005)")
+    assert chosen["choice"].values.tolist() == [label for label, _ in expected]
+    assert_array_equal(chosen["expected_error"], [error for _, error in expected])
+    for index, force in enumerate(forces):
+        (rung,) = gp.AutoMedium(rough, 5e-3).rungs("force", force)
+        state = rung.medium.of(rough).at_force(force)
+        assert_allclose(chosen["longitudinal"][index], gp.sound_velocities(state).longitudinal, rtol=1e-12)
+        assert_allclose(chosen["exponent"][index], gp.local_exponent(state), rtol=1e-9)
+    # another medium beside it has its own error
+    other = ds.sel(medium="ema")
+    assert set(other["choice"].values.tolist()) == {"ema"}
+    assert_array_equal(other["expected_error"], accuracy().error("ema", rough, "force", forces))
+    assert "contact_force_fluctuation" not in ds
+
+
+def test_a_sweep_without_it_has_no_choice(rough):
+    ds = sweep(rough, force=[10.0], media=["ala", "ema"])
+    assert not {"choice", "expected_error"} & set(ds.data_vars)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parameters_of_a_sweep_change_the_choice(rough, kind):
+    loads = {"force": [100.0, 20.0], "pressure": [2e4, 4e3], "overlap": [6e-6, 2e-6]}[kind]
+    widths, frictions = [0.0, 1e-7, 2e-6], [True, False]
+    ds = sweep(rough, **{kind: loads}, media={"auto": {"tolerance": 3e-3}}, width=widths, friction=frictions)
+    assert ds["choice"].dims == ("load", "medium", "width", "friction")
+    for width in widths:
+        for friction in frictions:
+            packing = gp.Packing(rough.material, 8e-3, gp.Uniform(width), friction=friction)
+            point = ds.isel(medium=0).sel(width=width, friction=friction)
+            expected = pieced(packing, kind, loads, 3e-3)
+            assert (
+                list(zip(point["choice"].values.tolist(), point["expected_error"].values.tolist(), strict=True)) == expected
+            )
+    assert ds["choice"].sel(width=0.0).values.ravel().tolist() == ["ala"] * 4
+    assert not np.any(ds["expected_error"].sel(width=0.0))
+    assert len(set(ds["choice"].values.ravel().tolist())) > 1
+
+
+def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
+    forces = (np.array([4.0, 0.3, 0.5]) * unit).tolist()
+    ds = sweep(rough, force=forces, media=["ala", {"auto": {"tolerance": 5e-3}}], path=tmp_path / "sweep.nc")
+    back = load_sweep(tmp_path / "sweep.nc")
+    assert_array_equal(back["choice"], ds["choice"])
+    assert_array_equal(back["expected_error"], ds["expected_error"])
+    assert back["expected_error"].attrs["units"] == "1"
+    assert json.loads(back.attrs["media"])[1] == {"auto": {"tolerance": 5e-3}}
+    rows = list(csv.reader((tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()))
+    head = next(row for row in rows if not row[0].startswith("#"))
+    place = {name.split(" ")[0]: index for index, name in enumerate(head)}
+    table = rows[rows.index(head) + 1 :]
+    assert [row[place["choice"]] for row in table] == ds["choice"].values.ravel().tolist()
+    assert [float(row[place["expected_error"]]) for row in table] == ds["expected_error"].values.ravel().tolist()
+
+
+def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_path, monkeypatch):
+    from granphon import jobs
+
+    forces = (np.array([4.0, 0.3, 1.0, 0.31]) * unit).tolist()
+    options = {"force": forces, "media": [{"auto": {"tolerance": 5e-3}}, "ala"]}
+    whole = sweep(rough, **options)
+    with ThreadPoolExecutor(2) as executor:
+        assert sweep(rough, executor=executor, **options).equals(whole)
+    path = tmp_path / "sweep.nc"
+    solve, done = jobs.Job.solve, []
+
+    def interrupted(self):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(self.where)
+        return solve(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jobs.Job, "solve", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(rough, path=path, **options)
+    assert not path.exists()
+    calls = []
+    monkeypatch.setattr(jobs.Job, "solve", lambda self: (calls.append(self.where), solve(self))[1])
+    assert sweep(rough, path=path, resume=True, **options).equals(whole)
+    assert not set(done) & set(calls)
+    assert calls
+
+
+def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
+    """So that a sweep that is resumed finds it under the same name."""
+    from granphon.jobs import Job
+
+    def names(forces):
+        job = Job("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), "force", tuple(forces), False, None)
+        return {piece.name for piece in job.pieces}
+
+    assert names([0.3 * unit, 30.0 * unit]) == names([30.0 * unit, 0.3 * unit])
+
+
+def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
+    forces = [0.3 * unit, 30.0 * unit]
+    ds = sweep(rough, force=forces, media={"auto": {"tolerance": 0.05}}, bands="GKMG", npoints=3)
+    for index, force in enumerate(forces):
+        (rung,) = gp.AutoMedium(rough, 0.05).rungs("force", force)
+        right = gp.Phonons(rung.medium.of(rough).at_force(force)).bands("GKMG", npoints=3)
+        assert_allclose(ds["frequencies"][index, 0], right.frequencies, rtol=1e-6, atol=1e-6 * right.frequencies.max())
+
+
+def test_an_error_of_a_sweep_says_at_which_load(rough, unit):
+    forces = [30.0 * unit, 1.0 * unit, 0.004 * unit]
+    with pytest.raises(InputError, match=r"auto.*no medium is within 0\.001") as error:
+        sweep(rough, force=forces, media=["ala", "auto"])
+    assert error.value.load_index == 2
+
+
+def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, unit, monkeypatch):
+    from granphon import simulation
+    from granphon.errors import ConvergenceError
+
+    forces = (np.array([4.0, 0.3, 1.0, 0.35]) * unit).tolist()
+    known = simulation.equilibrate
+
+    def failing(deviations, load, *rest):
+        if load.force is not None and abs(load.force - 0.35) < 1e-6:
+            raise ConvergenceError("it has not come to rest.")
+        return known(deviations, load, *rest)
+
+    monkeypatch.setattr(simulation, "equilibrate", failing)
+    with pytest.raises(ConvergenceError, match=r"simulation.*force = .*come to rest") as error:
+        sweep(rough, force=forces, media={"auto": {"tolerance": 5e-3}})
+    assert error.value.load_index == 3
+
+
+def test_finite_overlap_is_refused(rough):
+    with pytest.raises(InputError, match="'auto' has no terms of finite overlap"):
+        sweep(rough, force=[10.0], media="auto", finite_overlap=True)
+
+
+# -- scenes and the command line ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "tolerance"),
+    [
+        ("auto", 1e-3), ("{auto: }", 1e-3), ("{auto: {}}", 1e-3), ("[auto]", 1e-3), ("{auto: {tolerance: 1e-3}}", 1e-3),
+        ("{auto: {tolerance: 0.02}}", 0.02), ("{auto: {tolerance: 1.0e-2}}", 0.01), ("[{auto: {tolerance: .05}}]", 0.05),
+        ("\n  auto:\n    tolerance: 0.9", 0.9),
+    ],
+)  # fmt: skip
+def test_spellings_of_a_scene(text, tolerance):
+    scene = Scene.from_text(SCENE.replace("{auto: {tolerance: 2e-3}}", text))
+    assert scene.media == (MediumChoice("auto", (("tolerance", tolerance),)),)
+    again = Scene.from_text(scene.to_yaml())
+    assert again.media == scene.media
+    assert again.rung.medium == scene.rung.medium
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{auto: {tolerance: 0}}", "medium.auto.tolerance: found 0; allowed: "),
+        ("{auto: {tolerance: 1}}", "medium.auto.tolerance: found 1; allowed: "),
+        ("{auto: {tolerance: -1e-3}}", "medium.auto.tolerance: found -0.001; allowed: "),
+        ("{auto: {tolerance: .nan}}", "medium.auto.tolerance: found"),
+        ("{auto: {tolerance: small}}", "medium.auto.tolerance: found 'small'; allowed: "),
+        ("{auto: {tolerance: 1 %}}", "medium.auto.tolerance: found '1 %'; allowed: "),
+        ("{auto: {tolerance: }}", "medium.auto.tolerance: found nothing; allowed: "),
+        ("{auto: {tolerance: [1e-3, 1e-2]}}", "medium.auto.tolerance: found"),
+        ("{auto: {tolerance: true}}", "medium.auto.tolerance: found true; allowed: "),
+        ("{auto: {tol: 1e-3}}", "medium.auto.tol: found an unknown key; allowed: tolerance."),
+        ("{auto: {shape: 8 8}}", "medium.auto.shape: found an unknown key; allowed: tolerance."),
+        ("{auto: 1e-3}", "medium.auto: found 0.001; allowed: a block of keys: tolerance."),
+        ("{auto: ema}", "medium.auto: found 'ema'; allowed: a block of keys: tolerance."),
+        ("Auto", "Did you mean 'auto'?"),
+        ("automatic", "medium: found 'automatic'; allowed: "),
+        ("[auto, {auto: {tolerance: 1e-3}}]", "medium"),
+    ],
+)
+def test_mistakes_in_a_scene(work, capsys, text, told):
+    assert told in refused(work, capsys, SCENE.replace("{auto: {tolerance: 2e-3}}", text))
+
+
+def test_a_run_says_what_was_chosen_and_what_is_expected(work, rough):
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    summary = YAML(typ="safe").load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
+    (rung,) = gp.AutoMedium(rough, 2e-3).rungs("force", 18.446)
+    assert summary["medium"] == "auto(tolerance=0.002)"
+    assert summary["choice"] == rung.medium.label == "ema"
+    assert summary["expected_error"] == rung.errors[0]
+    assert summary["units"]["expected_error"] == "1"
+    assert summary["longitudinal"] == gp.sound_velocities(gp.EffectiveMedium(rough).at_force(18.446)).longitudinal
+    assert summary["local_field"]["xi"] == gp.EffectiveMedium(rough).local_field.xi
+    # the scene beside it gives the same again
+    assert main(["run", "out/scene.yaml", "-o", "again", "-q", "--no-figures"]) == 0
+    again = YAML(typ="safe").load((work / "again" / "summary.yaml").read_text(encoding="utf-8"))
+    assert {k: v for k, v in again.items() if k != "source"} == {k: v for k, v in summary.items() if k != "source"}
+
+
+def test_a_run_that_chose_a_simulation_writes_its_sample(work):
+    (work / "scene.yaml").write_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"), encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    summary = YAML(typ="safe").load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
+    assert summary["choice"] == "simulation(shape=24 24)"
+    assert {"sample.extxyz", "forces.png"} <= {path.name for path in (work / "out").iterdir()}
+
+
+def test_a_check_says_what_would_be_chosen(work, capsys):
+    assert main(["check", "scene.yaml"]) == 0
+    assert "ema, expected error 0.0" in capsys.readouterr().out
+    (work / "scene.yaml").write_text(SCENE.replace("spread: {uniform: 2.04 um}", "friction: true"), encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    assert "ala, exact for equal balls" in capsys.readouterr().out
+    assert main(["check", "sweep.yaml"]) == 0
+    assert "will take" in capsys.readouterr().out
+    assert {path.name for path in work.iterdir()} == {"scene.yaml", "sweep.yaml"}
+
+
+def test_the_states_of_a_scene_are_those_that_were_chosen(rough):
+    scene = Scene.from_text(SWEEP)
+    found = dict(scene.states())
+    assert [label.partition(": ")[2] for label in found] == [
+        rung.medium.label for rung in gp.AutoMedium(rough, 5e-3).rungs("force", scene.load.values)
+    ]
+    assert sorted(float(f) for state in found.values() for f in state.force) == [6.0, 18.446, 90.0]
+    without = dict(scene.states(simulations=False))
+    assert 0 < len(without) < len(found)
+
+
+def test_a_sweep_from_the_command_line_with_workers(work):
+    assert main(["run", "sweep.yaml", "-o", "one", "-q", "--no-figures"]) == 0
+    assert main(["run", "sweep.yaml", "-o", "two", "-q", "--no-figures", "--workers", "2"]) == 0
+    one, two = (load_sweep(work / name / "sweep.nc") for name in ("one", "two"))
+    assert one.equals(two)
+    assert len(set(one["choice"].values.ravel().tolist())) == 3
+    assert (work / "one" / "sweep.csv").read_text(encoding="utf-8") == (work / "two" / "sweep.csv").read_text(
+        encoding="utf-8"
+    )
+
+
+@pytest.mark.parametrize("text", [SCENE, SWEEP])
+def test_a_tolerance_that_nothing_meets_is_one_line(work, capsys, text):
+    tight = text.replace("2e-3", "1e-9").replace("5e-3", "1e-9")
+    for arguments in ((), ("check", "scene.yaml"), ("tradeoff", "scene.yaml", "-o", "out")):
+        told = refused(work, capsys, tight, *arguments)
+        assert "scene.yaml:4: medium: found 'auto(tolerance=1e-09)'; allowed: a tolerance that is met at every load." in told
+        assert "no medium is within 1e-09" in told
+        assert "The best that can be had there is" in told
+
+
+def test_packings_and_loads_that_are_not_known_are_one_line(work, capsys):
+    square = SCENE.replace("diameter: 8 mm", "diameter: 8 mm, lattice: square")
+    assert "the square lattice" in refused(work, capsys, square)
+    assert "They are from f* = 0.003 on" in refused(work, capsys, SCENE.replace("18.446 N", "1 mN"))
+    finite = SCENE.replace("8 mm,", "8 mm, finite_overlap: true,")
+    assert "no terms of finite overlap" in refused(work, capsys, finite)
+
+
+def test_a_sweep_over_what_is_not_known_is_refused_before_it_begins(work, capsys):
+    told = refused(work, capsys, SCENE + "sweep: {lattice: [triangular, square]}\n")
+    assert "the square lattice" in told
+
+
+def test_a_fit_does_not_take_it(work, capsys, rough):
+    (work / "data.csv").write_text("force (N),velocity (m/s)\n2,490\n5,600\n18,780\n", encoding="utf-8")
+    told = refused(work, capsys, SCENE, "fit", "scene.yaml", "data.csv", "-o", "out")
+    assert "is not fitted with" in told
+    with pytest.raises(InputError, match="Name a medium"):
+        gp.fit_width(rough, [2.0, 5.0, 18.0], [490.0, 600.0, 780.0], medium="auto")
+
+
+def test_a_scene_of_it_has_a_cost_only_if_it_simulates():
+    assert Scene.from_text(SCENE).cost() is None
+    cost = Scene.from_text(SWEEP).cost()
+    # of the one load that is low
+    assert cost.equilibria == 1
+    scene = Scene.from_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"))
+    assert scene.cost().balls == 24**2
+
+
+def test_a_scene_of_several_states_has_no_one_choice():
+    with pytest.raises(InputError, match="sweep"):
+        _ = Scene.from_text(SWEEP).rung
+    with pytest.raises(SceneError, match="medium"):
+        Scene.from_text(SCENE.replace("2e-3", "1e-9"))

@@ -1,0 +1,742 @@
+"""Speed against accuracy: errors that can be worked out by hand, a budget that is kept, and what is written of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon import studies as module
+from granphon import tradeoffs
+from granphon.cli import main
+from granphon.diagrams import plot_work_precision, tradeoff_figure
+from granphon.ensemble import observed
+from granphon.errors import GranphonError, InputError
+from granphon.local_field import local_field, local_field_on
+from granphon.references import curve_by_integration, integrated_dos
+from granphon.studies import GridStudy, MediaStudy, MeshStudy, Point, Reference, SolutionStudy, Study, studies
+from granphon.tradeoffs import BETTER, Measured, TradeOff, tradeoff
+from granphon.wording import work_and_precision
+
+WIDTH = 2.04e-6
+BUDGET = 12.0
+FORCES = (10.0, 60.0)
+DISORDER = ["Green's function", "effective medium", "media"]
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: [10 N, 60 N]}
+medium: ema
+"""
+
+
+@pytest.fixture(scope="module")
+def rough(steel):
+    """The array of the experiment, with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
+
+
+@pytest.fixture(scope="module")
+def found(rough):
+    """A trade-off of it, with small samples for its reference so that a busy machine has the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_SIDE", 24)
+        return tradeoff(rough, force=FORCES, observe=("velocities", "bands"), budget=BUDGET)
+
+
+@pytest.fixture(scope="module")
+def meshes(packing):
+    """One of equal balls: the mesh of the density of states alone."""
+    return tradeoff(packing, force=[1.0, 18.446], observe=("dos",), budget=4.0)
+
+
+def point_of(result, study, method, knob):
+    (point,) = (p for p in result.of(study) if (p.method, p.knob) == (method, knob))
+    return point
+
+
+def disorder(packing, force=FORCES, quantities=("longitudinal", "transverse", "frequency")):
+    return module._Disorder(packing, "force", tuple(force), quantities)
+
+
+# -- a clock of our own -------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    """Time goes on only when it is told to."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def perf_counter(self):
+        self.now += 1e-6
+        return self.now
+
+
+class FakeStudy(Study):
+    """Points that take so many seconds and have such errors, and a reference that takes its time."""
+
+    def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False, name="fake"):
+        self.clock, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
+        self.name = name
+        self.solved = []
+
+    observed = ("longitudinal",)
+    loads = (1.0, 2.0)
+
+    def points(self):
+        return [self._point(*one) for one in self.costs]
+
+    def _point(self, method, knob, seconds, error):
+        def prepare(run):
+            self.clock.now += 0.1 * seconds
+            return run
+
+        def solve(run):
+            if knob in self.fails:
+                raise GranphonError(f"{knob} does not converge.")
+            self.clock.now += 0.9 * seconds * (1.0 + 0.1 * run)
+            self.solved.append((knob, run))
+            return np.array([error, 0.5 * error])
+
+        return Point(method, knob, prepare, solve, seconds if self.estimated else 0.0)
+
+    def reference(self, until, better, step):
+        self.until = until
+        if self.taken is None:
+            raise GranphonError("it cannot be found.")
+        self.clock.now += self.taken
+        found = Reference(np.zeros(2), np.full((len(self.loads), 1), 1e-6), "by hand")
+        self.good = better(found)
+        return found
+
+    def errors(self, outcomes, reference):
+        return np.abs(np.mean(outcomes, axis=0))[: len(self.loads), None]
+
+    def floor(self, point, outcomes):
+        return 1e-15
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """For the trade-off and its studies."""
+    clock = Clock()
+    monkeypatch.setattr(tradeoffs, "time", clock)
+    return clock
+
+
+def measure(packing, monkeypatch, *asked, **options):
+    monkeypatch.setattr(tradeoffs, "studies", lambda *arguments: list(asked))
+    return tradeoff(packing, force=[1.0, 2.0], **options)
+
+
+def test_times_are_medians_of_warm_runs_without_what_is_made_ready(rough, monkeypatch, clock):
+    study = FakeStudy(clock, [("m", "a", 1.0, 1e-2)])
+    (point,) = measure(rough, monkeypatch, study, budget=1e3, runs=5).points
+    # one to warm up, five that are timed, one whose memory is watched
+    assert study.solved == [("a", run) for run in (0, 1, 2, 3, 4, 5, 0)]
+    assert_allclose(point.seconds, 0.9 * 1.3, rtol=1e-4)
+    # quartiles of 1.1 ... 1.5
+    assert_allclose(point.spread, 0.9 * 0.15, rtol=1e-3)
+    assert_allclose(point.setup, 0.1, rtol=1e-4)
+    assert_allclose(point.errors, [[1e-2], [5e-3]])
+    assert (point.error, point.reference_error, point.resolved, point.note) == (1e-2, 1e-6, True, "")
+
+
+def test_what_does_not_fit_is_listed_and_the_rest_is_run(rough, monkeypatch, clock):
+    costs = [
+        ("m", "1", 0.1, 1e-2),
+        ("m", "2", 50.0, 1e-3),
+        ("m", "3", 0.1, 1e-4),
+        ("n", "1", 0.2, 1e-2),
+        ("n", "2", 3.0, 0.1),
+    ]
+    study = FakeStudy(clock, costs)
+    result = measure(rough, monkeypatch, study, budget=300.0)
+    assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
+    # of one method a knob that is turned further is not tried when one before it did not fit
+    assert not [one for one in study.solved if one[0] == "3"]
+    assert "beyond the budget: 5 runs of some 50 s" in result.points[1].failure
+    assert result.points[2].failure == "not run, beyond the budget"
+
+
+@pytest.mark.parametrize("budget", [0.01, 1.0, 5.0, 30.0, 200.0])
+@pytest.mark.parametrize("seconds", [1e-3, 0.03, 1.0])
+def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(rough, monkeypatch, clock, budget, seconds):
+    asked = [
+        FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], name=name, estimated=known)
+        for name, known in (("one", False), ("two", True), ("three", False))
+    ]
+    begun = clock.now
+    result = measure(rough, monkeypatch, *asked, budget=budget)
+    assert_allclose(result.seconds, clock.now - begun, atol=1e-3)
+    # points that nothing is known of are begun: one in each method of two studies
+    assert result.seconds <= budget + 2 * 2 * seconds * 2**5 * 1.1
+    assert result.seconds <= budget or any(p.failure for p in result.points)
+    for study in asked:
+        assert study.until if hasattr(study, "until") else all(p.failure for p in result.of(study.name))
+        assert getattr(study, "until", 0.0) <= begun + budget + 1e-3
+
+
+def test_what_a_study_leaves_is_for_those_after_it(rough, monkeypatch, clock):
+    first = FakeStudy(clock, [("m", "1", 0.01, 1e-2)], name="first")
+    last = FakeStudy(clock, [("m", "1", 4.0, 1e-2)], name="last")
+    result = measure(rough, monkeypatch, first, last, budget=100.0)
+    assert not any(point.failure for point in result.points)
+    # of a hundred seconds: a quarter, then all that is left
+    assert_allclose(first.until - 100.0, 25.0, atol=0.1)
+    assert_allclose(last.until - 100.0, 100.0, atol=0.1)
+
+
+def test_failures_are_told_in_their_own_words(rough, monkeypatch, clock):
+    study = FakeStudy(clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",))
+    result = measure(rough, monkeypatch, study, budget=60.0)
+    assert [point.failure for point in result.points] == ["", "2 does not converge.", ""]
+    assert not result.points[1].resolved
+    rows = list(csv.DictReader(io.StringIO(result.csv())))
+    assert [(row["knob"], row["failure"], row["error (1)"]) for row in rows if row["failure"]] == [
+        ("2", "2 does not converge.", "")
+    ]
+    assert any("2 does not converge." in line for line in work_and_precision(result))
+
+
+def test_without_a_reference_no_point_has_an_error(rough, monkeypatch, clock):
+    study = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], reference=None)
+    result = measure(rough, monkeypatch, study, budget=60.0)
+    assert result.points[0].failure == "there is no reference: it cannot be found."
+    assert result.references == {}
+    tradeoff_figure(result)
+
+
+def test_a_point_that_the_reference_does_not_judge_says_so(rough, monkeypatch, clock):
+    study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
+    good, better, bad = measure(rough, monkeypatch, study, budget=60.0).points
+    assert (good.resolved, good.note) == (False, "the reference is 30 times better")
+    assert (better.resolved, better.note) == (False, "no worse than the reference is known")
+    assert (bad.resolved, bad.note) == (True, "")
+    assert not study.good
+
+
+# -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+def test_there_is_nothing_to_trade_for_equal_balls(packing):
+    for observe in (("velocities",), ("bands",), ("velocities", "bands")):
+        with pytest.raises(InputError, match=r"nothing to trade for equal balls.*observe dos"):
+            tradeoff(packing, force=1.0, observe=observe)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({}, "loads of one kind"), ({"force": 1.0, "overlap": 1e-6}, "loads of one kind"),
+        ({"force": 1.0, "runs": 4}, "Give 5 or more"), ({"force": 1.0, "budget": 0.0}, "seconds above zero"),
+        ({"force": 1.0, "budget": math.inf}, "seconds above zero"), ({"force": 1.0, "budget": math.nan}, "above zero"),
+        ({"force": 1.0, "finite_overlap": True}, "with finite overlap"), ({"force": []}, "force"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_asked(rough, options, told):
+    with pytest.raises(InputError, match=told):
+        tradeoff(rough, **options)
+
+
+def test_another_lattice_of_balls_that_differ_is_not_judged(steel):
+    for lattice in ("square", "kagome"):
+        with pytest.raises(InputError, match=f"on the {lattice} lattice"):
+            tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0)
+
+
+def test_studies_are_those_that_are_observed(rough, packing):
+    def names(balls, *observe):
+        return [(study.name, study.observed) for study in studies(balls, "force", (1.0,), observe)]
+
+    velocities, scale = ("longitudinal", "transverse"), ("frequency",)
+    assert names(rough, "velocities") == [(name, velocities) for name in DISORDER]
+    assert names(rough, "bands") == [(name, scale) for name in DISORDER]
+    assert names(rough, "dos", "velocities") == [
+        ("density of states", ("dos",)), *((name, (*velocities, *scale)) for name in DISORDER)
+    ]  # fmt: skip
+    assert names(packing, "dos", "velocities") == [("density of states", ("dos",))]
+
+
+@pytest.mark.parametrize(
+    ("given", "most", "taken"),
+    [
+        ([5.0, 1.0, 3.0, 1.0], 3, (1.0, 3.0, 5.0)), (range(1, 102), 3, (1.0, 51.0, 101.0)),
+        (range(1, 102), 1, (1.0,)), (range(1, 102), 5, (1.0, 26.0, 51.0, 76.0, 101.0)), (7.0, 3, (7.0,)),
+    ],
+)  # fmt: skip
+def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, monkeypatch, clock, given, most, taken):
+    asked = []
+
+    def kept(packing, kind, loads, *rest):
+        asked.append(loads)
+        return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
+
+    monkeypatch.setattr(tradeoffs, "studies", kept)
+    tradeoff(rough, overlap=given, most_loads=most, budget=1.0)
+    assert asked == [taken]
+
+
+# -- the numbers --------------------------------------------------------------------------------------------------------
+
+
+def test_every_point_is_there_once_and_has_its_costs(found):
+    assert list(found.studies) == DISORDER
+    assert len({(p.study, p.method, p.knob) for p in found.points}) == len(found.points)
+    assert found.observed == dict.fromkeys(DISORDER, ("longitudinal", "transverse", "frequency"))
+    assert found.loads == FORCES
+    assert found.runs == 5
+    run = [point for point in found.points if not point.failure]
+    assert len(run) >= 15
+    for point in run:
+        assert point.errors.shape == point.reference_errors.shape == (2, 3)
+        assert np.all(np.isfinite(point.errors))
+        assert np.all(point.errors >= 0.0)
+        assert point.seconds > 0.0 < point.memory
+        assert point.spread >= 0.0 <= point.setup
+        assert 0.0 < point.floor < 1.0
+    assert {p.method for p in run} >= {"averaged lattice", "averaged force", "effective medium", "graded triangles"}
+
+
+def test_a_budget_is_kept(found, meshes):
+    assert found.seconds <= BUDGET * 1.2 + 1.0
+    assert found.budget == BUDGET
+    assert meshes.seconds <= 4.0 * 1.2 + 2.0
+
+
+@pytest.fixture(scope="module")
+def reference(rough):
+    """That of the media, of as few samples as are looked at."""
+    return MediaStudy(disorder(rough)).reference(math.inf, lambda one: True, SimpleNamespace(advance=lambda: None))
+
+
+def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
+    for method, knob, medium in (
+        ("averaged lattice", "ala", gp.AveragedLattice), ("averaged force", "afa", gp.AveragedForce),
+        ("effective medium", "computed field", gp.EffectiveMedium),
+    ):  # fmt: skip
+        point = point_of(found, "media", method, knob)
+        assert not point.failure
+        by_hand = np.abs(observed(medium(rough).at_force(np.array(FORCES))) / reference.values - 1.0)
+        assert np.all(np.abs(point.errors - by_hand) <= 5.0 * np.hypot(point.reference_errors, reference.errors))
+
+
+def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
+    few = reference
+    assert "8 samples of 64 x 64 balls" in few.made
+    assert np.max(MediaStudy(disorder(rough, FORCES[:1]))._checked(math.inf)) < 1e-9
+    # an independent large sample
+    array = observed(gp.DirectSimulation(rough, (96, 96), 5).at_force(np.array(FORCES)))
+    chance = few.errors + np.std([observed(gp.DirectSimulation(rough, (40, 40), s).at_force(np.array(FORCES))) for s in
+                                  range(6)], axis=0, ddof=1) / few.values / 4.0  # fmt: skip
+    assert np.all(np.abs(array / few.values - 1.0) < 4.0 * chance)
+
+
+def test_errors_of_the_grid_are_what_xi_makes_of_velocities(rough, found):
+    """To first order: against a law with the coarse Xi in place of the true one."""
+    from granphon.effective import EffectiveLaw
+
+    law = gp.EffectiveMedium(rough).law
+    eta = rough.mindlin_ratio
+    for number, graded in ((2, True), (4, False)):
+        xi = local_field_on(number, eta, graded)
+        other = EffectiveLaw(law.coefficient, law.width, law.shape, xi)
+        k = [one.stiffness(one.overlap(np.array(FORCES))) for one in (law, other)]
+        point = point_of(found, DISORDER[0], "graded triangles" if graded else "uniform grid", str(number))
+        expected = np.abs(np.sqrt(k[1] / k[0]) - 1.0)
+        assert_allclose(point.errors, np.repeat(expected[:, None], 3, axis=1), rtol=0.02)
+
+
+def test_fixed_grids_converge_to_the_local_field_with_their_order():
+    for eta in (0.0, 0.3, 0.84, 1.3):
+        right = local_field(mindlin_ratio=eta).xi
+        graded = [abs(local_field_on(n, eta, True) / right - 1.0) for n in (3, 6, 12)]
+        assert graded[2] < 1e-8
+        assert graded[1] < 0.1 * graded[0]
+        uniform = [abs(local_field_on(n, eta, False) / right - 1.0) for n in (16, 32, 64)]
+        orders = np.log2(np.array(uniform[:-1]) / uniform[1:])
+        assert_allclose(orders, 4.0, atol=0.3)
+    with pytest.raises(InputError, match="points is 1"):
+        local_field_on(1, 0.5, True)
+    with pytest.raises(InputError, match="mindlin_ratio"):
+        local_field_on(4, -0.5, True)
+
+
+def test_a_uniform_grid_is_the_sum_over_a_finite_sample():
+    """The twin: D(q) by hand, F^T D^-1 F/6 with the twelve corona forces, at the same wave vectors."""
+    from granphon.references import _radial
+
+    vectors = np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])
+    reciprocal = 2.0 * np.pi * np.linalg.inv(vectors).T
+    ticks = (np.arange(6) + 0.5) / 6.0
+    for eta in (0.0, 0.84):
+        compliance = np.mean([_radial(np.array([a, b]) @ reciprocal, eta) for a in ticks for b in ticks])
+        assert_allclose(local_field_on(6, eta, False), 1.0 / compliance - 1.0, rtol=1e-12)
+
+
+def test_a_finer_knob_is_more_accurate_where_the_reference_can_tell(found):
+    for method in ("graded triangles", "uniform grid"):
+        errors = [p.error for p in found.of(DISORDER[0]) if p.method == method and p.resolved]
+        assert len(errors) >= 2
+        assert np.all(np.diff(errors) < 0.0), method
+
+
+def test_the_solution_of_the_effective_medium_is_judged_at_the_scene_s_forces(rough):
+    step = SimpleNamespace(advance=lambda: None)
+    study = SolutionStudy(disorder(rough))
+    reference = study.reference(math.inf, lambda one: False, step)
+    unit = rough.law.coefficient * rough.width**1.5
+    assert_allclose(study.disorder.forces, np.array(FORCES) / unit, rtol=1e-12)
+    state = gp.EffectiveMedium(rough).at_force(np.array(FORCES))
+    assert_allclose(reference.values * unit / rough.width, state.normal_stiffness, rtol=1e-10)
+    errors: dict[str, list[float]] = {}
+    for point in study.points():
+        if (point.method, point.knob) != ("3 stages", "1e-04"):  # which takes long
+            errors.setdefault(point.method, []).append(np.max(study.errors([point.solve(point.prepare(0))], reference)))
+    for method, several in errors.items():
+        assert several[-1] < 0.05 * several[0], method
+    assert errors["16 stages"][-1] < 1e-9
+
+
+def test_what_differs_in_samples_is_their_floor(found):
+    for point in found.of("media"):
+        if point.failure:
+            continue
+        if not point.random:
+            assert point.floor < 1e-14
+        else:
+            # an rms of five draws and their standard deviation
+            assert 0.3 * point.error < point.floor < 3.0 * point.error
+
+
+def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, steel):
+    from dataclasses import replace
+
+    for force in (3.0, 18.446, 100.0):
+        one = disorder(rough, (force,))
+        step = 1e-6
+
+        def velocity(packing, load):
+            return float(gp.sound_velocities(gp.EffectiveMedium(packing).at_force(load)).longitudinal)
+
+        here = velocity(rough, force)
+        by_load = abs(velocity(rough, force * (1.0 + step)) / here - 1.0) / step
+        wider = replace(rough, spread=gp.Uniform(WIDTH * (1.0 + step)))
+        by_width = abs(velocity(wider, force) / here - 1.0) / step
+        assert_allclose(one.condition, 1.0 + by_load + by_width, rtol=1e-3)
+
+
+# -- the mesh of the density of states ----------------------------------------------------------------------------------
+
+
+def test_a_mesh_that_is_finer_puts_fewer_modes_into_a_wrong_interval(packing, meshes):
+    assert meshes.studies == ("density of states",)
+    assert meshes.loads == (18.446,)
+    study = MeshStudy(packing, "force", (18.446,), False)
+    reference = study.reference(math.inf, lambda one: True, SimpleNamespace(advance=lambda: None))
+    assert_allclose(reference.values[-1], 3.0, rtol=1e-9)
+    assert np.max(reference.errors) < 1e-4
+    points = {(point.method, point.knob): point for point in study.points()}
+    for method in ("tetrahedron", "smearing"):
+        some = [points[method, f"{mesh} x {mesh}"] for mesh in (8, 16, 32)]
+        errors = [study.errors([one.solve(one.prepare(0))], reference).item() for one in some]
+        assert np.all(np.diff(errors) < 0.0), method
+        assert 0.0 < errors[-1] < errors[0] < 1.0
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "square", "kagome"])
+def test_modes_below_an_edge_are_counted_right_on_every_lattice(steel, lattice):
+    """The study's own histogram against the frequencies of the mesh, counted one by one."""
+    study = MeshStudy(gp.Packing(steel, 8e-3, lattice=lattice), "force", (10.0,), False)
+    phonons = gp.Phonons(study._state)
+    below = study._below(phonons.dos((64, 64)))
+    ticks = (np.arange(64) + 0.5) / 64.0
+    q = np.stack([*np.meshgrid(ticks, ticks), np.zeros((64, 64))], axis=-1).reshape(-1, 3)
+    counted = phonons.frequencies(q) / study._state.scales.frequency
+    balls = counted.shape[1] / 3
+    right = np.array([np.sum(counted < edge) for edge in study._edges]) / len(q) / balls
+    assert_allclose(below[-1], 3.0, atol=0.01)
+    assert module._displaced(below, right) < 0.1
+    assert module._displaced(right, right) == 0.0
+
+
+def test_what_is_displaced_is_a_part_of_the_modes():
+    one, other = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 2.0, 3.0])
+    assert module._displaced(one, other) == pytest.approx(1.0 / 3.0)
+    assert module._displaced(np.array([0.0, 3.0, 3.0, 3.0]), np.array([0.0, 0.0, 0.0, 3.0])) == 1.0
+
+
+def test_a_density_of_states_with_finite_overlap_is_judged_at_the_greatest_load(packing):
+    study = MeshStudy(packing, "force", (1.0, 1e5), True)
+    assert study.loads == (1e5,)
+    assert study._lattice.is_prestressed
+    assert not MeshStudy(packing, "force", (1.0, 1e5), False)._lattice.is_prestressed
+
+
+# -- references keep the time -------------------------------------------------------------------------------------------
+
+
+class Over(Exception):
+    """Raised by a check."""
+
+
+def test_long_references_can_be_ended(rough, hexagonal):
+    calls = []
+
+    def check():
+        calls.append(None)
+        if len(calls) == 3:
+            raise Over
+
+    from granphon.direct import SparseArray
+
+    sample = gp.DirectSimulation(rough, (12, 12)).at_force(5.0).samples[0].equilibrium
+    for work in (
+        lambda: curve_by_integration(gp.Uniform(1.0).shape, 2.4, [0.3], check=check),
+        lambda: integrated_dos(hexagonal, np.linspace(0.1, 2.0, 400), 512, check),
+        lambda: SparseArray(sample.deviations).forces(sample.overlap, check=check),
+    ):
+        calls.clear()
+        with pytest.raises(Over):
+            work()
+        assert len(calls) == 3
+
+
+def test_a_reference_that_does_not_fit_is_said_to(rough, packing):
+    step, past = SimpleNamespace(advance=lambda: None), time.perf_counter() - 1.0
+    for study in (MediaStudy(disorder(rough)), SolutionStudy(disorder(rough)), MeshStudy(packing, "force", (1.0,), False)):
+        with pytest.raises(GranphonError, match="budget"):
+            study.reference(past, lambda one: False, step)
+
+
+def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel):
+    rng = np.random.default_rng(0)
+
+    def solving(count):
+        d = 8e-3 + 1e-6 * rng.standard_normal(count)
+        return disorder(gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))).solving
+
+    assert solving(4) == 0.0
+    few, many = solving(60), solving(600)
+    assert few > 0.0
+    assert many > 20.0 * few
+
+
+@pytest.mark.parametrize(
+    ("load", "least"),
+    [
+        ({"force": 1e-9}, 0),
+        ({"force": 0.02}, 1),
+        ({"overlap": 0.0}, 5),
+        ({"pressure": 4e3}, 5),
+        ({"force": 1e5}, 5),
+        ({"force": 1e7}, 0),
+    ],
+)
+def test_extreme_and_other_loads_list_what_fails(rough, load, least):
+    result = tradeoff(rough, **load, budget=3.0)
+    assert sum(not point.failure for point in result.points) >= least
+    assert result.seconds < 6.0
+    assert result.kind == next(iter(load))
+    for point in result.points:
+        assert bool(point.failure) == (not point.errors.size)
+    work_and_precision(result)
+
+
+# -- what is written ----------------------------------------------------------------------------------------------------
+
+
+def parsed(result):
+    return list(csv.DictReader(io.StringIO(result.csv())))
+
+
+def test_the_table_has_every_number(found):
+    rows = parsed(found)
+    run = [point for point in found.points if not point.failure]
+    assert len(rows) == 6 * len(run) + len(found.points) - len(run)
+    for point in run:
+        mine = [row for row in rows if (row["study"], row["method"], row["knob"]) == (point.study, point.method, point.knob)]
+        errors = np.array([float(row["error (1)"]) for row in mine]).reshape(2, 3)
+        assert_array_equal(errors, point.errors)
+        assert [float(row["force"]) for row in mine] == [force for force in FORCES for _ in range(3)]
+        assert [row["observed"] for row in mine] == ["longitudinal", "transverse", "frequency"] * 2
+        assert {float(row["seconds (s)"]) for row in mine} == {point.seconds}
+        assert {int(row["memory (B)"]) for row in mine} == {point.memory}
+        limits = np.array([float(row["reference_error (1)"]) for row in mine]).reshape(2, 3)
+        assert [row["resolved"] == "True" for row in mine] == (errors >= BETTER * limits).ravel().tolist()
+
+
+def test_a_density_of_states_beside_media_is_written_at_its_own_load(rough, monkeypatch, clock):
+    mesh = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], name="density of states")
+    mesh.observed, mesh.loads = ("dos",), (2.0,)
+    media = FakeStudy(clock, [("m", "1", 0.1, 1e-2)], name="media")
+    rows = parsed(measure(rough, monkeypatch, mesh, media, budget=60.0))
+    assert [(row["study"], float(row["force"])) for row in rows] == [
+        ("density of states", 2.0), ("media", 1.0), ("media", 2.0)
+    ]  # fmt: skip
+
+
+def test_a_result_comes_back_from_its_dictionary(found):
+    back = TradeOff.from_dict(found.to_dict())
+    assert back == found
+    assert back.csv() == found.csv()
+    assert isinstance(back.points[0], Measured)
+    assert work_and_precision(back) == work_and_precision(found)
+
+
+def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
+    lines = work_and_precision(found)
+    assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
+    for point in found.points:
+        assert sum(line.startswith(f"  {point.method} ") and f" {point.knob} " in line for line in lines) >= 1
+    assert sum(line.startswith("  reference: ") for line in lines) == len(found.references)
+    assert lines[-1].startswith("took ")
+
+
+@pytest.mark.parametrize("which", ["found", "meshes"])
+def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(which, request):
+    result = request.getfixturevalue(which)
+    figure = tradeoff_figure(result)
+    figure.canvas.draw()
+    axes = [ax for ax in figure.axes if ax.axison]
+    assert [ax.get_title().split("\n")[0].lower() for ax in axes] == [name.lower() for name in result.studies]
+    for ax, study in zip(axes, result.studies, strict=True):
+        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+        assert ax.get_xlabel() == "Time (s)"
+        drawn = [p for p in result.of(study) if not p.failure and p.error > 0.0]
+        curves = {h.get_label(): h.lines[0] for h in ax.containers}
+        assert set(curves) == {p.method for p in drawn}
+        for method, line in curves.items():
+            mine = [p for p in drawn if p.method == method]
+            assert_array_equal(line.get_xdata(), [p.seconds for p in mine])
+            assert_array_equal(line.get_ydata(), [p.error for p in mine])
+        failed = [p for p in result.of(study) if p.failure]
+        assert any("not run" in text.get_text() for text in ax.texts) == bool(failed)
+    from matplotlib.text import Text
+
+    texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
+    assert min(text.get_fontsize() for text in texts) >= 7.0
+
+
+def test_there_is_a_diagram_only_of_what_was_studied(meshes):
+    from matplotlib.figure import Figure
+
+    with pytest.raises(InputError, match="no study 'media'"):
+        plot_work_precision(meshes, "media", Figure().subplots())
+
+
+# -- the command line ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_command_writes_table_and_picture(work, capsys):
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "--loads", "1"]) == 0
+    assert sorted(path.name for path in (work / "out").iterdir()) == ["tradeoff.csv", "tradeoff.png"]
+    out, err = capsys.readouterr()
+    assert "Green's function (of longitudinal, transverse)" in out
+    assert "Wrote tradeoff.csv, tradeoff.png into out" in out
+    assert err == ""
+    rows = list(csv.DictReader(io.StringIO((work / "out" / "tradeoff.csv").read_text(encoding="utf-8"))))
+    assert {row["force"] for row in rows} <= {"10.0", ""}
+    # an existing one is kept, and that is found out before anything is measured
+    before = (work / "out" / "tradeoff.csv").read_bytes()
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "20 minutes"]) == 1
+    assert "--force" in capsys.readouterr().err
+    assert (work / "out" / "tradeoff.csv").read_bytes() == before
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "1 ms", "-q", "--force"]) == 0
+    assert (work / "out" / "tradeoff.csv").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--budget", "10"], "found '10', without a unit"), (["--budget", "-3 s"], "--budget"),
+        (["--budget", "0 s"], "--budget"),
+        (["--budget", "3 m"], "--budget"), (["--budget", ""], "--budget"), (["--budget", "nan s"], "--budget"),
+        (["--budget", "inf s"], "--budget"), (["--runs", "4"], "--runs"), (["--loads", "0"], "--loads"),
+        (["-o", ""], "--out is empty"), (["--wrkers", "2"], "--wrkers"),
+    ],
+)  # fmt: skip
+def test_mistakes_on_the_command_line(work, capsys, arguments, told):
+    assert main(["tradeoff", "scene.yaml", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert told in err
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (", spread: {uniform: 2.04 um}|", "nothing to trade for equal balls"),
+        ("8 mm|8 mm, lattice: square", "on the square lattice"),
+        ("8 mm|8 mm, finite_overlap: true", "with finite overlap"),
+        ("medium: ema|sweep: {width: [1 um, 2 um]}", "scene.yaml sweeps width"),
+    ],
+)
+def test_scenes_that_have_no_trade_off(work, capsys, change, told):
+    (work / "scene.yaml").write_text(SCENE.replace(*change.split("|")), encoding="utf-8")
+    assert main(["tradeoff", "scene.yaml", "-o", "out"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert told in err
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+def test_a_file_in_the_place_of_the_folder(work, capsys):
+    (work / "out").write_text("mine", encoding="utf-8")
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "20 minutes"]) == 1
+    assert "is not a folder" in capsys.readouterr().err
+    assert (work / "out").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_leaves_nothing(work, which):
+    running = subprocess.Popen(
+        [sys.executable, "-c", "import sys, time; from granphon.cli import main\n"
+         "import granphon.studies; print('ready', flush=True); sys.exit(main(sys.argv[1:]))",
+         "tradeoff", "scene.yaml", "-o", "out", "--budget", "10 minutes"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert running.stdout.readline() == "ready\n"
+    time.sleep(1.5)
+    running.send_signal(which)
+    out, err = running.communicate(timeout=30)
+    assert running.returncode == 130
+    assert out == ""
+    assert err == "granphon: error: interrupted; no result was written. A sweep goes on with --resume.\n"
+    assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+def test_grids_are_timed_by_what_is_asked_of_them(rough):
+    """Preparation and solution, through the study's own points."""
+    for study in (GridStudy(disorder(rough)), SolutionStudy(disorder(rough)), MediaStudy(disorder(rough))):
+        points = study.points()
+        assert len({(point.method, point.knob) for point in points}) == len(points)
+        first = points[0]
+        assert np.all(np.isfinite(first.solve(first.prepare(0))))
+    random = [point for point in MediaStudy(disorder(rough)).points() if point.random]
+    assert [point.seconds for point in random] == sorted(point.seconds for point in random)
+    # another draw in every run, and the same in the same
+    draws = [random[0].solve(random[0].prepare(run)) for run in (0, 1, 0)]
+    assert np.all(draws[0] != draws[1])
+    assert_array_equal(draws[0], draws[2])
