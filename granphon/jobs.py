@@ -31,7 +31,7 @@ from granphon.samples import Sample
 from granphon.simulation import DirectSimulation, SimulatedState
 from granphon.tasks import Part
 
-__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "packages", "sampling_errors", "to_json"]
+__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "has_pressure", "packages", "sampling_errors", "to_json"]
 
 Array = NDArray[Any]
 #: of propagation, Cartesian; on an isotropic lattice any other gives the same
@@ -161,7 +161,7 @@ class Job:
         """What is found of a state."""
         finite = self.finite_overlap
         velocities, constants = sound_velocities(state, _DIRECTION, finite), moduli(state, finite)
-        names = [name for name in state.units if name != "pressure" or _has_pressure(self.packing)]
+        names = [name for name in state.units if name != "pressure" or has_pressure(self.packing)]
         out = {name: getattr(state, name) for name in (*names, "regime")}
         out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
         if constants.isotropic:
@@ -209,7 +209,8 @@ def _named(job: Job, error: GranphonError) -> GranphonError:
     return type(error)(f"{job.where}: {error}")
 
 
-def _has_pressure(packing: Packing) -> bool:
+def has_pressure(packing: Packing) -> bool:
+    """Whether the stress of the lattice is a pressure."""
     with suppress(InputError):
         return packing.structure.pressure_factor > 0.0
     return False

@@ -95,7 +95,8 @@ def _spread_name(spread: Any) -> str:
 def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
     """The distribution of the same shape and mean whose width is W = ``width``, m; uniform where there is none.
 
-    :class:`InputError` if the width is negative or not finite, or the listed diameters are all the same.
+    :class:`InputError` if the width is negative or not finite, the listed diameters are all the same, or the distribution
+    is none of granphon's.
     """
     uniform = Uniform(width)  # says what is wrong with the width
     if isinstance(spread, Normal):
@@ -109,7 +110,10 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
             # rounding of the diameters must not make it another shape, whose law would be solved anew
             scaled.__dict__["shape"] = spread.shape
         return scaled
-    return uniform
+    if spread is None or isinstance(spread, Uniform):
+        return uniform
+    what = f"a {type(spread).__name__} cannot be given another width"
+    raise InputError(message(what, "Its parameters are not known here", "Give the spreads themselves"))
 
 
 def changed(packing: Packing, values: Mapping[str, Any]) -> Packing:

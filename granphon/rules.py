@@ -74,7 +74,12 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
     if count == 1:
         return write(first)
     for scale in SCALES:
-        if count > 2 and (scale == "linear" or min(first, last) > 0.0) and spaced(first, last, count, scale) == tuple(given):
+        if (
+            count > 2
+            and first != last
+            and (scale == "linear" or min(first, last) > 0.0)
+            and spaced(first, last, count, scale) == tuple(given)
+        ):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in given]
 

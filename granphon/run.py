@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.errors import InputError
 from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
-from granphon.jobs import LATTICE_BANDS, sampling_errors
+from granphon.jobs import LATTICE_BANDS, has_pressure, sampling_errors
 from granphon.ladder import Rung
 from granphon.local_field import LocalField
 from granphon.medium import ContactState, EffectiveMedium
@@ -106,7 +106,8 @@ class RunResult:
         out: dict[str, Any] = {"medium": self.medium}
         if self.rung is not None:
             out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
-        out |= {name: getattr(state, name) for name in (*state.units, "regime")}
+        left_out = set() if has_pressure(packing) else {"pressure"}
+        out |= {name: getattr(state, name) for name in (*state.units, "regime") if name not in left_out}
         if isinstance(state, SimulatedState) and state.n_samples > 1:
             found = "force" if self.load == "overlap" else "overlap"
             out[f"{found}_error"] = state.standard_error(found)

@@ -122,7 +122,7 @@ def test_long_labels_stand_below_each_other():
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box, width = legend.get_window_extent(), figure.bbox.width
-    assert 0.0 <= box.x0
+    assert box.x0 >= 0.0
     assert box.x1 <= width
 
 

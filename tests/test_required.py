@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+import subprocess
 import sys
 from functools import reduce
 from pathlib import Path
@@ -36,10 +37,19 @@ costs, side_by_side = load("costs"), load("side_by_side")
 ALWAYS = {"scene.yaml", "summary.yaml"}
 SWEEP = {"sweep.nc", "sweep.csv"}
 BANDS = {"band.yaml", "phonopy_params.yaml"}
+
+
+def bringing(*parts: str) -> set[str]:
+    """These parts of scipy, and the watched ones that this version of it loads with them."""
+    code = f"import sys, {', '.join(parts)}\nprint(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    return set(costs.HEAVY) & set(run.stdout.split())
+
+
 #: what the effective medium takes of scipy: nodes of Gauss and Jacobi
-NODES = {"scipy.special", "scipy.linalg"}
+NODES = bringing("scipy.special", "scipy.linalg")
 #: Fourier transforms
-WAVES = {"scipy.fft", "scipy.special"}
+WAVES = bringing("scipy.fft", "scipy.special")
 PHONOPY = {"phonopy", "spglib", "ase", "ase.calculators"}
 XARRAY = {"xarray", "h5netcdf", "pandas"}
 #: ase.io, which writes the sample, imports calculators

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import BrokenExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import ase.io
@@ -15,9 +16,10 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.archive import load_sweep
 from granphon.cli import main
+from granphon.geometry import LATTICES
 from granphon.redraw import redraw
 from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
-from granphon.scene import Scene
+from granphon.scene import Load, Scene
 from granphon.sweeps import sweep
 from granphon.wording import human
 
@@ -82,6 +84,15 @@ def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
     assert got["local_field"] == {name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")}
     assert got["longitudinal"] == gp.sound_velocities(state).longitudinal
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_lattice_without_a_pressure_has_none_in_its_summary(work, monkeypatch):
+    chained = gp.Lattice("chained", ((1.0, 0.0), (0.3, np.sqrt(0.91))))
+    monkeypatch.setitem(LATTICES, chained.name, chained)
+    packing = replace(Scene.from_text(ONE).packing, spread=None, lattice=chained.name)
+    got = Scene(packing, Load("force", (3.0,))).run("out").summary()
+    assert "pressure" not in got
+    assert got["force"] == 3.0
 
 
 def test_the_printed_local_field_reaches_the_summary(work):

@@ -729,3 +729,12 @@ def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
     monkeypatch.setattr("granphon.cost.machine_memory", lambda: 1e7)
     with pytest.raises(SceneError, match=r"medium: simulation of 4,096 balls: .* has 0.01 GB .*medium\.simulation\.shape"):
         scene.cost()
+
+
+@pytest.mark.parametrize("loads", ["[1 N, 1 N, 1 N]", "[1 N, 2 N, 1 N]", "[3 N, 2 N, 1 N]", "[2 N, 2 N]"])
+def test_loads_of_any_order_come_back(loads):
+    scene = Scene.from_text(
+        "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
+        f"packing: {{diameter: 1 mm}}\nload: {{force: {loads}}}\n"
+    )
+    assert Scene.from_text(scene.to_yaml()) == scene

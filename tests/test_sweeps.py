@@ -326,6 +326,14 @@ def test_equal_diameters_cannot_be_spread():
         of_width(gp.Discrete((8e-3,), (1.0,)), 1e-6)
 
 
+def test_a_distribution_of_another_make_keeps_its_width():
+    class Triangle:
+        width = 1e-6
+
+    with pytest.raises(InputError, match="Triangle cannot be given another width"):
+        of_width(Triangle(), 1e-6)
+
+
 def test_spread_and_width_together(rough):
     ds = sweep(rough, force=5.0, media="afa", spread=[gp.Normal(1e-6), BIMODAL], width=[1e-6, 3e-6])
     for i, spread in enumerate((gp.Normal(1e-6), BIMODAL)):
