@@ -7,6 +7,7 @@ state is left alone. A medium has a colour, values of parameters a shade of it; 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -17,7 +18,7 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import Locator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from granphon.errors import InputError, message
@@ -44,7 +45,7 @@ _GREY = "0.6"
 _LONG_LABEL = 24
 _NAMES = {
     "force": "Contact force", "pressure": "Pressure", "overlap": "Overlap", "longitudinal": "Longitudinal velocity",
-    "transverse": "Transverse velocity", "exponent": "d log v / d log P", "reduced_force": "Force f*",
+    "transverse": "Transverse velocity", "exponent": "d log $v_L$ / d log $P$", "reduced_force": "Force f*",
     "normal_stiffness": "Normal stiffness", "contact_fraction": "Fraction of contacts", "bulk": "Bulk modulus",
     "shear": "Shear modulus", "force_fluctuation": "Force fluctuation Δf/f", "stiffness_ratio": "k over the ideal lattice's",
 }  # fmt: skip
@@ -190,14 +191,43 @@ def _scale(ax: Axes, which: str, values: Array) -> None:
     ax.set(**{f"{which}scale": "log"})
     axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
     if span < 1e3:
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]) if span < 4.0 else LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
 
 
+class _PlainTicks(Locator):
+    """Ticks at round numbers on a logarithmic axis: three at least, and few."""
+
+    def __call__(self) -> Any:
+        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        low, high = sorted((vmin, vmax))
+        inside = np.empty(0)
+        for ticks in _round_numbers(low, high):
+            inside = ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
+            if inside.size >= 3:
+                break
+        return inside
+
+
+def _round_numbers(low: float, high: float) -> Iterator[Array]:
+    """Sets of round numbers from ``low`` to ``high`` and beyond, ever finer: of each decade, or evenly spaced in less."""
+    if high / low >= 4.0:
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+        for parts in ((1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
+            yield np.outer(decades, parts).ravel()
+    for count in (5, 8, 12):
+        yield np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+
+
 def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
-    """Draw the local exponent d log v / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4."""
+    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
+
+    That of v_T is the same, but for a simulation; see :func:`granphon.local_exponent`.
+    """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):

@@ -274,14 +274,16 @@ def fit(
     for name, value, error in zip(found.parameters, found.values, found.stderrs, strict=True):
         unit = PARAMETERS[name] or ""
         _table([(name.replace("_", " "), f"{human(value, unit)} +/- {human(error, unit)}")])
-    source = "given" if measured.sigma is not None or sigma is not None else "from the scatter"
+    given = measured.sigma is not None or sigma is not None
+    source = "given" if given else f"from the scatter, {found.dof} degrees of freedom"
     _table(
         [
             ("medium", found.medium),
             ("velocities", f"{found.force.size}, each +/- {float(found.sigma.mean()):.3g} m/s ({source})"),
-            ("chi^2", f"{found.chi2:.4g} for {found.dof} degrees of freedom"),
         ]
     )
+    if given:  # of a sigma from the scatter it is the number of degrees of freedom, whatever the data
+        _table([("chi^2", f"{found.chi2:.4g} for {found.dof} degrees of freedom")])
     if out is not None:
         _say(f"Wrote {', '.join(FIT_FILES)} into {out}")
 

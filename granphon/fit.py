@@ -25,6 +25,7 @@ from granphon.measurements import Measurements
 from granphon.medium import ContactState
 from granphon.observables import validity
 from granphon.packing import Packing
+from granphon.parameters import PARAMETERS
 from granphon.results import Result
 from granphon.velocity_model import VARIABLE, VelocityModel, Waves
 
@@ -113,6 +114,13 @@ class WidthFit(Result):
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
             return model(model.start(self.width))[0].reshape(forces.shape)[()]
         return self.waves.velocity(choice.of(self.packing).at_force(force, self.waves.finite_overlap))[0][()]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As of any result; units of ``values`` are parted by commas, those of ``covariance`` by semicolons between rows."""
+        each = [PARAMETERS[name] or "1" for name in self.parameters]
+        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
+        data = super().to_dict()
+        return data | {"units": data["units"] | {"values": ", ".join(each), "covariance": "; ".join(rows)}}
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, everything, and fit.csv, data and fit, into a folder that is there."""

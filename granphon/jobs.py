@@ -75,7 +75,7 @@ class Job:
     def state(self, values: ArrayLike) -> ContactState:
         """At some of the loads."""
         at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
-        return at(values, finite_overlap=self.finite_overlap)
+        return replace(at(values, finite_overlap=self.finite_overlap), chosen=self.places is not None)
 
     @cached_property
     def name(self) -> str:

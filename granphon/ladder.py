@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -75,7 +75,7 @@ class AutoMedium:
             error = expected_error(option, packing, kind, values[left])
             serves = error <= self.tolerance
             if np.any(serves):
-                found.append(Rung(option, left[serves], error[serves]))
+                found.append(Rung(option, left[serves], error[serves], chosen=True))
                 left = left[~serves]
             if not left.size:
                 return found
@@ -105,15 +105,18 @@ class AutoMedium:
 
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the mean contact force f, N."""
-        return self.serving("force", force).of(self.packing).at_force(force, finite_overlap)
+        return replace(self._serving("force", force).at_force(force, finite_overlap), chosen=True)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the linear pressure P, N/m."""
-        return self.serving("pressure", pressure).of(self.packing).at_pressure(pressure, finite_overlap)
+        return replace(self._serving("pressure", pressure).at_pressure(pressure, finite_overlap), chosen=True)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m."""
-        return self.serving("overlap", overlap).of(self.packing).at_overlap(overlap, finite_overlap)
+        return replace(self._serving("overlap", overlap).at_overlap(overlap, finite_overlap), chosen=True)
+
+    def _serving(self, kind: str, loads: ArrayLike) -> Medium:
+        return self.serving(kind, loads).of(self.packing)
 
 
 #: the rungs of the ladder by the names that scenes and sweeps use
@@ -195,11 +198,15 @@ class MediumChoice:
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """A medium that serves some loads: their places (n,), and its expected relative error at each (n,)."""
+    """A medium that serves some loads: their places (n,), and its expected relative error at each (n,).
+
+    ``chosen``: whether it was, for that error, by an :class:`AutoMedium`.
+    """
 
     medium: MediumChoice
     loads: NDArray[np.intp]
     errors: Array
+    chosen: bool = False
 
 
 def _options_by_cost() -> list[MediumChoice]:

@@ -31,6 +31,11 @@ COLUMNS: Mapping[str, Quantity] = {
 }  # fmt: skip
 
 
+def _how_named(kind: str) -> str:
+    """How to say which column is meant, on the command line and in Python."""
+    return f"Name the column that is meant, as in --column '{kind}=NAME' or columns={{'{kind}': 'NAME'}}"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Result):
     """Sound velocities against the contact force.
@@ -101,11 +106,11 @@ class Measurements(Result):
             """The one of these kinds that the table holds."""
             there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
             if len(there) > 1:
-                raise InputError(message(f"{path} has both {' and '.join(there)}", mend="Name the column that is meant"))
+                raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_how_named(there[0])))
             return there[0] if there else None
 
         def column(kind: str) -> Array:
-            return table.column(named.get(kind, kind), COLUMNS[kind])
+            return table.column(named.get(kind, kind), COLUMNS[kind], _how_named(kind))
 
         if chosen("force", "side_force") != "side_force":
             force = column("force")

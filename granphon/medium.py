@@ -94,6 +94,7 @@ class ContactState(Result):
     overlap : delta = d - a, m. The state variable: the spacing a would lose every digit of it.
     normal_stiffness : k = df/d(delta), N/m.
     finite_overlap : whether the boundary follows the balls, so that pressure and density are those at spacing d - delta.
+    chosen : whether the medium was chosen for its expected error at this load, which says more than its own limit.
     """
 
     units = {
@@ -109,11 +110,13 @@ class ContactState(Result):
     overlap: Values
     normal_stiffness: Values
     finite_overlap: bool = False
+    chosen: bool = False
 
     def __getitem__(self, index: Any) -> ContactState:
         """The state at some of the loads, as arrays are indexed."""
         force, overlap, stiffness = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return ContactState(self.packing, self.medium, self.law, force, overlap, stiffness, self.finite_overlap)
+        rest = self.finite_overlap, self.chosen
+        return ContactState(self.packing, self.medium, self.law, force, overlap, stiffness, *rest)
 
     @property
     def shear_stiffness(self) -> Values:
@@ -185,9 +188,9 @@ class ContactState(Result):
 
     @property
     def least_valid_force(self) -> float:
-        """The mean contact force from which the medium is valid, N; 0 for equal balls."""
+        """The mean contact force from which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
         width = self.packing.width
-        if not width:
+        if not width or self.chosen:
             return 0.0
         if self.medium == EffectiveMedium.name:
             return VALID_FORCE * self.packing.law.coefficient * math.sqrt(width) ** 3

@@ -20,6 +20,7 @@ from matplotlib.collections import LineCollection, PatchCollection, PolyCollecti
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.errors import InputError, message
@@ -240,7 +241,8 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     """Draw the density of states per ball: its translational and rotational part filled, the total as a line.
 
     ``horizontal``: density to the right and frequency upwards, to stand beside bands; otherwise the other way round.
-    ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a legend.
+    ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a legend. The axis of frequency has no label
+    where it shares that of a neighbour, as in ``subplots(1, 2, sharey=True)``.
     """
     unit = _unit_of(dos) if unit is None else unit
     frequency, fill = dos.frequencies / unit.hertz, ax.fill_betweenx if horizontal else ax.fill_between
@@ -254,9 +256,12 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
     name, gap = _unit_name(unit), "\n" if horizontal else " "
-    ax.set(**{f"{along}label": f"Frequency ({name})", f"{across}label": f"DOS per ball{gap}(1/{name})"})
+    numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
+    ax.set(**{f"{along}label": f"Frequency ({name})" if numbered else "", f"{across}label": f"DOS per ball{gap}(1/{name})"})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * float(dos.total.max()) * unit.hertz)})
-    ax.locator_params(axis="x" if horizontal else "y", nbins=3 if horizontal else 5, steps=[1, 2, 5, 10])
+    axis = ax.xaxis if horizontal else ax.yaxis
+    axis.set_major_locator(MaxNLocator(2 if horizontal else 5, steps=[1, 2, 5, 10]))
+    axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax
 
 
@@ -287,8 +292,6 @@ def bands_figure(
             inset.set_in_layout(False)
             plot_zone(bands, inset)
         if both:
-            axes[1].set_ylabel("")
-            axes[1].tick_params(axis="y", labelleft=False)
             axes[1].axhline(0.0, color=_GREY, linewidth=0.5, zorder=0.5)
         entries = {name: h for ax in axes[::-1] for h, name in zip(*ax.get_legend_handles_labels(), strict=True)}
         if set(entries) - {"total"}:
@@ -369,7 +372,7 @@ def plot_mode(
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
     part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.rotates else ""
-    ax.set_title(f"q = ({fractions}), {hertz / unit.hertz:.1f} {_unit_name(unit)}{part}")
+    ax.set_title(f"q = ({fractions})\n{hertz / unit.hertz:.1f} {_unit_name(unit)}{part}")
     return ax
 
 

@@ -206,7 +206,7 @@ class Scene:
                 if isinstance(medium, DirectSimulation):
                     medium.require(kind, values[index], self.finite_overlap)
                     continue
-                contact_lattice(_finite(self._state(packing, rung.medium, values[index])), self.finite_overlap)
+                contact_lattice(_finite(self._state(packing, rung, values[index])), self.finite_overlap)
 
     def _located_medium(self, document: Document, choice: MediumChoice) -> AbstractContextManager[None]:
         return _located(document, ("medium",), f"found {choice.label!r}; allowed: a tolerance that is met at every load. ")
@@ -226,20 +226,23 @@ class Scene:
         with _located(document, ("sweep",)):
             return combinations(self.packing, axes)
 
-    def _state(self, packing: Packing, choice: MediumChoice, values: ArrayLike) -> ContactState:
+    def _state(self, packing: Packing, rung: MediumChoice | Rung, values: ArrayLike) -> ContactState:
+        """Of a medium, or of the one that an automatic medium has chosen."""
+        choice = rung.medium if isinstance(rung, Rung) else rung
         at: Callable[..., ContactState] = getattr(choice.of(packing), f"at_{self.load.applied[0]}")
         with np.errstate(all="ignore"):
-            return at(values, self.finite_overlap)
+            state = at(values, self.finite_overlap)
+        return replace(state, chosen=isinstance(rung, Rung) and rung.chosen)
 
     def state(self) -> ContactState:
         """The contacts under the load.
 
         :class:`~granphon.errors.InputError` if the balls cannot carry it, or if the scene is a sweep.
         """
-        medium = self.rung.medium
+        rung = self.rung
         located = nullcontext() if self._document is None else self._located_load(self._document, 0)
         with located:
-            return _finite(self._state(self.packing, medium, self.load.applied[1][0]))
+            return _finite(self._state(self.packing, rung, self.load.applied[1][0]))
 
     def states(self, simulations: bool = True) -> Iterator[tuple[str, ContactState]]:
         """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
@@ -260,7 +263,7 @@ class Scene:
                 if simulations or not rung.medium.simulates:
                     yield (
                         f"{label}: {rung.medium.label}",
-                        self._state(packing, rung.medium, np.atleast_1d(loads)[rung.loads]),
+                        self._state(packing, rung, np.atleast_1d(loads)[rung.loads]),
                     )
 
     def _cases(self) -> Iterator[tuple[str, Packing, MediumChoice]]:

@@ -149,14 +149,18 @@ class SimulatedState(ContactState):
         delta = np.mean(overlaps, axis=-1) if overlap is None else overlap
         f, delta, k = (np.asarray(value)[()] for value in (f, delta, k))
         packing, law = simulation.packing, simulation.law
-        return cls(packing, simulation.name, law, f, delta, k, finite_overlap, tuple(samples), spaced)
+        return cls(
+            packing, simulation.name, law, f, delta, k, finite_overlap, samples=tuple(samples), spaced=spaced
+        )  # fmt: skip
 
     def __getitem__(self, index: Any) -> SimulatedState:
         """The state at some of the loads, as arrays are indexed."""
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return SimulatedState(self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, samples, self.spaced)
+        return SimulatedState(
+            self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, self.chosen, samples, self.spaced
+        )  # fmt: skip
 
     @property
     def _table(self) -> NDArray[Any]:

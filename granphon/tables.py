@@ -25,6 +25,7 @@ __all__ = ["Heading", "Table"]
 
 #: the largest file that is read
 MAX_BYTES = 50_000_000
+_POINT = "Write decimals with a point"
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,11 @@ class Table:
     def __contains__(self, name: str) -> bool:
         return self._places(name) != []
 
-    def column(self, name: str, kind: Quantity) -> NDArray[np.float64]:
+    def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
         """The column called ``name``, (rows,), in the SI unit of its ``kind``.
 
         ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter.
+        ``mend`` says what to do where there is no such column.
         :class:`~granphon.errors.InputError` if there is no such column or there are two, if it has no unit, if there are no
         rows, or a cell is not what the kind allows.
         """
@@ -103,15 +105,15 @@ class Table:
             names = [heading.name for heading in self.headings]
             meant = closest(wanted.name, names)
             what = f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
-            mend = f"Did you mean {meant!r}" if meant and not places else "Name the column that is meant"
+            mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
             raise InputError(message(what, f"Its columns are {', '.join(map(repr, names))}", mend))
         if not self.rows:
             raise InputError(message(f"{self.name} has no rows below its headings"))
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
         if not unit:
-            mend = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
-            raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=mend))
+            head = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
+            raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
         return np.array([self._value(n, cells[place], unit, heading, kind) for n, cells in self.rows])
 
     def _places(self, name: str) -> list[int]:
@@ -121,7 +123,8 @@ class Table:
     def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity) -> float:
         if not re.fullmatch(NUMBER, cell):
             found = f"found {cell[:40]!r}" if cell else "found nothing"
-            raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed"))
+            mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
+            raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed", mend=mend))
         try:
             return kind.read(f"{cell} {unit}")
         except ValueError as refused:
@@ -139,5 +142,5 @@ def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
     """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
     if any(cells[count:]):
         what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
-        raise InputError(message(what, mend="Write decimals with a point, and part the columns by one mark"))
+        raise InputError(message(what, mend=f"{_POINT}, and part the columns by one mark"))
     return cells[:count] + ("",) * (count - len(cells))

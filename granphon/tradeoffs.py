@@ -36,6 +36,8 @@ BETTER = 100.0
 LEAST_RUNS = 5
 #: runs more than those that are timed: one to warm up, and one that is slower, as its memory is watched
 _MORE_RUNS = 4.0
+#: part of the time of a study that its points may take
+_FOR_POINTS = 0.4
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 
@@ -225,11 +227,11 @@ class _Runs(NamedTuple):
 
 
 def _carried_out(study: Study, until: float, runs: int, progress: Progress, references: dict[str, str]) -> list[Measured]:
-    """The points of a study, measured before the time ``until``: half of it for them, and the rest for the reference."""
+    """The points of a study, measured before the time ``until``: a part of it for them, and the rest for the reference."""
     points = study.points()
     failures: dict[Point, str] = {}
     done: list[_Runs] = []
-    halfway = time.perf_counter() + 0.5 * (until - time.perf_counter())
+    halfway = time.perf_counter() + _FOR_POINTS * (until - time.perf_counter())
     with progress.step(study.name, len(points)) as step:
         taken: dict[str, float] = {}
         for point in points:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from granphon.cost import Cost
     from granphon.ladder import Rung
     from granphon.load import Load
+    from granphon.packing import Packing
     from granphon.run import RunResult, SweepResult
     from granphon.scene import Scene
     from granphon.tradeoffs import Measured, TradeOff
@@ -38,6 +39,16 @@ def _pressed(load: Load) -> str:
     return f"{load.kind.replace('_', ' ')} {span(load.values, LOADS[load.kind].unit)}{several}{frame}"
 
 
+def _spread(packing: Packing) -> str:
+    """The form of the spread, and its W in words: the full width of the uniform one, and what that is for others."""
+    if not packing.width:
+        return "none"
+    form, width = type(packing.spread).__name__.lower(), human(packing.width, "m")
+    if form == "uniform":
+        return f"{form}, W = {width} (the mean +/- {human(packing.width / 2.0, 'm')})"
+    return f"{form}, W = {width} (sqrt(12) times the rms, {human(packing.width / math.sqrt(12.0), 'm')})"
+
+
 def described(scene: Scene) -> list[tuple[str, str]]:
     """Rows of what a scene holds: names, and values in readable units."""
     packing, material = scene.packing, scene.packing.material
@@ -45,11 +56,10 @@ def described(scene: Scene) -> list[tuple[str, str]]:
     yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
     friction = "with friction" if packing.friction else "without friction"
     same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
-    spread = f"{type(packing.spread).__name__.lower()}, W = {human(packing.width, 'm')}" if packing.width else "none"
     rows = [
         ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
         ("packing", f"{packing.structure.name}, balls of {human(packing.diameter, 'm')}, {friction}"),
-        ("spread", spread),
+        ("spread", _spread(packing)),
         ("load", _pressed(scene.load)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]

@@ -486,3 +486,25 @@ def test_a_scene_of_several_states_has_no_one_choice():
         _ = Scene.from_text(SWEEP).rung
     with pytest.raises(SceneError, match="medium"):
         Scene.from_text(SCENE.replace("2e-3", "1e-9"))
+
+
+def test_what_was_chosen_is_valid_and_its_medium_is_not_complained_of(rough, unit, tmp_path):
+    medium, force = gp.AutoMedium(rough, tolerance=0.1), 0.3 * unit
+    state = medium.at_force(force)
+    assert state.medium == "ala"
+    assert not gp.AveragedLattice(rough).at_force(force).valid
+    assert state.valid
+    assert state.least_valid_force == 0.0
+    assert not gp.validity(state).warnings
+    assert gp.validity(gp.AveragedLattice(rough).at_force(force)).warnings
+    several = medium.at_force(np.array([0.3, 0.5]) * unit)
+    assert several.valid.all()
+    assert several[0].chosen
+    ds = sweep(rough, force=[force, 0.5 * unit], media=["ala", {"auto": {"tolerance": 0.1}}])
+    assert_array_equal(ds.valid, [[False, True], [False, True]])
+    assert all("auto" not in text for text in json.loads(ds.attrs["warnings"]))
+    text = SCENE.replace("18.446 N", f"{force!r} N").replace("2e-3", "0.1")
+    result = Scene.from_text(text).run(tmp_path / "out", figures=False)
+    assert result.summary()["valid"]
+    assert result.validity.ok
+    assert not result.warnings
