@@ -256,12 +256,24 @@ def densities_of_states() -> float:
     return worst
 
 
+def ends_of_branches(lattice: gp.ContactLattice) -> tuple[Any, Any]:
+    """The least and the greatest frequency of each, on a grid with K and M."""
+    grid = np.stack(np.meshgrid(np.arange(48), np.arange(48)), axis=-1).reshape(-1, 2) / 48.0
+    values = lattice.frequencies(lattice.wavevectors(grid))
+    return values.min(axis=0), values.max(axis=0)
+
+
 def band_edges(lattice: gp.ContactLattice) -> Any:
     """Where the density of states may have an edge, a step or a peak: ends of branches, and the branches at Γ, K and M."""
-    grid = np.stack(np.meshgrid(np.arange(48), np.arange(48)), axis=-1).reshape(-1, 2) / 48.0  # with K and M
-    values = lattice.frequencies(lattice.wavevectors(grid))
     special = lattice.frequencies(lattice.wavevectors([[0.0, 0.0], [1.0 / 3.0, 1.0 / 3.0], [0.5, 0.0]]))
-    return np.concatenate([values.min(axis=0), values.max(axis=0), special.ravel()])
+    return np.concatenate([*ends_of_branches(lattice), special.ravel()])
+
+
+def gaps(lattice: gp.ContactLattice) -> Any:
+    """Both ends of the wide gaps between branches."""
+    low, high = ends_of_branches(lattice)
+    wide = low[1:] - high[:-1] > 1e-2
+    return np.concatenate([high[:-1][wide], low[1:][wide]])
 
 
 def densities_at_edges() -> float:
@@ -276,9 +288,7 @@ def densities_at_edges() -> float:
     for packing, load in tried:
         state, finite = gp.AveragedLattice(packing).at_force(load), load > 1e3
         phonons, lattice = gp.Phonons(state, finite_overlap=finite), contact_lattice(state, finite)
-        edges = band_edges(lattice)
-        if lattice.n_balls > 1:
-            edges = np.append(gaps(lattice), lattice.top_frequency)
+        edges, points = (band_edges(lattice), 256) if lattice.n_balls == 1 else (gaps(lattice), 64)
         for mesh, exact in itertools.product((17, 64), [dict[int, float]()]):
             dos = phonons.dos((mesh, mesh))
             at = dos.frequencies / phonons.scales.frequency
@@ -287,20 +297,11 @@ def densities_at_edges() -> float:
             place = np.unique(np.clip(place[:, None] + [-1, 0, 1], 0, at.size - 1))
             if not exact:
                 known = np.union1d(place, place + 1)
-                exact.update(zip(known.tolist(), integrated_dos(lattice, ends[known], 256).tolist(), strict=True))
+                exact.update(zip(known.tolist(), integrated_dos(lattice, ends[known], points).tolist(), strict=True))
             found = dos.total[place] * phonons.scales.frequency * np.diff(ends)[place]
             modes = np.array([exact[i + 1] - exact[i] for i in place.tolist()])
             worst = max(worst, float(np.max(np.abs(found - modes))) * mesh**2)
     return worst
-
-
-def gaps(lattice: gp.ContactLattice) -> Any:
-    """Both ends of the gaps between branches."""
-    grid = np.stack(np.meshgrid(np.arange(48), np.arange(48)), axis=-1).reshape(-1, 2) / 48.0
-    values = lattice.frequencies(lattice.wavevectors(grid))
-    low, high = values.max(axis=0)[:-1], values.min(axis=0)[1:]
-    open_ = high - low > 1e-2
-    return np.concatenate([low[open_], high[open_]])
 
 
 # -- balls that differ ------------------------------------------------------------------------------------------------
@@ -371,7 +372,7 @@ def averaged_normal() -> float:
     worst = 0.0
     for cutoff in (0.01, 3.0, 10.0):
         for state in spread_states(
-            gp.AveragedForce, (0.42, 0.5, 0.75, 1.5, 30.0, 1e8), (1e-16, 0.1), lambda std, cut=cutoff: gp.Normal(std, cut)
+            gp.AveragedForce, (0.42, 0.5, 0.75, 1.5, 30.0, 1e8), (1e-16, 0.05), lambda std, cut=cutoff: gp.Normal(std, cut)
         ):
             cut, root = mpf(cutoff), mpmath.sqrt(2)
             kept = mpmath.erf(cut / root)
@@ -381,14 +382,12 @@ def averaged_normal() -> float:
             worst = max(worst, off(state.packing.width, mpf(state.packing.spread.std) / std))
             y, edge = mpf(state.overlap) / width, cut * std
 
-            def share(t: Any, std: Any = std, edge: Any = edge, kept: Any = kept) -> Any:
+            def share(t: Any, p: str, y: Any = y, std: Any = std, edge: Any = edge, kept: Any = kept) -> Any:
                 both = mpmath.exp(-((t / std) ** 2)) * mpmath.erf((edge - abs(t)) / std)
-                return both / (mpmath.sqrt(mpmath.pi) * std * kept**2)
+                return power(y + t, p) * both / (mpmath.sqrt(mpmath.pi) * std * kept**2)
 
             cuts = sorted({max(-edge, -y), edge, *(part for part in (mpf(0), -edge / 4, edge / 4) if part > -y)})
-            force, stiffness = (
-                mpmath.quad(lambda t, p=p: power(y + t, p) * share(t), cuts) for p in (mpf("1.5"), mpf("0.5"))
-            )
+            force, stiffness = (mpmath.quad(lambda t, p=p, of=share: of(t, p), cuts) for p in ("1.5", "0.5"))
             worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
             worst = max(worst, off(state.normal_stiffness, 1.5 * c * mpmath.sqrt(width) * stiffness))
     return worst
@@ -405,14 +404,14 @@ def effective_medium() -> float:
     worst = 0.0
     with mpmath.workdps(60):
         for state in spread_states(gp.EffectiveMedium, HEIGHTS, (1e-16, 0.3), materials=(None, AUXETIC)):
-            width, c, xi = mpf(state.packing.width), coefficient(state.packing), xi_of(state.packing.mindlin_ratio)
-            y, k = mpf(state.overlap) / width, mpf(state.normal_stiffness) / (c * mpmath.sqrt(width))
+            width, c, xi = mpf(state.packing.width), coefficient(state.packing), mpf(xi_of(state.packing.mindlin_ratio))
+            y, held = mpf(state.overlap) / width, xi * mpf(state.normal_stiffness) / (c * mpmath.sqrt(width))
             quarter = mpf(1) / 4
             ends = sorted({y - quarter, y + quarter, *(x for x in (-quarter, quarter) if abs(x - y) < quarter)})
 
-            def part(s: Any, k: Any = mpf(xi) * k) -> Any:
+            def part(s: Any, held: Any = held) -> Any:
                 force, stiffness = uniform_ball(s)
-                return mpmath.matrix([force, 1]) / (stiffness + k)
+                return mpmath.matrix([force, 1]) / (stiffness + held)
 
             force = mpmath.quad(lambda s: part(s)[0], ends) / mpmath.quad(lambda s: part(s)[1], ends)
             worst = max(worst, off(state.force, c * width ** mpf("1.5") * force))
@@ -441,17 +440,23 @@ TAILS = [
 
 
 def effective_curves() -> float:
-    """Overlap and stiffness of a force against the integration of k' = (k - dG/dy)/(dG/dk)."""
-    worst, forces = 0.0, np.array([1e-4, 1e-2, 1.0, 1e2, 1e5])
-    everywhere = [gp.Material(211.65e9, sigma, 7840.0) for sigma in (*POISSON, 0.0)] + [None]
-    tried: list[tuple[gp.Spread, Any]] = [(gp.Uniform(1e-9 * D), (None, AUXETIC)), (gp.Normal(1e-9 * D), (AUXETIC,))]
-    tried += [(gp.Discrete((D, D * (1.0 + 1e-6)), (1.0 - part, part)), everywhere) for part in (1e-3, 1.0 - 1e-3)]
-    tried += [(tail, everywhere) for tail in TAILS]
-    for spread, materials in tried:
+    """Overlap and stiffness of a force against the integration of k' = (k - dG/dy)/(dG/dk).
+
+    Not above f* = 100, where rounding of dG/dk exceeds the tolerance of the integration, and its steps grow short.
+    """
+    worst = 0.0
+    everywhere = [None, *(gp.Material(211.65e9, sigma, 7840.0) for sigma in (*POISSON, 0.0))]
+    tried: list[tuple[gp.Spread, Any, float]] = [(gp.Uniform(1e-9 * D), (None, AUXETIC), 1e-4)]
+    tried.append((gp.Normal(1e-9 * D), (AUXETIC,), 1e-4))
+    tried += [(two_kinds(part, 1e-6).spread, everywhere, 1e-4) for part in (1e-3, 1.0 - 1e-3)]
+    # the stiffness of the first falls to zero at f* of 1.2e-3 or 7e-4
+    tried += [(tail, (None, STEEL, AUXETIC), least) for tail, least in zip(TAILS, (2e-3, 1e-4), strict=True)]
+    for spread, materials, least in tried:
         for material in materials:
             packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
+            forces = np.array([least, 1e-2, 1.0, 1e2])
             width, unit = packing.width, float(packing.law.force(packing.width))
-            y, k = curve_by_integration(spread.shape, xi_of(packing.mindlin_ratio), forces, 1e-12)
+            y, k = curve_by_integration(spread.shape, xi_of(packing.mindlin_ratio), forces)
             medium = gp.EffectiveMedium(packing)
             reached = y * width < 0.5 * D
             y, k, loads = y[reached], k[reached] * unit / width, forces[reached] * unit
@@ -469,9 +474,7 @@ def high_pressure() -> float:
     for width in (1e-16, 1e-10, 1e-5):
         spreads += [(gp.Uniform(width * D), 0.0), (gp.Normal(width * D / 3.4), 0.0)]
     for part in (1e-3, 1.0 - 1e-3):
-        spreads.append(
-            (two_kinds(part, 1e-8).spread or spreads[0][0], (1.0 - 2.0 * part) / math.sqrt(1728.0 * part * (1.0 - part)))
-        )
+        spreads.append((two_kinds(part, 1e-8).spread, (1.0 - 2.0 * part) / math.sqrt(1728.0 * part * (1.0 - part))))
     for (spread, third), material in itertools.product(spreads, (None, STEEL, AUXETIC)):
         packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
         width, c, xi = mpf(packing.width), coefficient(packing), mpf(xi_of(packing.mindlin_ratio))
@@ -621,38 +624,38 @@ def against_sparse(state: Any, forces: Any, array: SparseArray) -> float:
 
 def skewed_samples() -> float:
     worst = 0.0
-    spreads = [
-        two_kinds(part, deviation).spread for part, deviation in ((1e-3, 1e-3), (1e-3, -1e-3), (1e-9, 1e-3), (1e-2, 0.2))
-    ]
-    cells = [((31, 29), (1e3, 1.0, 1e-2, 1e-3)), ((61, 37), (1.0, 1e-2))]
-    for spread, (cell, parts) in itertools.product([*spreads, *TAILS], cells):
-        for material in (None, STEEL) if cell == (31, 29) else (AUXETIC,):
-            packing = gp.Packing(material or STEEL, spread.mean, spread, friction=material is not None)
-            simulation, unit = gp.DirectSimulation(packing, cell, seed=3), float(packing.law.force(packing.width))
-            array = SparseArray(simulation.deviations(0))
-            for part in parts:
-                if part ** (2.0 / 3.0) * packing.width < 0.5 * D:
-                    state = simulation.at_force(part * unit)
-                    worst = max(worst, against_sparse(state, array.forces(state.overlap / packing.width), array))
+    kinds = ((1e-3, 1e-3), (1e-3, -1e-3), (1e-9, 1e-3), (1e-2, 0.2))
+    spreads = [two_kinds(part, deviation).spread for part, deviation in kinds]
+    cells: list[Any] = [((31, 29), STEEL, (1e3, 1.0, 1e-2, 1e-3)), ((29, 31), None, (1.0,)), ((29, 31), AUXETIC, (1.0,))]
+    for spread, (cell, material, parts) in itertools.product([*spreads, *TAILS], cells):
+        packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
+        simulation, unit = gp.DirectSimulation(packing, cell, seed=3), float(packing.law.force(packing.width))
+        array = SparseArray(simulation.deviations(0))
+        for part in parts:
+            if part ** (2.0 / 3.0) * packing.width < 0.5 * D:
+                state = simulation.at_force(part * unit)
+                worst = max(worst, against_sparse(state, array.forces(state.overlap / packing.width), array))
     return worst
 
 
 def samples_near_the_threshold() -> float:
-    """Below 3000 balls against Newton's method from the sites, above from the sample's own overlaps."""
     worst = 0.0
-    for cell, seed, height in (
-        ((32, 32), 5, 0.345),
-        ((32, 32), 3, 0.35),
-        ((61, 37), 2, 0.345),
-        ((61, 37), 2, 0.35),
-        ((64, 64), 0, 0.35),
-    ):
-        packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    # a sample has its own threshold: these hold at their a*, 32 x 32 balls of seed 3 do not at 0.345
+    for cell, seed, height in (((32, 32), 2, 0.345), ((32, 32), 3, 0.35), ((61, 37), 2, 0.345), ((61, 37), 2, 0.35)):
         simulation = gp.DirectSimulation(packing, cell, seed=seed)
         state = simulation.at_overlap((height - 0.5) * packing.width)
-        array, forces = SparseArray(simulation.deviations(0)), None
+        array = SparseArray(simulation.deviations(0))
         worst = max(worst, against_sparse(state, array.forces(height - 0.5), array))
     return worst
+
+
+def large_samples_near_the_threshold() -> float:
+    """What the displacements alone leave on a ball; forces in balance are unique, as the energy is convex."""
+    packing, cell = gp.Packing(STEEL, D, gp.Uniform(2e-6)), (64, 64)
+    state = gp.DirectSimulation(packing, cell, seed=0).at_overlap((np.array([0.35, 0.345]) - 0.5) * packing.width)
+    samples = zip(state.sample.tolist(), state.force.tolist(), strict=True)
+    return max(balance(sample, packing.spread.sample(cell, 0), force) for sample, force in samples)
 
 
 def other_units() -> float:
@@ -787,6 +790,19 @@ CASES = [
         1e-12,
         densities_of_states,
     ),
+    Case(
+        "modes in an interval that holds a band edge, or beside one, times the square of the mesh",
+        "meshes of 17² and 64², 501 points; Γ, K, M and the ends of branches; η of 0, 0.84, 1 and 4/3; finite overlap, "
+        "f = 5 kN, with friction and without; the gap of the kagome lattice",
+        20.0,
+        densities_at_edges,
+    ),
+    Case(
+        "averaged force, normal",
+        "cutoffs from 0.01 to 10, std from 1e-16 to 0.05 d, a* from 0.42 to 1e8",
+        1e-13,
+        averaged_normal,
+    ),
     Case("averaged force, uniform", "W from 1e-16 to 0.3 d, a* from 0.345 to 1e8", 1e-13, averaged_force),
     Case(
         "averaged force, two kinds",
@@ -794,9 +810,17 @@ CASES = [
         1e-10,
         uneven_averages,
     ),
+    Case("local-field factor", "η of 0, and from 1e-300 to 4/3", 1e-10, local_fields),
+    Case(
+        "effective medium: overlap and stiffness of a force, against integration",
+        "uniform, normal, two kinds with 1e-3 of either, tails of four kinds on either side; "
+        "f* from 1e-4 (2e-3 with a tail of large balls) to 100, η from 0 to 4/3",
+        1e-8,
+        effective_curves,
+    ),
     Case(
         "effective medium, uniform: force by (36) of the stiffness",
-        "W from 1e-16 to 0.3 d, a* from 0.345 to 1e8, η = 0",
+        "W of 1e-16 and 0.3 d, a* from 0.345 to 1e8, η of 0 and 4/3",
         1e-8,
         effective_medium,
     ),
@@ -808,25 +832,54 @@ CASES = [
     ),
     Case(
         "effective medium, two kinds: force by (36) of the stiffness",
-        "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way, η = 0",
+        "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way, η of 0 and 4/3",
         1e-8,
         uneven_mediums,
     ),
     Case(
-        "force and stiffness at high pressure, all media", "W from 1e-16 to 1e-5 d, a* from 1e4 to 1e8", 1e-14, high_pressure
+        "force and stiffness at high pressure, all media",
+        "uniform, normal, two kinds with 1e-3 of either, W from 1e-16 to 1e-5 d, a* from 1e4 to 1e8 (f* to 1e12), "
+        "η of 0, 0.84 and 4/3",
+        1e-14,
+        high_pressure,
+    ),
+    Case(
+        "other balls, in reduced units: overlap, stiffness and velocities",
+        "uniform, W of 1e-3 d, d from 1e-9 to 1e3 m, E from 1 to 1e13 Pa, f* from 0.01 to 1e3; media and 5 × 7 balls",
+        1e-10,
+        other_units,
     ),
     Case(
         "equal balls as the limit of no width",
-        "W of 0 (to the last bit) and from 1e-300 m to 1e-100 m; uniform, normal, two kinds of one diameter",
+        "W of 0 (to the last bit) and from 1e-300 m to 1e-100 m; uniform, normal, one kind, two of one diameter",
         1e-14,
         no_width,
     ),
     Case("simulation of equal balls", "cells from 1 × 1 to 10000 × 1, prime ones too", 1e-12, equal_cells),
     Case(
         "simulation: balance of every ball, and the load",
-        "the same cells, W from 1e-8 to 0.3 d, f* from 0.01 to 1e11; below 500 balls from 1e-6 (a* of 0.28 and less)",
+        "the same cells, W from 1e-16 to 0.3 d, f* from 0.01 to 1e22; below 500 balls from 1e-6 (a* of 0.28 and less)",
         1e-9,
         disordered_cells,
+    ),
+    Case(
+        "simulation near the rigidity threshold: contact forces and elastic tensor, against sparse matrices",
+        "32 × 32 and 61 × 37 balls, a* of 0.345 and 0.35",
+        1e-9,
+        samples_near_the_threshold,
+    ),
+    Case(
+        "simulation near the rigidity threshold: balance of every ball",
+        "64 × 64 balls, a* of 0.345 and 0.35",
+        1e-9,
+        large_samples_near_the_threshold,
+    ),
+    Case(
+        "simulation of skewed lists: contact forces and elastic tensor, against sparse matrices",
+        "two kinds with 1e-9, 1e-3 and 0.01 of the second, tails of four kinds on either side; "
+        "31 × 29 balls, f* from 1e-3 to 1e3, η of 0, 0.84 and 4/3",
+        1e-9,
+        skewed_samples,
     ),
     Case("simulation: bulk modulus without friction", "the same cells, f* from 0.01 to 1e11", 1e-12, bulk_moduli),
     Case("sweeps up, down, with repeated and shuffled loads", "all media, against each load alone", 1e-10, sweeps),
