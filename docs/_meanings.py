@@ -38,7 +38,7 @@ DEFAULTS = {
     "phonopy.band_labels": "those of the default path; none for another",
 }
 SPREADS = {
-    "uniform": "even over this full width W; `0 um` is equal balls",
+    "uniform": "even over this full width W, the mean ± W/2; `0 um` is equal balls",
     "normal": "normal, of this standard deviation, cut at three of them",
     "normal.std": "the same, as a block: the standard deviation",
     "normal.cutoff": "and at how many standard deviations it is cut",
@@ -119,6 +119,7 @@ FIELDS = {
     "overlap_error": "standard error over samples of the overlap, at a given force or pressure",
     "force_error": "standard error over samples of the force, at a given overlap",
     "width": "W, √12 times the standard deviation of the diameters",
+    "exponent": "d log v_L / d log P, see [below](#sweepnc-and-sweepcsv)",
     "mindlin_ratio": "η, shear over normal stiffness; 0 without friction",
     "mass": "of a ball of the mean diameter",
     "local_field": "α, β and Ξ of the effective medium",
@@ -157,8 +158,8 @@ FIELDS = {
     "stderr": "standard error of the width",
     "class": "of the Python object; `WidthFit.from_dict` makes it again",
     "parameters": "what was fitted",
-    "values": "of these parameters, SI",
-    "covariance": "of their errors, SI",
+    "values": "of these parameters; `units` has that of each, parted by commas",
+    "covariance": "of their errors; `units` has its rows, parted by semicolons",
     "velocity": "measured velocities",
     "sigma": "their standard errors, as given, or from the scatter",
     "velocities": "those of the fit",
@@ -172,7 +173,7 @@ FIELDS = {
 FIELD_UNITS = {
     "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
     "relative_overlap": "1", "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
-    "diameter_deviations": "d", "displacements": "d", "rotations": "rad", "chi2": "1", "values": "SI", "covariance": "SI",
+    "diameter_deviations": "d", "displacements": "d", "rotations": "rad", "chi2": "1",
 }  # fmt: skip
 #: of fit.yaml
 FITTED = {

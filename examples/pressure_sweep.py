@@ -11,7 +11,6 @@ microns of 8 mm steel balls, by the effective medium; thin and dashed where the 
 
 import sys
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp

@@ -292,7 +292,9 @@ def fit(
 def tradeoff(
     scene: _SceneFile,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png.")] = None,
-    budget: Annotated[str, typer.Option(metavar="TIME", help="What all of it may take.")] = "3 minutes",
+    budget: Annotated[
+        str, typer.Option(metavar="TIME", help="What measuring may take; imports and drawing come on top.")
+    ] = "3 minutes",
     loads: Annotated[int, typer.Option(min=1, metavar="N", help="At most so many of the loads.")] = 3,
     runs: Annotated[int, typer.Option(min=5, metavar="N", help="How often each point is timed.")] = 5,
     force: _Force = False,

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.accuracy import accuracy
 from granphon.blocks import Rule, block, choice, grid, inside, number, ruled, whole
+from granphon.cost import estimate
 from granphon.errors import InputError, message
 from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium, compressive, finite
 from granphon.packing import Packing
+from granphon.shapes import PointShape
 from granphon.simulation import MOST_SEED, DirectSimulation
 
 __all__ = ["MEDIA", "OPTIONS", "AutoMedium", "MediumChoice", "Option", "Rung", "expected_error", "medium", "no_simulation"]
@@ -22,6 +24,11 @@ __all__ = ["MEDIA", "OPTIONS", "AutoMedium", "MediumChoice", "Option", "Rung", "
 Array = NDArray[np.float64]
 #: sides of the samples that are chosen among
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+#: a relative error
+_TOLERANCE: Rule = partial(number, low=1e-12, high=0.99)
+#: about how many seconds the effective medium takes for a density, and for 64 listed diameters, whose pairs have so many
+#: openings, and by which power of these more take longer; and a simulation, for itself and each ball
+_SOLVED, _LISTED, _OPENINGS, _POWER, _SIMULATED, _BALL = 0.03, 0.25, 2080.0, 1.25, 0.04, 3e-6
 
 
 @dataclass(frozen=True)
@@ -47,9 +54,9 @@ class AutoMedium:
 
     Raises
     ------
-    InputError : a tolerance that is not between 0 and 1. ``at_*`` and :meth:`rungs`: a load at which no medium is within
-        the tolerance, which says what can be had; one below those that the errors are known for; or a packing that they
-        are not known for, another lattice or a distribution too skewed.
+    InputError : a tolerance that is not between 1e-12 and 0.99. ``at_*`` and :meth:`rungs`: a load at which no medium is
+        within the tolerance, which says what can be had; one below those that the errors are known for; a packing that they
+        are not known for, another lattice or a distribution too skewed; and finite overlap, which a simulation has not.
     """
 
     name: ClassVar[str] = "auto"
@@ -60,29 +67,41 @@ class AutoMedium:
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        if not 0.0 < self.tolerance < 1.0:
-            raise InputError(message(f"tolerance is {self.tolerance!r}", "It must be between 0 and 1"))
+        object.__setattr__(self, "tolerance", ruled("tolerance", _TOLERANCE, self.tolerance))
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
+        options, errors = self._errors(kind, loads)
+        first = np.argmax(errors <= self.tolerance, axis=0)
+        places = [np.flatnonzero(first == i) for i in range(len(options))]
+        return [
+            Rung(option, place, error[place], chosen=True)
+            for option, place, error in zip(options, places, errors, strict=True)
+            if place.size
+        ]
+
+    def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
+        """The one medium, the cheapest, that serves all of the loads."""
+        options, errors = self._errors(kind, loads)
+        serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
+        # the largest simulation is better than any other medium wherever that would do
+        return options[serves[0]] if serves.size else max(options, key=lambda option: option.settings.get("shape", (0,)))
+
+    def _errors(self, kind: str, loads: ArrayLike) -> tuple[list[MediumChoice], Array]:
+        """What is chosen among, the cheapest first, and the expected errors (n_options, n_loads): one at least serves."""
+        ruled("kind", partial(choice, options=("force", "pressure", "overlap")), kind)
         values = (finite if kind == "overlap" else compressive)(kind, loads).ravel()
-        packing = self.packing
-        if (why := accuracy().uncovered(packing)) is not None:
+        if (why := accuracy().uncovered(self.packing)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
-        left = np.arange(values.size)
-        found: list[Rung] = []
-        for option in _options_by_cost():
-            error = expected_error(option, packing, kind, values[left])
-            serves = error <= self.tolerance
-            if np.any(serves):
-                found.append(Rung(option, left[serves], error[serves], chosen=True))
-                left = left[~serves]
-            if not left.size:
-                return found
-        worst = int(np.argmax(error))
-        unmet = self._unmet(kind, float(values[left[worst]]), float(error[worst]))
-        vars(unmet)["load_index"] = int(left[worst])
-        raise unmet
+        options = _options_by_cost(self.packing, kind, values)
+        errors = np.array([expected_error(option, self.packing, kind, values) for option in options])
+        best = np.min(errors, axis=0)
+        if np.any(best > self.tolerance):
+            worst = int(np.argmax(best))
+            unmet = self._unmet(kind, float(values[worst]), float(best[worst]))
+            vars(unmet)["load_index"] = worst
+            raise unmet
+        return options, errors
 
     def _unmet(self, kind: str, load: float, best: float) -> InputError:
         where = f"{kind} = {load!r} {ContactState.units[kind]}"
@@ -95,27 +114,21 @@ class AutoMedium:
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
         return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
 
-    def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """The one medium, the cheapest, that serves all of the loads."""
-        one_each = self.rungs(kind, loads)  # raises where there is none
-        for option in _options_by_cost():
-            if np.all(expected_error(option, self.packing, kind, loads) <= self.tolerance):
-                return option
-        return one_each[-1].medium  # not reached: the largest simulation is better than any other
-
     def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the mean contact force f, N."""
-        return replace(self._serving("force", force).at_force(force, finite_overlap), chosen=True)
+        return replace(self._serving("force", force, finite_overlap).at_force(force), chosen=True)
 
     def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the linear pressure P, N/m."""
-        return replace(self._serving("pressure", pressure).at_pressure(pressure, finite_overlap), chosen=True)
+        return replace(self._serving("pressure", pressure, finite_overlap).at_pressure(pressure), chosen=True)
 
     def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
         """State at the overlap delta = d - a, m."""
-        return replace(self._serving("overlap", overlap).at_overlap(overlap, finite_overlap), chosen=True)
+        return replace(self._serving("overlap", overlap, finite_overlap).at_overlap(overlap), chosen=True)
 
-    def _serving(self, kind: str, loads: ArrayLike) -> Medium:
+    def _serving(self, kind: str, loads: ArrayLike, finite_overlap: bool) -> Medium:
+        if finite_overlap:
+            no_simulation([MediumChoice(self.name)])
         return self.serving(kind, loads).of(self.packing)
 
 
@@ -133,7 +146,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
-    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, partial(number, low=1e-12, high=0.99))},
+    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, _TOLERANCE)},
 }
 
 
@@ -209,10 +222,24 @@ class Rung:
     chosen: bool = False
 
 
-def _options_by_cost() -> list[MediumChoice]:
-    """What an :class:`AutoMedium` chooses among, the cheapest first."""
+def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumChoice]:
+    """What an :class:`AutoMedium` chooses among, the cheapest at these loads first."""
+    if not packing.width:
+        return [MediumChoice(AveragedLattice.name)]  # exact
+    media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
     simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]
-    return [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name] + simulations
+
+    def seconds(option: MediumChoice) -> float:
+        medium = option.of(packing)
+        if isinstance(medium, DirectSimulation):
+            return _SIMULATED + _BALL * estimate(medium, kind, float(np.min(loads))).work
+        if not isinstance(medium, EffectiveMedium):
+            return 0.0
+        shape = packing.spread.shape if packing.spread else None
+        listed = _LISTED * (shape.openings.size / _OPENINGS) ** _POWER if isinstance(shape, PointShape) else 0.0
+        return max(_SOLVED, listed)
+
+    return sorted([*media, *simulations], key=seconds)
 
 
 def expected_error(choice: MediumChoice, packing: Packing, kind: str, loads: ArrayLike) -> Array:

@@ -260,7 +260,7 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     ax.set(**{f"{along}label": f"Frequency ({name})" if numbered else "", f"{across}label": f"DOS per ball{gap}(1/{name})"})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * float(dos.total.max()) * unit.hertz)})
     axis = ax.xaxis if horizontal else ax.yaxis
-    axis.set_major_locator(MaxNLocator(2 if horizontal else 5, steps=[1, 2, 5, 10]))
+    axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
     axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax
 

@@ -15,12 +15,15 @@ import time
 import tracemalloc
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.blocks import choice, each, number, ruled, whole
 from granphon.errors import GranphonError, InputError, message
+from granphon.medium import compressive, finite
 from granphon.packing import Packing
 from granphon.parameters import numbers
 from granphon.progress import Progress, silent
@@ -36,6 +39,7 @@ BETTER = 100.0
 LEAST_RUNS = 5
 #: runs more than those that are timed: one to warm up, and one that is slower, as its memory is watched
 _MORE_RUNS = 4.0
+_OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
 _FOR_POINTS = 0.4
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
@@ -53,7 +57,7 @@ class Measured(Result):
     setup : median time of what is made ready once, before.
     memory : largest sum of what was allocated at a time, bytes.
     floor : relative; the error cannot be below: condition times rounding, or the chance of the draws, if it is ``random``.
-    failure : why it was not run; empty if it was.
+    failure : why it was not run, or has no reference and no errors; empty if neither.
     """
 
     units: ClassVar[dict[str, str]] = {
@@ -146,7 +150,7 @@ class TradeOff(Result):
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.study, point.method, point.knob]
             if point.failure:
-                table.writerow([*head, *[""] * 10, point.failure])
+                table.writerow([*head, *[""] * 5, *(cost[:-1] if point.seconds else [""] * 5), point.failure])
                 continue
             # a density of states is that at the greatest load alone
             loads = self.loads[-len(point.errors) :]
@@ -179,7 +183,7 @@ def tradeoff(
         least, the greatest, and as many between.
     observe : "velocities", "bands", "dos": what errors are of. Bands and densities of states scale with the frequency.
     finite_overlap : of the density of states; media are compared in the paper's limit only.
-    budget : seconds that all of it may take. What does not fit is listed as not run.
+    budget : seconds that measuring may take. What does not fit is listed as not run.
     runs : how often each point is timed, five or more.
     progress : told what is under way.
 
@@ -189,17 +193,22 @@ def tradeoff(
 
     Raises
     ------
-    InputError : no load, or equal balls of which nothing but velocities or bands is observed: all media are exact then.
+    InputError : no load, or one that is none; equal balls of which nothing but velocities or bands is observed, as all
+        media are exact then; balls that differ on another lattice than the triangular one, or with finite overlap, where
+        media have no reference; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     """
     given = {"force": force, "pressure": pressure, "overlap": overlap}
     kinds = [kind for kind, values in given.items() if values is not None]
     if len(kinds) != 1:
         raise InputError(message("a trade-off takes loads of one kind", mend="Give one of " + ", ".join(given)))
-    if runs < LEAST_RUNS:
-        raise InputError(message(f"runs is {runs!r}", "A median and its spread need more", f"Give {LEAST_RUNS} or more"))
-    if not 0.0 < budget < math.inf:
-        raise InputError(message(f"budget is {budget!r}", mend="Give seconds above zero"))
-    loads = np.unique(numbers(kinds[0], given[kinds[0]]))
+    if not isinstance(packing, Packing):
+        raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
+    for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
+        ruled(name, partial(whole, low=low, high=1000), value)
+    budget = ruled("budget", partial(number, low=1e-3, high=1e9), budget)
+    observe = ruled("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
+    checked = finite if kinds[0] == "overlap" else compressive
+    loads = np.unique(checked(kinds[0], numbers(kinds[0], given[kinds[0]])))
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
     asked = studies(packing, kinds[0], tuple(loads.tolist()), tuple(observe), finite_overlap)
@@ -263,16 +272,19 @@ def _carried_out(study: Study, until: float, runs: int, progress: Progress, refe
     known = {one.point: one for one in done}
     for point in points:
         one = known.get(point)
-        if one is None or reference is None:
+        if one is None:
             why = failures.get(point, problem)
             measured.append(Measured(study.name, point.method, point.knob, nothing, nothing, failure=why))
             continue
-        errors = study.errors(one.outcomes, reference)
+        errors = known_errors = nothing
+        if reference is not None:
+            errors = study.errors(one.outcomes, reference)
+            known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
         low, middle, high = statistics.quantiles(one.seconds, n=4)
         measured.append(Measured(
-            study.name, point.method, point.knob, errors, np.broadcast_to(reference.errors, errors.shape).copy(), middle,
-            0.5 * (high - low), statistics.median(one.setups), one.memory, study.floor(point, one.outcomes),
-                point.random,
+            study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
+            statistics.median(one.setups), one.memory, study.floor(point, one.outcomes), point.random,
+            "" if reference is not None else problem,
         ))  # fmt: skip
     return measured
 

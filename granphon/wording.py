@@ -137,13 +137,13 @@ def work_and_precision(result: TradeOff) -> list[str]:
 
 
 def _row(point: Measured) -> tuple[str, ...]:
-    if point.failure:
+    if point.failure and not point.seconds:
         return point.method, point.knob, *[""] * 6, point.failure
     times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
     return (
         point.method,
         point.knob,
-        f"{point.error:.2e}",
+        f"{point.error:.2e}" if point.errors.size else "?",
         *times,
         human(point.memory, "B"),
         f"{point.floor:.0e}",

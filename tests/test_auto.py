@@ -79,7 +79,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
     loads = np.array(places) * packing.law.coefficient * packing.width**1.5
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
     tolerance = 10.0**exponent
-    options = _options_by_cost()
+    options = _options_by_cost(packing, kind, loads)
     errors = np.array([expected_error(one, packing, kind, loads) for one in options])
     within = errors <= tolerance
     medium = gp.AutoMedium(packing, tolerance)
@@ -101,11 +101,34 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
 def test_the_order_is_that_of_cost(rough, unit):
     from granphon.cost import estimate
 
-    options = _options_by_cost()
+    options = _options_by_cost(rough, "force", np.array([unit]))
     assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
     assert all(one.simulates for one in options[3:])
     seconds = [estimate(one.of(rough), "force", [unit]).work for one in options[3:]]
     assert seconds == sorted(set(seconds))
+
+
+def test_long_lists_are_simulated_where_that_is_cheaper(unit):
+    lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
+    packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
+    load = packing.law.coefficient * packing.width**1.5
+    labels = [one.label for one in _options_by_cost(packing, "force", np.array([load]))]
+    assert labels[:2] == ["ala", "afa"]
+    assert labels.index("ema") > labels.index("simulation(shape=256 256)")
+    assert gp.AutoMedium(packing, 1e-3).serving("force", load).simulates
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, np.nan, np.inf, "0.1", None, [0.1], np.array([0.1, 0.2])])
+def test_a_tolerance_is_a_number_between_zero_and_one(rough, tolerance):
+    with pytest.raises(InputError, match="tolerance: found"):
+        gp.AutoMedium(rough, tolerance)
+
+
+def test_kinds_of_loads_are_named_and_finite_overlap_is_refused(rough):
+    with pytest.raises(InputError, match="kind: found 'side_force'; allowed: force, pressure, overlap"):
+        gp.AutoMedium(rough).rungs("side_force", 2.0)
+    with pytest.raises(InputError, match="no terms of finite overlap"):
+        gp.AutoMedium(rough).at_force(40.0, finite_overlap=True)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -149,12 +172,6 @@ def test_equal_balls_take_the_averaged_lattice_without_an_error(steel, lattice):
     )
 
 
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, float("nan"), float("inf")])
-def test_a_tolerance_is_between_zero_and_one(rough, tolerance):
-    with pytest.raises(InputError, match="between 0 and 1"):
-        gp.AutoMedium(rough, tolerance)
-
-
 @pytest.mark.parametrize(("kind", "bad"), [("force", 0.0), ("force", -1.0), ("pressure", np.nan), ("overlap", np.inf)])
 def test_loads_that_are_none(rough, kind, bad):
     with pytest.raises(InputError, match=kind):
@@ -165,7 +182,7 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     loads = np.array([50.0, 0.01, 3.0]) * unit
     with pytest.raises(InputError, match="no medium is within 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).rungs("force", loads)
-    best = min(float(expected_error(one, rough, "force", loads[1])) for one in _options_by_cost())
+    best = min(float(expected_error(one, rough, "force", loads[1])) for one in _options_by_cost(rough, "force", loads))
     assert f"{best:.2g}, by a simulation of 1024 x 1024 balls" in str(error.value)
     assert error.value.load_index == 1
     # and that much is indeed to be had

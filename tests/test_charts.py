@@ -141,6 +141,31 @@ def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
         charts.plot_sweep(media, ax, variable)
 
 
+@pytest.mark.parametrize("ratio", [1.01, 1.3, 1.9, 2.4, 3.9, 4.1, 6.0, 20.0, 300.0])
+@pytest.mark.parametrize("least", [0.013, 0.92, 1.01, 2.4, 351.0, 880.0])
+def test_an_axis_of_loads_or_velocities_has_three_labels_or_more_and_few(ax, least, ratio):
+    ax.plot([1.0, 2.0], [least, ratio * least])
+    charts._scale(ax, "y", np.array([least, ratio * least]))
+    ax.set_ylim(least, ratio * least)
+    ticks = ax.get_yticks()
+    assert 3 <= np.sum((ticks >= least) & (ticks <= ratio * least)) <= 9
+    labels = [label.get_text() for label in ax.get_yticklabels()]
+    assert_allclose([float(label) for label in labels], ticks, rtol=1e-5)
+
+
+def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
+    data = sweep(PACKING, force=[4.0, 4.0 * (1.0 + 1e-5)], media=("ema", {"simulation": {"shape": (16, 16)}}))
+    charts.plot_exponent(data, ax)
+    assert ax.get_ylabel() == "d log $v_L$ / d log $P$"
+    longitudinal, transverse = (
+        np.diff(np.log(data[name]), axis=0)[0] / np.diff(np.log(data.pressure), axis=0)[0]
+        for name in ("longitudinal", "transverse")
+    )
+    assert_allclose(np.mean([line[:, 1] for line in drawn(ax, "exponent-all")], axis=1), longitudinal, rtol=1e-5)
+    # of a simulation the other one is not the same
+    assert_allclose(transverse - longitudinal, [0.0, 0.019], atol=1e-3)
+
+
 def test_what_is_infinite_everywhere_is_refused(ax):
     equal = sweep(gp.Packing(STEEL, 8e-3), force=FORCE)
     with pytest.raises(InputError, match="nowhere finite"):

@@ -367,6 +367,7 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     np.testing.assert_array_equal(again.sigma, fit.sigma)
     text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
     assert re.search(rf"^width: {fit.width!r}$", text, re.MULTILINE)
+    assert '  values: "m, Pa"\n  covariance: "m^2, m Pa; Pa m, Pa^2"\n' in text
 
 
 # -- simulations ----------------------------------------------------------------------------------------------------
@@ -475,10 +476,16 @@ def command(*words):
 def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     assert sorted(path.name for path in (folder / "out").iterdir()) == ["fit.csv", "fit.png", "fit.yaml"]
-    assert "width                 2.04 um +/-" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "width                 2.04 um +/-" in printed
+    assert f"(from the scatter, {len(FORCE) - 1} degrees of freedom)" in printed
+    assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err
     assert command("scene.yaml", "data.csv", "-o", "out", "--force", "--sigma", "2 m/s") == 0
+    printed = capsys.readouterr().out
+    assert "each +/- 2 m/s (given)" in printed
+    assert re.search(rf"chi\^2 .* for {len(FORCE) - 1} degrees of freedom", printed)
 
 
 def test_the_command_fits_a_simulated_medium(folder, capsys):

@@ -62,9 +62,10 @@ def test_a_named_column_goes_before_one_found(tmp_path):
     ("text", "options", "words"),
     [
         ("force (N),v (m/s)\n2,5\n", {}, "no column named 'velocity'"),
+        ("force (N),v (m/s)\n2,5\n", {}, "meant, as in --column 'velocity=NAME' or columns={'velocity': 'NAME'}"),
         ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
         ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
-        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "has both force and side_force. Name the column"),
+        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Name the column"),
         ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
         ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
         ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. Contact forces follow from them"),

@@ -254,6 +254,23 @@ def test_the_drawn_density_integrates_to_the_branches_of_a_ball(ax, friction, st
     assert ax.get_ylabel().startswith("Frequency") is horizontal
 
 
+def test_beside_bands_in_a_column_the_density_is_readable(phonons, bands):
+    with matplotlib.rc_context(plot.STYLE):
+        figure = Figure((3.4, 3.0), layout="constrained")
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=[2.4, 1.0])
+        plot.plot_bands(bands, left)
+        plot.plot_dos(phonons.dos((24, 24)), right)
+    figure.draw_without_rendering()
+    assert (left.get_ylabel(), right.get_ylabel()) == ("Frequency (kHz)", "")
+    ticks = [label.get_window_extent() for label in right.get_xticklabels() if label.get_text()]
+    assert len(ticks) >= 2
+    assert all(one.x1 < next_one.x0 for one, next_one in itertools.pairwise(ticks))
+    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(tight.x0, tight.y0) >= 0.0
+    assert tight.x1 <= width
+    assert tight.y1 <= height
+
+
 # -- figures --------------------------------------------------------------------------------------------------------
 
 
@@ -365,7 +382,7 @@ def test_the_top_mode_at_m_turns_neighbours_against_each_other(phonons, ax):
     assert_array_equal(np.sign(angle).reshape(4, 4), np.array([1, -1, 1, -1])[:, None] * np.ones(4))
     spins = with_gid(ax, "spins")
     assert_allclose(spins.get_color(), [to_rgba("#D55E00" if a > 0 else "#0072B2") for a in angle])
-    assert ax.get_title() == "q = (1/2, 0), 38.0 kHz, rotation 100 %"
+    assert ax.get_title() == "q = (1/2, 0)\n38.0 kHz, rotation 100 %"
     assert_allclose(places[4] - places[0], [1.0, 0.0], atol=1e-15)
 
 
@@ -398,7 +415,7 @@ def test_a_mode_without_friction_has_no_spin(ax):
 
 def test_a_q_that_is_no_simple_fraction_is_written_in_decimals(phonons, ax):
     plot.plot_mode(phonons, (0.21, 1 / 3), 1, ax, cells=(1, 1))
-    assert ax.get_title().startswith("q = (0.21, 1/3), ")
+    assert ax.get_title().startswith("q = (0.21, 1/3)\n")
 
 
 @pytest.mark.parametrize("branch", [-1, 3])

@@ -508,12 +508,18 @@ def test_check_describes_a_sweep(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
     for expected in (
-        "uniform, W = 2.04 um", "force 2 N to 20 N, 6 of them", "ala, afa, ema\n",
+        "uniform, W = 2.04 um (the mean +/- 1.02 um)\n", "force 2 N to 20 N, 6 of them", "ala, afa, ema\n",
         "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):  # fmt: skip
         assert expected in out
     assert "granphon: warning: ala, width = 1e-06 m: contact force in N is " in err
     assert listed(work) == {"scene.yaml"}
+
+
+def test_check_says_what_the_width_of_a_normal_spread_is(work, capsys):
+    (work / "scene.yaml").write_text(SWEEP.replace("uniform: 2.04 um", "normal: {std: 1.2 um, cutoff: 10}"))
+    assert main(["check", "scene.yaml"]) == 0
+    assert "normal, W = 4.1569 um (sqrt(12) times the rms, 1.2 um)\n" in capsys.readouterr().out
 
 
 def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
