@@ -2,9 +2,10 @@
 
 ``tests/benchmarks/accuracy.py`` made the table: the media against large samples of the disordered array (the triangular
 lattice), for some distributions, values of eta, and loads. Kept is the largest error over the distributions of a family
-(uniform, normal, any), at this load or any higher one, in reduced units: a bound for every packing whose distribution is no
-more skewed and has no longer tails than those. Of a simulation the table has the chance, the standard deviation of a sample,
-which falls as the root of the number of its balls.
+(uniform, normal, any), at this load or any higher one, in reduced units, and more for what lies between: of listed diameters
+errors peak where contacts of a pair of kinds open. So it is a bound for packings whose distribution is no more skewed and
+has no longer tails than those, as far as such a sample of distributions goes. Of a simulation the table has the chance, the
+standard deviation of a sample, which falls as the root of the number of its balls.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from granphon.shapes import NormalShape, Shape, UniformShape
 __all__ = ["DEVIATIONS", "Accuracy", "accuracy", "coefficients_of_form"]
 
 Array = NDArray[np.float64]
-#: standard deviations of the chance in a sample that an expected error takes
+#: standard deviations of the chance in a sample that an expected error takes; the table has them with a margin
 DEVIATIONS = 2.5
 
 

@@ -276,14 +276,14 @@ def _carried_out(study: Study, until: float, runs: int, progress: Progress, refe
             why = failures.get(point, problem)
             measured.append(Measured(study.name, point.method, point.knob, nothing, nothing, failure=why))
             continue
-        errors = known_errors = nothing
+        errors, known_errors, floor = nothing, nothing, 0.0
         if reference is not None:
-            errors = study.errors(one.outcomes, reference)
+            errors, floor = study.errors(one.outcomes, reference), study.floor(point, one.outcomes)
             known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
         low, middle, high = statistics.quantiles(one.seconds, n=4)
         measured.append(Measured(
             study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
-            statistics.median(one.setups), one.memory, study.floor(point, one.outcomes), point.random,
+            statistics.median(one.setups), one.memory, floor, point.random,
             "" if reference is not None else problem,
         ))  # fmt: skip
     return measured

@@ -191,7 +191,7 @@ def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(rough, mo
 
 def test_what_a_study_leaves_is_for_those_after_it(rough, monkeypatch, clock):
     first = FakeStudy(clock, [("m", "1", 0.01, 1e-2)], name="first")
-    last = FakeStudy(clock, [("m", "1", 4.0, 1e-2)], name="last")
+    last = FakeStudy(clock, [("m", "1", 3.0, 1e-2)], name="last")
     result = measure(rough, monkeypatch, first, last, budget=100.0)
     assert not any(point.failure for point in result.points)
     # of a hundred seconds: a quarter, then all that is left
@@ -241,8 +241,13 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
     ("options", "told"),
     [
         ({}, "loads of one kind"), ({"force": 1.0, "overlap": 1e-6}, "loads of one kind"),
-        ({"force": 1.0, "runs": 4}, "Give 5 or more"), ({"force": 1.0, "budget": 0.0}, "seconds above zero"),
-        ({"force": 1.0, "budget": math.inf}, "seconds above zero"), ({"force": 1.0, "budget": math.nan}, "above zero"),
+        ({"force": 1.0, "runs": 4}, "runs: found 4; allowed: a whole number from 5"),
+        ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"), ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
+        ({"force": 1.0, "budget": math.inf}, "budget: found"), ({"force": 1.0, "budget": math.nan}, "budget: found"),
+        ({"force": 1.0, "most_loads": 0}, "most_loads: found 0"),
+        ({"force": 1.0, "observe": ("foo",)}, "observe.0: found 'foo'"),
+        ({"force": 1.0, "observe": "velocities"}, "observe: found"), ({"force": -1.0}, "tensile"),
+        ({"force": math.nan}, "finite"),
         ({"force": 1.0, "finite_overlap": True}, "with finite overlap"), ({"force": []}, "force"),
     ],
 )  # fmt: skip
