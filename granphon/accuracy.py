@@ -109,7 +109,8 @@ class Accuracy:
         """Places of the tabulated eta next to one below and above."""
         known: Sequence[float] = self.data["mindlin_ratios"]
         above = min(int(np.searchsorted(known, eta)), len(known) - 1)
-        return [above] if math.isclose(known[above], eta) else [max(above - 1, 0), above]
+        beside = [max(above - 1, 0), above]
+        return [row for row in beside if math.isclose(known[row], eta)] or beside
 
 
 def _family(packing: Packing) -> str:

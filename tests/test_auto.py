@@ -421,7 +421,7 @@ def test_a_run_that_chose_a_simulation_writes_its_sample(work):
     (work / "scene.yaml").write_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"), encoding="utf-8")
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     summary = YAML(typ="safe").load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
-    assert summary["choice"] == "simulation(shape=24 24)"
+    assert summary["choice"] == "simulation(shape=32 32)"
     assert {"sample.extxyz", "forces.png"} <= {path.name for path in (work / "out").iterdir()}
 
 
@@ -495,7 +495,7 @@ def test_a_scene_of_it_has_a_cost_only_if_it_simulates():
     # of the one load that is low
     assert cost.equilibria == 1
     scene = Scene.from_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"))
-    assert scene.cost().balls == 24**2
+    assert scene.cost().balls == 32**2
 
 
 def test_a_scene_of_several_states_has_no_one_choice():
