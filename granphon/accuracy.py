@@ -100,11 +100,6 @@ class Accuracy:
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))
 
-    def balls(self, packing: Packing, kind: str, loads: ArrayLike, tolerance: float) -> float:
-        """How many balls a simulation must have for an error within ``tolerance`` at every load."""
-        one = self.error("simulation", packing, kind, loads, 1)
-        return float(np.max((one / tolerance) ** 2))
-
     def _rows(self, eta: float) -> list[int]:
         """Places of the tabulated eta next to one below and above."""
         known: Sequence[float] = self.data["mindlin_ratios"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,11 +72,12 @@ class AutoMedium:
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
         options, errors = self._errors(kind, loads)
+        values = np.ravel(np.asarray(loads, float))
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            Rung(option, place, error[place], chosen=True)
-            for option, place, error in zip(options, places, errors, strict=True)
+            Rung(option, place, self.packing, kind, values[place], chosen=True)
+            for option, place in zip(options, places, strict=True)
             if place.size
         ]
 
@@ -205,21 +206,27 @@ class MediumChoice:
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
             return medium.rungs(kind, loads)
-        count = np.size(loads)
-        return [Rung(self, np.arange(count), expected_error(self, packing, kind, np.ravel(loads)))]
+        return [Rung(self, np.arange(np.size(loads)), packing, kind, np.ravel(np.asarray(loads, float)))]
 
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """A medium that serves some loads: their places (n,), and its expected relative error at each (n,).
+    """A medium that serves some loads: their places (n,), and the ``values`` (n,) of this ``kind`` (SI) that are there.
 
-    ``chosen``: whether it was, for that error, by an :class:`AutoMedium`.
+    ``chosen``: whether it was, for its expected error, by an :class:`AutoMedium`.
     """
 
     medium: MediumChoice
     loads: NDArray[np.intp]
-    errors: Array
+    packing: Packing
+    kind: str
+    values: Array
     chosen: bool = False
+
+    @cached_property
+    def errors(self) -> Array:
+        """(n,) expected relative error, worked out when asked for: a scene that names its medium does not need it."""
+        return expected_error(self.medium, self.packing, self.kind, self.values)
 
 
 def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumChoice]:

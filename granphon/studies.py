@@ -386,7 +386,7 @@ class GridStudy(_DisorderStudy):
             given = disorder.effective
             overlap = given.overlap if disorder.kind == "overlap" else other.overlap(given.force)
             k.append(np.asarray(other.stiffness(overlap)))
-        return np.asarray(0.25 * (k[1] - k[0]) / (k[1] + k[0]) * 2.0 / step)
+        return np.asarray(0.5 * (k[1] - k[0]) / (k[1] + k[0]) / step)
 
     def points(self) -> list[Point]:
         """As :class:`Study`."""

