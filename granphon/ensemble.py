@@ -2,8 +2,8 @@
 
 What one sample has more or less than the infinite array is, to second order in the differences of diameters, linear in the
 sample's own mean of x^2 and of x x' over near pairs of balls; and these means are known exactly for the infinite array: the
-variance, and zero. A linear regression on them takes that part of the chance out (control variates). At f* = 1 it leaves a
-seventh of the standard error, above f* = 3 less than a tenth; near the rigidity threshold next to all.
+variance, and zero. A linear regression on them takes that part of the chance out (control variates). At f* = 1 it leaves
+less than a fifth of the standard error, above f* = 3 a tenth or less; near the rigidity threshold next to all.
 """
 
 from __future__ import annotations
