@@ -10,6 +10,9 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from granphon.style import STYLE  # before matplotlib, whatever backend the environment names
+
+# isort: split
 import matplotlib
 import numpy as np
 from matplotlib import patheffects
@@ -24,7 +27,6 @@ from numpy.typing import NDArray
 from granphon.errors import InputError, message
 from granphon.fit import WidthFit
 from granphon.geometry import TRIANGULAR
-from granphon.plot import STYLE
 from granphon.samples import Sample
 from granphon.simulation import SimulatedState
 from granphon.units import prefixed

@@ -11,13 +11,15 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from granphon.style import STYLE  # before matplotlib, whatever backend the environment names
+
+# isort: split
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from granphon.errors import InputError, message
-from granphon.plot import STYLE
 from granphon.tradeoffs import Measured, TradeOff
 
 __all__ = ["plot_work_precision", "tradeoff_figure"]

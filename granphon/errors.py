@@ -9,6 +9,7 @@ from __future__ import annotations
 
 __all__ = [
     "ConvergenceError",
+    "FigureError",
     "FileExistsInRunError",
     "GranphonError",
     "InputError",
@@ -57,6 +58,10 @@ class ConvergenceError(GranphonError, RuntimeError):
 
 class UnsupportedError(GranphonError, NotImplementedError):
     """A method that exists, but would give a wrong answer for these objects."""
+
+
+class FigureError(GranphonError, RuntimeError):
+    """A figure that matplotlib could not draw."""
 
 
 class OutputError(GranphonError, OSError):

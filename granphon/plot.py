@@ -1,7 +1,7 @@
 """Figures of results: bands, Brillouin zones, densities of states, modes.
 
 Every function draws on an Axes and returns it; units change only here. matplotlib's global state is left alone and no window
-is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, to be saved with its ``savefig``. Translation is
+is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, which :func:`save_figure` saves. Translation is
 dark blue and rotation orange throughout, on a scale that is uniform to the eye, in grey as well.
 """
 
@@ -11,6 +11,9 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from granphon.style import STYLE, save_figure  # before matplotlib, whatever backend the environment names
+
+# isort: split
 import matplotlib
 import numpy as np
 from matplotlib import patheffects
@@ -32,18 +35,14 @@ from granphon.units import HertzPrefix
 if TYPE_CHECKING:
     from granphon.phonons import Phonons
 
-__all__ = ["STYLE", "bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_mode", "plot_zone", "zone_polygon"]
+__all__ = [
+    "STYLE", "bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_mode", "plot_zone", "save_figure",
+    "zone_polygon",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 LongWaves = SoundVelocities | ContactLattice
 
-#: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
-STYLE: dict[Any, Any] = {
-    "font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5, "figure.titlesize": 8.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
-    "legend.handlelength": 1.6, "svg.fonttype": "none", "pdf.fonttype": 42,
-}  # fmt: skip
 #: from translation (0) to rotation (1): the uniform map "plasma" without its light end
 ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
 _TRANSLATING, _ROTATING = ROTATION(0.0), ROTATION(1.0)

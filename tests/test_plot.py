@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import sys
 
@@ -17,7 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon import plot
-from granphon.errors import InputError
+from granphon.errors import FigureError, InputError
 from granphon.units import HertzPrefix
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -334,6 +335,63 @@ def test_global_state_is_left_alone(bands):
     code = "import sys; import granphon.plot; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
     run = subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, capture_output=True, text=True)
     assert run.stdout.split() == ["False", "False"]
+
+
+MADE = """
+import sys
+import numpy as np, granphon as gp
+from granphon.{module} import *
+from granphon.plot import bands_figure, save_figure
+state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+save_figure(bands_figure(gp.Phonons(state).bands("GKM", npoints=5)), sys.argv[1])
+print("matplotlib.pyplot" in sys.modules)
+import matplotlib
+print(dict.__getitem__(matplotlib.rcParams, "backend"))
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "backend", "kept"),
+    [
+        ("plot", "nonsense", None), ("charts", "module://there.is.none", None), ("diagrams", "", None),
+        ("plot", "svg", "svg"),
+    ],
+)  # fmt: skip
+def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(tmp_path, module, backend, kept):
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", MADE.format(module=module), str(tmp_path / "bands.png")],
+        env={**os.environ, "MPLBACKEND": backend}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.stderr == ""
+    pyplot, found = run.stdout.splitlines()
+    assert pyplot == "False"
+    assert found == kept or kept is None
+    assert (tmp_path / "bands.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("label", "settings", "name", "told"),
+    [
+        (r"$\Gama$", {}, "bands.png", r"Unknown symbol: \\Gama"),
+        ("x", {"text.usetex": True}, "bands.png", "latex"),
+        ("x", {}, "bands.xyz", "xyz"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(tmp_path, monkeypatch, label, settings, name, told):
+    monkeypatch.setenv("PATH", str(tmp_path))  # without LaTeX
+    with matplotlib.rc_context(settings):
+        figure = Figure(layout="constrained")
+        figure.subplots().set_xlabel(label)
+        with pytest.raises(FigureError, match=f"^{name} could not be drawn: .*{told}") as caught:
+            plot.save_figure(figure, tmp_path / name)
+    assert isinstance(caught.value, gp.errors.GranphonError)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        plot.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
 
 
 # -- modes ----------------------------------------------------------------------------------------------------------

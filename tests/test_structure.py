@@ -22,12 +22,12 @@ ORDER = [
     "ensemble",
     "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit", "studies", "tradeoffs",
-    "rules", "schema", "load", "scene", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",
+    "rules", "schema", "load", "scene", "style", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
 BORDERS = {
-    "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"}, "matplotlib": {"plot", "charts", "diagrams"},
-    "typer": {"cli"},
+    "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"},
+    "matplotlib": {"style", "plot", "charts", "diagrams"}, "typer": {"cli"},
 }  # fmt: skip
 
 
