@@ -18,9 +18,10 @@ from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.errors import InputError, UnsupportedError, message
-from granphon.files import versions, write_text
+from granphon.files import versions
 from granphon.geometry import BALL
 from granphon.spectra import file_header
+from granphon.staging import write_text
 from granphon.units import HertzPrefix, Units
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
@@ -144,7 +145,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
     text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
-    write_text(path, text, force=True)
+    write_text(path, text)
 
 
 def _with_auxiliary(own: Array, export: Phonopy) -> Array:

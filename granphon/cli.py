@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -65,7 +66,7 @@ def _granphon(
     """
 
 
-_Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
+_Force = Annotated[bool, typer.Option("--force", help="Overwrite what granphon wrote, and nobody has changed since.")]
 _SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
 
 
@@ -84,7 +85,8 @@ def init(
     """
     from importlib.resources import files
 
-    from granphon.files import closest, write_text
+    from granphon.files import closest
+    from granphon.staging import check_free, write_text
 
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
@@ -95,7 +97,10 @@ def init(
             )
         )
     _named("PATH", path)
-    write_text(path, (files("granphon") / "data" / f"{preset}.yaml").read_text(encoding="utf-8"), force)
+    texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
+    target = Path(path)
+    check_free(target.parent, [target.name], force, known=texts.values())
+    write_text(target, texts[preset])
     _say(f"Wrote {path}. Next: granphon check {path}")
 
 
@@ -144,7 +149,7 @@ def run(
     phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
     with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
     cut off waits in the folder for --resume. With --force an earlier result is replaced, its files that the scene does
-    not write included.
+    not write included; a file that the scene is read from, that granphon did not write, or that was changed since, is not.
 
     \b
     Examples:
@@ -179,6 +184,9 @@ def plot(
     variable: Annotated[
         str | None, typer.Option("--variable", metavar="NAME", help="Draw one variable of a sweep, such as bulk.")
     ] = None,
+    backend: Annotated[
+        str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib that draws, such as pgf.")
+    ] = None,
     force: _Force = False,
 ) -> None:
     """Draw the results of a run again.
@@ -195,7 +203,7 @@ def plot(
     from granphon.redraw import redraw
 
     _named("--out", out)
-    _say(f"Wrote {redraw(folder, out, force, asymptotes, variable)}")
+    _say(f"Wrote {redraw(folder, out, force, asymptotes, variable, backend)}")
 
 
 @app.command()
@@ -234,18 +242,19 @@ def fit(
     from functools import partial
 
     from granphon.blocks import ruled
-    from granphon.files import check_free, staging
     from granphon.fit import FIT_FILES, fit_width
     from granphon.load import force_of_frame
     from granphon.measurements import FREQUENCY, SPEED, Measurements
     from granphon.parameters import PARAMETERS
     from granphon.quantities import LENGTH
     from granphon.scene import Scene
+    from granphon.staging import check_free, staging
 
     _named("--out", out)
-    if out is not None:
-        check_free(out, FIT_FILES, force)
     read = Scene.from_yaml(scene)
+    inputs: tuple[str | Path, ...] = (*read.inputs, data)
+    if out is not None:
+        check_free(out, FIT_FILES, force, inputs=inputs)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
     # the medium of a scene of equal balls says nothing about those that differ
@@ -264,13 +273,15 @@ def fit(
         medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
         finite_overlap=read.finite_overlap,
     )  # fmt: skip
+    failures: dict[str, str] = {}
     if out is not None:
         from granphon.charts import fit_figure
+        from granphon.style import draw
 
-        with staging(out, FIT_FILES, force) as place:
+        with staging(out, FIT_FILES, force, inputs, optional=["fit.png"]) as place:
             found.write(place)
-            fit_figure(found).savefig(place / "fit.png")
-    _warn(found.warnings)
+            failures = draw(lambda _: fit_figure(found), ["fit.png"], place)
+    _warn((*found.warnings, *failures.values()))
     for name, value, error in zip(found.parameters, found.values, found.stderrs, strict=True):
         unit = PARAMETERS[name] or ""
         _table([(name.replace("_", " "), f"{human(value, unit)} +/- {human(error, unit)}")])
@@ -285,7 +296,7 @@ def fit(
     if given:  # of a sigma from the scatter it is the number of degrees of freedom, whatever the data
         _table([("chi^2", f"{found.chi2:.4g} for {found.dof} degrees of freedom")])
     if out is not None:
-        _say(f"Wrote {', '.join(FIT_FILES)} into {out}")
+        _say(f"Wrote {', '.join(name for name in FIT_FILES if name not in failures)} into {out}")
 
 
 @app.command()
@@ -314,19 +325,19 @@ def tradeoff(
       granphon tradeoff scene.yaml -o tradeoff --budget "20 minutes" --loads 5
     """
     from granphon.blocks import ruled
-    from granphon.files import check_free, staging
     from granphon.measurements import TIME
     from granphon.progress import on_stderr
     from granphon.scene import Scene
+    from granphon.staging import check_free, staging
     from granphon.tradeoffs import TRADEOFF_FILES
     from granphon.tradeoffs import tradeoff as measure
     from granphon.wording import work_and_precision
 
     _named("--out", out)
     seconds = ruled("--budget", TIME.read, budget)
-    if out is not None:
-        check_free(out, TRADEOFF_FILES, force)
     read = Scene.from_yaml(scene)
+    if out is not None:
+        check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)
     if read.parameters:
         what = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
         raise InputError(message(what, "A trade-off is that of one packing", "Leave the block 'sweep' out"))
@@ -336,17 +347,20 @@ def tradeoff(
         read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
         runs=runs, progress=on_stderr(quiet),
     )  # fmt: skip
+    failures: dict[str, str] = {}
     if out is not None:
         from granphon.diagrams import tradeoff_figure
+        from granphon.style import draw
 
-        with staging(out, TRADEOFF_FILES, force) as place:
+        with staging(out, TRADEOFF_FILES, force, read.inputs, optional=["tradeoff.png"]) as place:
             (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
-            tradeoff_figure(found).savefig(place / "tradeoff.png")
+            failures = draw(lambda _: tradeoff_figure(found), ["tradeoff.png"], place)
+    _warn(tuple(failures.values()))
     if not quiet:
         for line in work_and_precision(found):
             _say(line)
         if out is not None:
-            _say(f"Wrote {', '.join(TRADEOFF_FILES)} into {out}")
+            _say(f"Wrote {', '.join(name for name in TRADEOFF_FILES if name not in failures)} into {out}")
 
 
 @contextmanager

@@ -1,38 +1,29 @@
-"""Reading a text with its line numbers, and writing files whole or not at all.
+"""Reading a text with its line numbers, and writing plain data as one.
 
-What is read is YAML 1.2 without its machinery: no tags, no anchors, no merging, every key once. What is written goes into
-a temporary place in the same folder first and is renamed when it is complete.
+What is read is YAML 1.2 without its machinery: no tags, no anchors, no merging, every key once.
 """
 
 from __future__ import annotations
 
-import errno
 import json
 import math
 import os
 import re
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any
 
-from granphon.errors import FileExistsInRunError, GranphonError, OutputError, SceneError, message
+from granphon.errors import SceneError, message
 
 __all__ = [
     "Document",
-    "check_free",
     "closest",
     "dump_yaml",
     "parse_yaml",
     "read_text",
     "shown",
-    "staging",
     "versions",
-    "write_text",
 ]
 
 #: the largest text that is read, bytes
@@ -279,120 +270,3 @@ def versions(*packages: str) -> dict[str, str]:
     from granphon import __version__
 
     return {"granphon": __version__} | {package: version(package) for package in packages}
-
-
-def check_free(folder: str | os.PathLike[str], names: Sequence[str], force: bool = False) -> None:
-    """Raise if ``names`` cannot be written into ``folder``, as far as can be told without writing.
-
-    :class:`~granphon.errors.FileExistsInRunError` if one is there and ``force`` is off,
-    :class:`~granphon.errors.OutputError` if the folder is a file, or may not be written to.
-    """
-    target = Path(folder)
-    try:
-        if any("\0" in part for part in (str(target), *names)):
-            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
-        there = [name for name in names if os.path.lexists(target / name)]
-        nearest = target
-        while not os.path.lexists(nearest) and nearest != nearest.parent:
-            nearest = nearest.parent
-        if not nearest.is_dir():
-            raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-        if there and not force:
-            raise FileExistsInRunError(
-                message(
-                    f"{target} already holds {', '.join(there)}",
-                    "An existing result is not overwritten unless asked for",
-                    "Use --force (force=True) to replace it, or choose another folder",
-                )
-            )
-        folders = [name for name in there if (target / name).is_dir()]
-        if folders:
-            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
-        if not os.access(nearest, os.W_OK | os.X_OK):
-            raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
-    except OSError as error:
-        raise _failed(target, error) from None
-
-
-def _failed(target: Path, error: OSError) -> GranphonError:
-    if isinstance(error, GranphonError):
-        return error
-    mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "Nothing was left behind", mend))
-
-
-@contextmanager
-def staging(
-    folder: str | os.PathLike[str], names: Sequence[str], force: bool = False, stale: Sequence[str] = ()
-) -> Iterator[Path]:
-    """A temporary place inside ``folder`` for the files ``names``, moved into it together at the end.
-
-    If anything fails, on the way or while moving, the folder is left as it was found; folders that were made are removed.
-
-    Parameters
-    ----------
-    folder : made if it is not there.
-    names : the files that the caller writes into the place it is given.
-    force : replace files of these names; without it their presence is an error.
-    stale : files to remove when all have been moved.
-
-    Raises
-    ------
-    FileExistsInRunError, OutputError : see :func:`check_free`; and any failure of the file system.
-    """
-    target, made = Path(folder), []
-    check_free(target, names, force)
-    place: Path | None = None
-    try:
-        for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
-            missing.mkdir(exist_ok=True)
-            made.append(missing)
-        place = Path(tempfile.mkdtemp(prefix=".granphon-", dir=target))
-        yield place
-        for name in names:
-            with open(place / name, "r+b") as stream:
-                os.fsync(stream.fileno())
-        check_free(target, names, force)
-        _move(place, target, names, stale)
-        made = []
-    except OSError as error:
-        raise _failed(target, error) from None
-    finally:
-        if place is not None:
-            shutil.rmtree(place, ignore_errors=True)
-        for one in reversed(made):
-            try:
-                one.rmdir()
-            except OSError:
-                break
-
-
-def _move(place: Path, target: Path, names: Sequence[str], stale: Sequence[str]) -> None:
-    """Rename each file into the folder; on failure put back what was there."""
-    saved = place / "replaced"
-    saved.mkdir()
-    before = [name for name in (*names, *stale) if os.path.lexists(target / name)]
-    for name in before:
-        shutil.copy2(target / name, saved / name, follow_symlinks=False)
-    done = []
-    try:
-        for name in names:
-            os.replace(place / name, target / name)
-            done.append(name)
-        for name in stale:
-            (target / name).unlink(missing_ok=True)
-            done.append(name)
-    except BaseException:
-        for name in done:
-            if name in before:
-                os.replace(saved / name, target / name)
-            else:
-                (target / name).unlink(missing_ok=True)
-        raise
-
-
-def write_text(path: str | os.PathLike[str], text: str, force: bool = False) -> None:
-    """Write a text file whole or not at all; errors as :func:`staging`."""
-    target = Path(path)
-    with staging(target.parent, [target.name], force) as place:
-        (place / target.name).write_text(text, encoding="utf-8")

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from granphon.errors import InputError, message
-from granphon.files import check_free, staging
 from granphon.lattice import ContactLattice
 from granphon.observables import contact_lattice
 from granphon.scene import Scene
+from granphon.staging import check_free, staging
 
 __all__ = ["figure_name", "redraw"]
 
@@ -28,6 +28,7 @@ def redraw(
     force: bool = False,
     asymptotes: bool = False,
     variable: str | None = None,
+    backend: str | None = None,
 ) -> Path:
     """Draw the results in a run's folder again, in one figure.
 
@@ -38,6 +39,7 @@ def redraw(
     force : overwrite.
     asymptotes : add the long waves (equations 13-15) of the scene that the folder holds to its bands.
     variable : of a sweep, to be drawn alone.
+    backend : of matplotlib, such as "pgf"; by default the one that the ending of ``out`` has.
 
     Returns
     -------
@@ -47,6 +49,7 @@ def redraw(
     ------
     InputError : the folder holds nothing to draw, its files are damaged, the format or the variable is unknown, or what is
         asked for belongs to another kind of result.
+    FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
@@ -68,8 +71,10 @@ def redraw(
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
     figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
+    from granphon.plot import save_figure
+
     with staging(target, [name], force) as place:
-        figure.savefig(place / name)
+        save_figure(figure, place / name, backend=backend)
     return target / name
 
 

@@ -135,6 +135,12 @@ def _measured(value: Any, folder: Path) -> Measured:
         raise Refused(shown(given["file"]), "a table with a column of diameters", str(error)) from None
 
 
+def table_named(value: Any) -> str | None:
+    """The file that a spread, as it stands in a scene that has been read, is measured from; None if there is none."""
+    measured = value.get("measured") if isinstance(value, dict) else None
+    return measured.get("file") if isinstance(measured, dict) else measured
+
+
 _diameters = partial(each, rule=LENGTH.read, what="diameters")
 
 

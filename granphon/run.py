@@ -21,14 +21,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from granphon.errors import InputError
-from granphon.files import check_free, dump_yaml, parse_yaml, read_text, staging, versions
+from granphon.files import dump_yaml, versions
 from granphon.jobs import LATTICE_BANDS, has_pressure, sampling_errors
 from granphon.ladder import Rung
 from granphon.local_field import LocalField
@@ -46,6 +45,7 @@ from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
 from granphon.simulation import SimulatedState
+from granphon.staging import opened
 from granphon.tasks import kept
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ class RunResult:
 
     ``load`` is what was given, "force", "pressure" or "overlap". ``files`` are the paths written, ``folder`` where they are.
     ``phonons`` are those of the bands and of the density of states. ``local_field`` is that of the effective medium; None in
-    another, and for equal balls. ``rung`` is what an automatic medium has chosen, and its expected error.
+    another, and for equal balls. ``rung`` is what an automatic medium has chosen, and its expected error. ``failures`` says
+    which figures could not be drawn, and why.
     """
 
     folder: Path
@@ -93,12 +94,13 @@ class RunResult:
     dos: DensityOfStates | None
     files: tuple[Path, ...]
     rung: Rung | None = None
+    failures: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails, and one if spectra are less than the state is."""
+        """One sentence for each condition of validity that fails, and for what spectra leave out and figures that failed."""
         spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
-        return self.validity.warnings + ((LATTICE_BANDS,) if spectra else ())
+        return self.validity.warnings + ((LATTICE_BANDS,) if spectra else ()) + self.failures
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data, under the names of the library's attributes."""
@@ -138,7 +140,9 @@ class RunResult:
     def write(self, place: Path, step: Step) -> None:
         """Write the files of the spectra, and of a sample, into a folder that is there."""
         if isinstance(self.state, SimulatedState):
-            self._write_sample(self.state, place)
+            from ase.io import write
+
+            write(place / "sample.extxyz", self.state.sample.atoms(), format="extxyz")
             step.advance()
         if self.bands is not None and self.phonons is not None:
             self.bands.write(place / "band.yaml")
@@ -147,28 +151,23 @@ class RunResult:
         if self.dos is not None:
             self.dos.write_csv(place / "dos.csv")
             step.advance()
-        drawn = figure_name(self.bands is not None)
-        if self.folder / drawn in self.files:
-            from granphon.plot import bands_figure
 
-            bands_figure(bands=self.bands, dos=self.dos).savefig(place / drawn)
-            step.advance()
-
-    def _write_sample(self, state: SimulatedState, place: Path) -> None:
-        from ase.io import write
-
-        write(place / "sample.extxyz", state.sample.atoms(), format="extxyz")
-        if self.folder / "forces.png" in self.files:
+    def figure(self, name: str) -> Any:
+        """The matplotlib figure that is saved as ``name``."""
+        if isinstance(self.state, SimulatedState) and name == "forces.png":
             from granphon.charts import forces_figure
 
-            forces_figure(state).savefig(place / "forces.png")
+            return forces_figure(self.state)
+        from granphon.plot import bands_figure
+
+        return bands_figure(bands=self.bands, dos=self.dos)
 
 
 @dataclass(frozen=True)
 class SweepResult:
     """What a scene of many states gave: the data set of :func:`granphon.sweeps.sweep`.
 
-    ``files`` are the paths written, ``folder`` where they are.
+    ``files`` are the paths written, ``folder`` where they are; ``failures`` says which figures could not be drawn, and why.
     """
 
     #: what the computation took, besides numpy and scipy
@@ -177,11 +176,12 @@ class SweepResult:
     folder: Path
     dataset: Dataset
     files: tuple[Path, ...]
+    failures: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails, and in which medium at which parameters."""
-        return tuple(json.loads(self.dataset.attrs["warnings"]))
+        """One sentence for each condition of validity that fails, in which medium at which parameters, and for figures."""
+        return (*json.loads(self.dataset.attrs["warnings"]), *self.failures)
 
     def summary(self) -> dict[str, Any]:
         """Sizes of the dimensions, and the least and the greatest velocities and load."""
@@ -193,20 +193,27 @@ class SweepResult:
         return out | {"valid": bool(data["valid"].all())}
 
     def write(self, place: Path, step: Step) -> None:
-        """Write the data set, its table and its figure into a folder that is there."""
+        """Write the data set and its table into a folder that is there."""
         from granphon.archive import write_sweep
 
         write_sweep(self.dataset, place / "sweep.nc")
         step.advance(2)
-        if self.folder / "sweep.png" in self.files:
-            from granphon.charts import sweep_figure
 
-            sweep_figure(self.dataset).savefig(place / "sweep.png")
-            step.advance()
+    def figure(self, name: str) -> Any:
+        """The matplotlib figure of the sweep, the only one that there is."""
+        from granphon.charts import sweep_figure
+
+        return sweep_figure(self.dataset)
 
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     """Names of the files that a run of ``scene`` writes."""
+    numbers, drawn = _expected(scene)
+    return numbers + (drawn if figures else ())
+
+
+def _expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and of figures."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     drawn = []
     if scene.is_sweep:
@@ -223,7 +230,7 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
         if scene.rung.medium.simulates:
             names.append("sample.extxyz")
             drawn.append("forces.png")
-    return (*names, *(drawn if figures else ()))
+    return tuple(names), tuple(drawn)
 
 
 def run(
@@ -241,10 +248,12 @@ def run(
     Parameters
     ----------
     scene : what to compute.
-    folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished.
-    force : replace an earlier result, its files that this scene does not write included.
+    folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished. No other
+        run can write into it meanwhile.
+    force : replace an earlier result, its files that this scene does not write included. What granphon did not write, or
+        somebody has changed since, and what the scene reads, is never replaced.
     progress : told how far the work has come.
-    figures : draw bands.png (dos.png, sweep.png, forces.png) too.
+    figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a warning of the result.
     resume : go on with a sweep that was cut off; where there is nothing to go on with it starts anew.
     executor : for a sweep's work side by side; the numbers do not depend on it.
 
@@ -254,44 +263,46 @@ def run(
 
     Raises
     ------
-    FileExistsInRunError : a file would be overwritten and ``force`` is off; found out before anything is computed.
-    OutputError : the folder cannot be written.
+    FileExistsInRunError : a file would be overwritten, and ``force`` is off or it may not be replaced; found out before
+        anything is computed.
+    OutputError : the folder cannot be written, or another run is writing into it.
     GranphonError : the computation fails; no result has been written then.
     """
-    names, target = expected_files(scene, figures), Path(folder)
-    check_free(target, names, force)
+    target, (names, drawn) = Path(folder), _expected(scene)
+    drawn = drawn if figures else ()
+    every = (*names, *drawn)
     text = scene.to_yaml()
-    files = tuple(target / name for name in names)
     result: RunResult | SweepResult
-    with kept(target / WORK_FOLDER if scene.is_sweep else None, resume) as store:
+    with (
+        opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
+        kept(target / WORK_FOLDER if scene.is_sweep else None, resume) as store,
+    ):
         if scene.is_sweep:
-            result = SweepResult(target, scene.sweep(progress, executor, store=store), files)
+            result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
-            result = _single(scene, files, progress)
+            result = _single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
-        with staging(target, names, force, _stale(target, names)) as place:
+        with locked.staging(every, optional=drawn) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
             _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
-            _write(place / "summary.yaml", _summary(result, scene, used))
             if scene.diameters is not None:
                 _write(place / DIAMETERS_FILE, scene.diameters)
-            with progress.step("writing", len(names)) as step:
-                result.write(place, step)
+            result.write(place, step)
+            failures: dict[str, str] = {}
+            if drawn:
+                from granphon.style import draw
+
+                failures = draw(result.figure, drawn, place)
+                step.advance(len(drawn))
+            files = tuple(target / name for name in every if name not in failures)
+            result = replace(result, files=files, failures=tuple(failures.values()))
+            _write(place / "summary.yaml", _summary(result, scene, used))
     return result
 
 
-def _stale(target: Path, names: Sequence[str]) -> list[str]:
-    """Files that an earlier run has written, as its summary says, and this one does not."""
-    try:
-        earlier = set(parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["files"])
-    except (InputError, KeyError, TypeError):
-        return []
-    return [name for name in RESULT_FILES if name in earlier.difference(names)]
-
-
-def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunResult:
+def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     """The result of a scene of one state."""
-    target, finite, rung = files[0].parent, scene.finite_overlap, scene.rung
+    finite, rung = scene.finite_overlap, scene.rung
     choice = rung.medium
     velocities, constants = None, None
     with progress.step("simulation") if choice.simulates else nullcontext():
@@ -308,7 +319,7 @@ def _single(scene: Scene, files: tuple[Path, ...], progress: Progress) -> RunRes
     automatic = rung if scene.media[0].is_automatic else None
     label = scene.media[0].label
     return RunResult(
-        target, state, label, load, field, report, velocities, constants, phonons, bands, dos, files, automatic
+        target, state, label, load, field, report, velocities, constants, phonons, bands, dos, (), automatic
     )  # fmt: skip
 
 

@@ -119,6 +119,17 @@ class Scene:
         return cast("BandPath", self.band)  # set when the scene was made
 
     @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files that the scene was read from: its own, and the tables of measured diameters that it names."""
+        if self._document is None:
+            return ()
+        folder = self.source.parent if self.source else Path()
+        data = self._document.data
+        spreads = [data["packing"].get("spread"), *data.get("sweep", {}).get("spread", [])]
+        own = () if self.source is None else (self.source,)
+        return (*own, *(folder / name for spread in spreads if (name := rules.table_named(spread)) is not None))
+
+    @property
     def balls_differ(self) -> bool:
         """Whether diameters differ, or a sweep makes them."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))

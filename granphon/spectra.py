@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.branches import connect_branches
 from granphon.errors import InputError, message
-from granphon.files import write_text
 from granphon.geometry import BALL
 from granphon.lattice import Modes
 from granphon.results import Result
+from granphon.staging import write_text
 from granphon.units import HertzPrefix, Units
 
 __all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
@@ -275,7 +275,7 @@ class Bands(Result):
                     lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
-        write_text(path, "\n".join(lines) + "\n", force=True)
+        write_text(path, "\n".join(lines) + "\n")
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -385,7 +385,7 @@ class DensityOfStates(Result):
             "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz",
             *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
         ]
-        write_text(path, "\n".join(lines) + "\n", force=True)
+        write_text(path, "\n".join(lines) + "\n")
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ def _whatever_backend() -> Iterator[None]:
 with _whatever_backend():
     import matplotlib
 
-__all__ = ["STYLE", "save_figure"]
+__all__ = ["STYLE", "draw", "save_figure"]
 
 #: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
 STYLE: dict[Any, Any] = {
@@ -72,3 +72,21 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
         reason = textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
         mend = "Look at the labels, and at the settings of matplotlib (matplotlibrc)"
         raise FigureError(message(f"{target.name} could not be drawn: {reason}", mend=mend)) from error
+
+
+def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
+    """Save the figures ``names``, each made by ``figure``, beside numbers that are worth more than a picture of them.
+
+    Returns the names of those that could not be drawn, with a sentence each. OSError if a file cannot be written.
+    """
+    failures = {}
+    for name in names:
+        try:
+            save_figure(figure(name), folder / name)
+        except OSError:
+            raise
+        except FigureError as error:
+            failures[name] = str(error)
+        except Exception as error:
+            failures[name] = f"{name} could not be drawn: {type(error).__name__}: {error}"
+    return failures

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
 from granphon.errors import InputError, message
-from granphon.files import check_free, staging, versions
+from granphon.files import versions
 from granphon.geometry import Lattice
 from granphon.jobs import ERRORS, Job, packages, to_json
 from granphon.ladder import MediumChoice, no_simulation
@@ -32,6 +32,7 @@ from granphon.progress import Progress, silent
 from granphon.results import restore
 from granphon.simulation import SimulatedState
 from granphon.spectra import band_path
+from granphon.staging import opened
 from granphon.tasks import Part, Store, kept, solve_all
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def sweep(
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
     way = None if bands is None else _Way.of(packings, bands, npoints, labels)
-    target = _target(path, resume, overwrite)
+    target = _target(path, resume)
     qpoints = None if way is None else way.qpoints
     jobs = [
         Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, bool(finite_overlap), qpoints)
@@ -163,15 +164,16 @@ def sweep(
         for choice in choices
     ]
     pieces = [job.pieces for job in jobs]
+    folder = nullcontext() if target is None else opened(target.parent, file_names(target), overwrite)
     own = kept(None if target is None else target.with_name(f".{target.name}.partial"), resume)
-    with own if store is None else nullcontext(store) as place:
+    with folder as locked, own if store is None else nullcontext(store) as place:
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [job.joined(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
         dataset = _dataset(jobs, parts, axes, choices, way).assign_attrs(packing=to_json(packing))
-        if target is not None:
-            with staging(target.parent, file_names(target), overwrite) as folder:
-                write_sweep(dataset, folder / target.name)
+        if locked is not None and target is not None:
+            with locked.staging(file_names(target)) as stage:
+                write_sweep(dataset, stage / target.name)
     return dataset
 
 
@@ -232,7 +234,7 @@ def _special_points(structure: Lattice) -> dict[str, Array]:
     return dict(Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points)
 
 
-def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) -> Path | None:
+def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     if path is None:
         if resume:
             raise InputError(message("there is nothing to resume", "Parts of a sweep are kept beside its file", "Give path"))
@@ -240,7 +242,6 @@ def _target(path: str | os.PathLike[str] | None, resume: bool, overwrite: bool) 
     target = Path(path)
     if target.suffix != ".nc":
         raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
-    check_free(target.parent, file_names(target), overwrite)
     return target
 
 

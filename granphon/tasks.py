@@ -18,8 +18,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.files import staging
 from granphon.progress import Progress, silent
+from granphon.staging import write_bytes
 
 __all__ = ["Part", "Store", "Task", "kept", "solve_all"]
 
@@ -66,8 +66,7 @@ class Store:
             return
         stream = io.BytesIO()
         np.savez(stream, **part)  # type: ignore[arg-type]  # no array is called allow_pickle
-        with staging(self.folder, [task.name], force=True) as place:
-            (place / task.name).write_bytes(_digest(task, stream.getvalue()) + stream.getvalue())
+        write_bytes(self.folder / task.name, _digest(task, stream.getvalue()) + stream.getvalue())
 
     def clear(self) -> None:
         """Forget every result."""

@@ -16,6 +16,7 @@ from granphon.errors import FileExistsInRunError, OutputError
 from granphon.progress import Silent, Terminal, on_stderr, silent
 from granphon.run import expected_files, run
 from granphon.scene import Scene
+from granphon.staging import LIST
 
 SCENE = """\
 schema: 1
@@ -62,7 +63,7 @@ def one_error(capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def tree(folder: Path) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.name != LIST}
 
 
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
@@ -483,7 +484,6 @@ def test_run_and_plot_draw_figures(work, capsys):
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
     assert main(["plot", "out"]) == 1
     assert "already holds bands.png" in one_error(capsys)
-    (work / "out" / "bands.png").write_text("old")
     assert main(["plot", "out", "--force"]) == 0
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
     assert main(["plot", "out", "--asymptotes", "-o", "figures/both.pdf"]) == 0
@@ -495,7 +495,7 @@ def test_run_and_plot_draw_figures(work, capsys):
     assert main(["plot", "out", "-o", "again.pdf"]) == 2
     assert "not a band.yaml written by granphon" in one_error(capsys)
     assert tree(work) == {"scene.yaml", "out", "figures", "figures/both.pdf"} | {
-        f"out/{p.name}" for p in (work / "out").iterdir()
+        f"out/{name}" for name in tree(work / "out")
     }
 
 
@@ -508,16 +508,21 @@ def test_plot_of_nothing(work, capsys):
 def test_an_existing_result_is_not_overwritten(work, capsys):
     assert main(["run", "scene.yaml", "-o", "out"]) == 0
     capsys.readouterr()
-    (work / "out" / "summary.yaml").write_text("mine")
+    before = (work / "out" / "summary.yaml").stat().st_mtime_ns
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     text = one_error(capsys)
     assert "out already holds scene.yaml, summary.yaml" in text
     assert "--force" in text
-    assert (work / "out" / "summary.yaml").read_text() == "mine"
+    assert (work / "out" / "summary.yaml").stat().st_mtime_ns == before
     with pytest.raises(FileExistsInRunError):
         Scene.from_yaml("scene.yaml").run("out")
     assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 0
-    assert (work / "out" / "summary.yaml").read_text().startswith("schema: 1")
+    assert (work / "out" / "summary.yaml").stat().st_mtime_ns > before
+    capsys.readouterr()
+    (work / "out" / "summary.yaml").write_text("mine")
+    assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 1
+    assert "it has been changed since. It is not replaced, with --force or without" in one_error(capsys)
+    assert (work / "out" / "summary.yaml").read_text() == "mine"
 
 
 def test_force_leaves_no_file_of_the_earlier_run(work):
@@ -630,7 +635,12 @@ def test_init_writes_a_scene_that_check_accepts(tmp_path, monkeypatch, capsys, p
 def test_init_does_not_overwrite(work, capsys):
     assert main(["init"]) == 1
     assert "already holds scene.yaml" in one_error(capsys)
+    # nor with --force, unless it is as another "init" has written it
+    assert main(["init", "--force"]) == 1
+    assert "granphon did not write it" in one_error(capsys)
     assert (work / "scene.yaml").read_text() == SCENE
+    (work / "scene.yaml").unlink()
+    assert main(["init", "--preset", "hydrogel"]) == 0
     assert main(["init", "--force", "--preset", "glass"]) == 0
     assert "glass" in (work / "scene.yaml").read_text()
     capsys.readouterr()

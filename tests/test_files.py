@@ -1,7 +1,5 @@
 import errno
 import math
-import os
-import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,8 +9,8 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from granphon import files
-from granphon.errors import FileExistsInRunError, OutputError, SceneError
-from granphon.files import check_free, closest, dump_yaml, parse_yaml, read_text, staging, versions, write_text
+from granphon.errors import SceneError
+from granphon.files import closest, dump_yaml, parse_yaml, read_text, versions
 
 # -- reading --------------------------------------------------------------------------------------------------------
 
@@ -168,97 +166,3 @@ def test_versions_name_the_packages() -> None:
 
     assert versions("numpy")["numpy"] == np.__version__
     assert list(versions("numpy")) == ["granphon", "numpy"]
-
-
-def _tree(folder: Path) -> dict[str, str]:
-    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*")}
-
-
-def test_staged_files_arrive_together(tmp_path: Path) -> None:
-    out = tmp_path / "new" / "deeper"
-    with staging(out, ["a", "b"]) as place:
-        for name in "ab":
-            (place / name).write_text(name)
-        assert sorted(p.name for p in out.iterdir()) == [place.name]
-    assert _tree(out) == {"a": "a", "b": "b"}
-
-
-def test_staged_files_have_the_usual_permissions(tmp_path: Path) -> None:
-    (tmp_path / "usual").write_text("")
-    write_text(tmp_path / "x", "text")
-    assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
-
-
-@pytest.mark.parametrize(
-    "failure", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), RuntimeError("bug")]
-)
-def test_failure_leaves_nothing(tmp_path: Path, failure: BaseException) -> None:
-    expected = OutputError if isinstance(failure, OSError) else type(failure)
-    with pytest.raises(expected), staging(tmp_path / "new" / "deeper", ["a"]) as place:  # noqa: PT012
-        (place / "a").write_text("half")
-        raise failure
-    assert _tree(tmp_path) == {}
-
-
-def test_a_full_disk_is_named(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"No space left on device.*Free some space"), staging(tmp_path / "o", ["a"]):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-
-def test_failure_while_renaming_restores_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = {"a": "old a", "c": "old c", "mine": "kept"}
-    for name, text in before.items():
-        (tmp_path / name).write_text(text)
-    real, calls = os.replace, []
-
-    def replace(source: Path, target: Path) -> None:
-        calls.append(target)
-        if Path(target).name == "c" and Path(source).parent.name != "replaced":
-            raise OSError(errno.EIO, "Input/output error")
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(OutputError, match="Input/output error"), staging(tmp_path, ["a", "b", "c"], force=True) as place:  # noqa: PT012
-        for name in "abc":
-            (place / name).write_text(f"new {name}")
-    assert len(calls) >= 4
-    assert _tree(tmp_path) == before
-
-
-def test_force_replaces_and_removes_stale_files(tmp_path: Path) -> None:
-    for name in ("a", "stale", "mine"):
-        (tmp_path / name).write_text("old")
-    with staging(tmp_path, ["a"], force=True, stale=["stale", "absent"]) as place:
-        (place / "a").write_text("new")
-    assert _tree(tmp_path) == {"a": "new", "mine": "old"}
-
-
-def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
-    (tmp_path / "a").write_text("old")
-    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    for name in ("a", "link"):
-        with pytest.raises(FileExistsInRunError, match=rf"already holds {name}.*--force"):
-            write_text(tmp_path / name, "new")
-    assert (tmp_path / "a").read_text() == "old"
-
-
-def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
-    with pytest.raises(FileExistsInRunError), staging(tmp_path, ["a"]) as place:  # noqa: PT012
-        (place / "a").write_text("mine")
-        (tmp_path / "a").write_text("another's")
-    assert _tree(tmp_path) == {"a": "another's"}
-
-
-def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("")
-    (tmp_path / "summary").mkdir()
-    for folder, found in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "x", "not a folder")):
-        with pytest.raises(OutputError, match=found):
-            check_free(folder, ["a"])
-    with pytest.raises(OutputError, match="is a folder"):
-        check_free(tmp_path, ["summary"], force=True)
-    with pytest.raises(OutputError, match="null"):
-        check_free(tmp_path / "a\0b", ["a"])
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(OutputError, match="may not be written to"):
-        check_free(tmp_path / "new", ["a"])

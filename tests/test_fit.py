@@ -473,9 +473,33 @@ def command(*words):
     return main(["fit", *words])
 
 
+def test_the_command_never_replaces_what_it_reads(folder, capsys):
+    (folder / "data.csv").rename(folder / "fit.csv")
+    before = (folder / "fit.csv").read_bytes()
+    for words in ([], ["--force"]):
+        assert command("scene.yaml", "fit.csv", "-o", ".", *words) == 1
+        assert "fit.csv is read by this run, and would be overwritten" in capsys.readouterr().err
+    (folder / "fit.yaml").write_text("mine")
+    assert command("scene.yaml", "flight.csv", "-o", ".", "--force") == 1
+    assert "granphon did not write it" in capsys.readouterr().err
+    assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (before, "mine")
+
+
+def test_a_figure_that_fails_leaves_the_fit(folder, capsys, monkeypatch):
+    def fail(*_):
+        raise ValueError("odd")
+
+    monkeypatch.setattr("granphon.charts.fit_figure", fail)
+    assert command("scene.yaml", "data.csv", "-o", "out") == 0
+    out, err = capsys.readouterr()
+    assert "granphon: warning: fit.png could not be drawn: ValueError: odd" in err
+    assert "Wrote fit.yaml, fit.csv into out" in out
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.yaml"]
+
+
 def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
-    assert sorted(path.name for path in (folder / "out").iterdir()) == ["fit.csv", "fit.png", "fit.yaml"]
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.png", "fit.yaml"]
     printed = capsys.readouterr().out
     assert "width                 2.04 um +/-" in printed
     assert f"(from the scatter, {len(FORCE) - 1} degrees of freedom)" in printed

@@ -34,7 +34,7 @@ def load(name: str) -> ModuleType:
 #: what makes the table of costs, and what the benchmarks share
 costs, side_by_side = load("costs"), load("side_by_side")
 
-ALWAYS = {"scene.yaml", "summary.yaml"}
+ALWAYS = {"scene.yaml", "summary.yaml", ".granphon-files"}
 SWEEP = {"sweep.nc", "sweep.csv"}
 BANDS = {"band.yaml", "phonopy_params.yaml"}
 

@@ -1,6 +1,7 @@
 """Scenes of many states, carried out: the data set, the files, workers, interruptions."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -16,10 +17,12 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.archive import load_sweep
 from granphon.cli import main
+from granphon.errors import FileExistsInRunError
 from granphon.geometry import LATTICES
 from granphon.redraw import redraw
 from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
 from granphon.scene import Load, Scene
+from granphon.staging import LIST, LOCK, opened
 from granphon.sweeps import sweep
 from granphon.wording import human
 
@@ -47,7 +50,7 @@ def summary(folder: str) -> dict:
 
 
 def listed(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
+    return {path.name for path in folder.iterdir()} - {LIST, LOCK}
 
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
@@ -356,7 +359,7 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     assert listed(work / "out") == {"scene.yaml", "summary.yaml", "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
     assert Scene.from_yaml("out/scene.yaml").run("again").state == result.state
-    # a later result without it removes it, as its own summary names it
+    # a later result without it removes it
     Scene.from_text(ONE).run("out", force=True)
     assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
 
@@ -366,10 +369,103 @@ def test_what_no_run_has_written_is_not_removed(work):
     (work / "out" / "diameters.csv").write_text("mine")
     (work / "out" / "sweep.nc").write_text("mine")
     Scene.from_text(ONE).run("out", force=True)
-    assert {"diameters.csv", "sweep.nc"} < listed(work / "out")
+    for name in ("diameters.csv", "sweep.nc"):
+        assert (work / "out" / name).read_text() == "mine"
     (work / "out" / "summary.yaml").write_text("files: 3")
+    with pytest.raises(FileExistsInRunError, match=r"summary\.yaml: granphon wrote it, and it has been changed since"):
+        Scene.from_text(ONE).run("out", force=True)
+    assert (work / "out" / "summary.yaml").read_text() == "files: 3"
+
+
+def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
+    names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(900))
+    text = SWEEP.replace("[1 um, 2 um]", f"[{names}]").replace("points: 6", "points: 2").replace("[ala, afa, ema]", "ala")
+    Scene.from_text(text).run("out", figures=False)
+    assert (work / "out" / "summary.yaml").stat().st_size > 100_000
     Scene.from_text(ONE).run("out", force=True)
-    assert {"diameters.csv", "sweep.nc"} < listed(work / "out")
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+
+
+def measured_scene(folder: Path) -> bytes:
+    """A scene in its own result folder, with a table that has the name of a result file."""
+    rows = [7.999, 8.000, 8.001] * 400
+    (folder / "diameters.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
+    (folder / "scene.yaml").write_text(
+        "# mine\n" + ONE.replace("{uniform: 2.04 um}", "{measured: diameters.csv}").replace("medium: ema", "medium: afa")
+    )
+    return (folder / "scene.yaml").read_bytes() + (folder / "diameters.csv").read_bytes()
+
+
+def test_force_never_replaces_what_the_run_reads(work, capsys):
+    before = measured_scene(work)
+    for words in (["-o", "."], ["-o", ".", "--force"], ["-o", str(work), "--force"]):
+        assert main(["run", "scene.yaml", *words]) == 1
+        assert "is read by this run, and would be overwritten" in capsys.readouterr().err
+    assert (work / "scene.yaml").read_bytes() + (work / "diameters.csv").read_bytes() == before
+    assert listed(work) == {"scene.yaml", "diameters.csv"}
+
+
+def test_a_result_that_is_read_again_is_not_removed_as_old(work):
+    measured_scene(work)
+    Scene.from_yaml("scene.yaml").run("out")
+    (work / "again.yaml").write_text(ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}"))
+    again = Scene.from_yaml("again.yaml")
+    assert [path.name for path in again.inputs] == ["again.yaml", "diameters.csv"]
+    with pytest.raises(FileExistsInRunError, match="is read by this run"):
+        again.run("out", force=True)
+    swept = Scene.from_text(SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]"))
+    assert swept.inputs == (Path("out/diameters.csv"),)
+
+
+def test_a_folder_has_one_run_at_a_time(work, capsys):
+    with opened("out", ["x"]):
+        assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "another run is writing into out" in capsys.readouterr().err
+    assert not (work / "out").exists()
+
+
+def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys):
+    labels = "observe: [bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: [$\\Gama$, K], band_points: 3}\n"
+    (work / "wrong.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + labels)
+    assert main(["check", "wrong.yaml"]) == 0
+    capsys.readouterr()
+    assert main(["run", "wrong.yaml", "-o", "out"]) == 0
+    out, err = capsys.readouterr()
+    assert "bands.png could not be drawn" in err
+    assert "bands.png" not in out
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml"}
+    written = summary("out")
+    assert any("bands.png could not be drawn" in warning for warning in written["warnings"])
+    assert set(written["files"]) == listed(work / "out")
+    assert main(["plot", "out"]) == 1
+    out, err = capsys.readouterr()
+    assert err.startswith("granphon: error: bands.png could not be drawn")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("failure", [ValueError("odd"), RuntimeError("latex was not able"), MemoryError()])
+def test_any_failure_of_a_figure_leaves_the_numbers(work, monkeypatch, failure):
+    def fail(*_: object, **__: object) -> None:
+        raise failure
+
+    scene = Scene.from_yaml("scene.yaml")
+    scene.run("out")
+    assert listed(work / "out") == ALL
+    monkeypatch.setattr("granphon.charts.sweep_figure", fail)
+    result = scene.run("out", force=True)
+    # nor does the picture of an earlier run stay beside other numbers
+    assert listed(work / "out") == ALL - {"sweep.png"}
+    assert any("sweep.png could not be drawn" in warning for warning in result.warnings)
+    assert {path.name for path in result.files} == ALL - {"sweep.png"}
+
+
+def test_a_backend_of_the_environment_does_no_harm(work):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    for backend in ("module://not.there", "nonsense"):
+        words = [sys.executable, "-m", "granphon", "run", "scene.yaml", "-o", backend[:4], "-q"]
+        done = subprocess.run(words, env={**os.environ, "MPLBACKEND": backend}, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert (work / backend[:4] / "dos.png").exists()
 
 
 def test_a_result_of_another_kind_is_replaced_as_a_whole(work):

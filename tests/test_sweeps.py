@@ -654,7 +654,7 @@ def test_a_sweep_comes_back_from_its_file(rough, serial, tmp_path):
     again = load_sweep(path)
     assert again.identical(serial)
     assert {name: v.dtype for name, v in again.variables.items()} == {name: v.dtype for name, v in serial.variables.items()}
-    assert sorted(p.name for p in path.parent.iterdir()) == ["sweep.csv", "sweep.nc"]
+    assert sorted(p.name for p in path.parent.iterdir()) == [".granphon-files", "sweep.csv", "sweep.nc"]
     path.unlink()  # the file is closed
     assert again.identical(serial)
 
@@ -820,7 +820,7 @@ def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
         found = sweep(packing, path=folder / "sweep.nc", resume=True, executor=executor, **arguments, **options)
     assert found.identical(expected)
     assert load_sweep(folder / "sweep.nc").identical(expected)
-    assert sorted(path.name for path in folder.iterdir()) == ["sweep.csv", "sweep.nc"]
+    assert sorted(path.name for path in folder.iterdir()) == [".granphon-files", "sweep.csv", "sweep.nc"]
     return executor.given
 
 

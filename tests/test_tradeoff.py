@@ -654,7 +654,7 @@ def work(tmp_path, monkeypatch):
 
 def test_a_command_writes_table_and_picture(work, capsys):
     assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "--loads", "1"]) == 0
-    assert sorted(path.name for path in (work / "out").iterdir()) == ["tradeoff.csv", "tradeoff.png"]
+    assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
     out, err = capsys.readouterr()
     assert "Green's function (of longitudinal, transverse)" in out
     assert "Wrote tradeoff.csv, tradeoff.png into out" in out
