@@ -51,12 +51,12 @@ from granphon.diameters import Normal
 from granphon.files import parse_yaml
 from granphon.fit import FIT_FILES
 from granphon.ladder import MEDIA, OPTIONS
-from granphon.medium import ContactState
 from granphon.parameters import PARAMETERS
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Refused
 from granphon.results import Result
 from granphon.run import RESULT_FILES
 from granphon.schema import SceneFile
+from granphon.state import ContactState
 from granphon.tradeoffs import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent

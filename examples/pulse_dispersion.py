@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
+from granphon.acoustics import contact_lattice
 from granphon.branches import acoustic_branches
-from granphon.observables import contact_lattice
 from granphon.plot import STYLE
 
 PULSE, ALONG = 6500.0, (1.0, 0.0)  # Hz, Gamma-K

@@ -17,7 +17,7 @@ _HOME = {
     "AveragedLattice": "medium",
     "Bands": "spectra",
     "ContactLattice": "lattice",
-    "ContactState": "medium",
+    "ContactState": "state",
     "DensityOfStates": "spectra",
     "DirectSimulation": "simulation",
     "Discrete": "diameters",
@@ -48,7 +48,7 @@ _HOME = {
     "sound_velocities": "observables",
     "sweep": "sweeps",
     "tradeoff": "tradeoffs",
-    "validity": "observables",
+    "validity": "limits",
 }
 
 __all__ = [
@@ -103,14 +103,16 @@ if TYPE_CHECKING:
     from granphon.geometry import Lattice
     from granphon.ladder import AutoMedium
     from granphon.lattice import ContactLattice
-    from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium
-    from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities, validity
+    from granphon.limits import validity
+    from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium, Medium
+    from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities
     from granphon.packing import Packing
     from granphon.phonons import Phonons
     from granphon.samples import Sample
     from granphon.scene import Scene
     from granphon.simulation import DirectSimulation, SimulatedState
     from granphon.spectra import Bands, DensityOfStates
+    from granphon.state import ContactState
     from granphon.sweeps import sweep
     from granphon.tradeoffs import tradeoff
     from granphon.units import Units

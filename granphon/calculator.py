@@ -25,8 +25,8 @@ from granphon.compatibility import GYRATION
 from granphon.errors import InputError, PrecisionError, message
 from granphon.geometry import BALL, ContactTable
 from granphon.lattice import ContactLattice
-from granphon.medium import ContactState
 from granphon.results import read_only
+from granphon.state import ContactState, with_keyword
 from granphon.units import Units
 
 if TYPE_CHECKING:
@@ -45,16 +45,17 @@ _FINITE = "granphon_finite_overlap"
 _WATCHED = ("diameter_deviations", "rotations", "displacements")
 
 
-def atoms(state: ContactState, finite_overlap: bool = False) -> Atoms:
+def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
     """One cell of the lattice in ``state``, as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
 
     In reduced units, in ASE's HEX2D cell (120 degrees) for the triangular lattice, one diameter thick, periodic in the
-    plane. ``finite_overlap`` shrinks the cell to the spacing a = d - delta. The state must be at one load
-    (:class:`~granphon.errors.InputError`).
+    plane; with finite overlap the cell is that of the spacing a = d - delta. The state must be at one load
+    (:class:`~granphon.errors.InputError`). The keyword ``finite_overlap`` is deprecated: the state has it.
     """
+    state = with_keyword(state, finite_overlap)
     scales = state.scales
     lattice = state.packing.structure
-    spacing = 1.0 - state.relative_overlap if finite_overlap else 1.0
+    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
     cell = np.eye(3)
     cell[:2, :2] = lattice.vectors * spacing
     positions = np.zeros((lattice.n_balls, 3))
@@ -66,12 +67,12 @@ def atoms(state: ContactState, finite_overlap: bool = False) -> Atoms:
         pbc=(True, True, False),
         masses=np.ones(lattice.n_balls),
     )
-    balls.info.update(scales.to_info(), **{_FINITE: finite_overlap})
+    balls.info.update(scales.to_info(), **{_FINITE: state.finite_overlap})
     balls.set_array("diameter_deviations", np.zeros(lattice.n_balls))
     balls.set_array("displacements", np.zeros((lattice.n_balls, 3)))
     balls.set_array("rotations", np.zeros(lattice.n_balls))
     balls.set_array("radius", np.full(lattice.n_balls, 0.5))
-    balls.calc = HertzMindlin(state, finite_overlap=finite_overlap)
+    balls.calc = HertzMindlin(state)
     return balls
 
 
@@ -83,7 +84,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     are apart exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
 
     By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed;
-    with ``finite_overlap`` it is ``d - |r|``.
+    with finite overlap, which the state has or has not, it is ``d - |r|``.
 
     Force constants come from the state (and the arrays ``displacements`` and ``diameter_deviations``), never from positions:
     these only tell which balls touch.
@@ -91,7 +92,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     Parameters
     ----------
     state : at one load.
-    finite_overlap : keep the terms of relative order delta/d.
+    finite_overlap : deprecated; the state has it.
 
     Raises
     ------
@@ -102,18 +103,18 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
     discard_results_on_any_change = True
 
-    def __init__(self, state: ContactState, finite_overlap: bool = False, **unknown: Any) -> None:
+    def __init__(self, state: ContactState, finite_overlap: bool | None = None, **unknown: Any) -> None:
         super().__init__(**unknown)
         if not isinstance(state, ContactState):
             raise InputError(message(f"state is {state!r}", mend="Give what medium.at_force(...) returns"))
-        self.state = state
-        self.finite_overlap = bool(finite_overlap)
+        self.state = state = with_keyword(state, finite_overlap)
+        self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
         self._overlap = float(state.relative_overlap)
         # the overlap up to which balls are apart: below zero where they differ
         self._apart = state.law.least_overlap / self.scales.length
         self._eta = float(state.packing.mindlin_ratio)
-        self._spacing = 1.0 - self._overlap if finite_overlap else 1.0
+        self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         table = state.packing.structure.contacts
         self._directions = np.concatenate([table.normal, -table.normal])
 
@@ -199,7 +200,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 message(
                     f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
                     "Their cells differ by the overlap",
-                    f"Say finite_overlap={not self.finite_overlap}, or make the Atoms anew",
+                    f"Make the state with finite_overlap={not self.finite_overlap}, or make the Atoms anew",
                 )
             )
 

@@ -115,7 +115,7 @@ def check(scene: _SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
-    from granphon.observables import validity
+    from granphon.limits import validity
     from granphon.run import expected_files
     from granphon.scene import Scene
 
@@ -123,7 +123,7 @@ def check(scene: _SceneFile) -> None:
     warnings = [
         f"{where}: {warning}" if read.is_sweep else warning
         for where, state in read.states(simulations=False)
-        for warning in validity(state, finite_overlap=read.finite_overlap).warnings
+        for warning in validity(state).warnings
     ]
     read.to_yaml()  # what a run writes first
     rows = described(read)

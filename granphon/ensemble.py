@@ -16,11 +16,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.medium import ContactState
-from granphon.observables import bulk_and_shear, sound_velocities
+from granphon.acoustics import bulk_and_shear
+from granphon.observables import sound_velocities
 from granphon.packing import Packing
 from granphon.results import Result
 from granphon.simulation import DirectSimulation, SimulatedState
+from granphon.state import ContactState
 
 __all__ = ["QUANTITIES", "Ensemble", "Moments", "observed"]
 

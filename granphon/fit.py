@@ -21,12 +21,12 @@ from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
 from granphon.geometry import as_direction
 from granphon.ladder import MediumChoice
+from granphon.limits import validity
 from granphon.measurements import Measurements
-from granphon.medium import ContactState
-from granphon.observables import validity
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS
 from granphon.results import Result
+from granphon.state import ContactState
 from granphon.velocity_model import VARIABLE, VelocityModel, Waves
 
 __all__ = ["FIT_FILES", "WidthFit", "fit_width"]
@@ -113,7 +113,7 @@ class WidthFit(Result):
             forces = np.asarray(force, float)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
             return model(model.start(self.width))[0].reshape(forces.shape)[()]
-        return self.waves.velocity(choice.of(self.packing).at_force(force, self.waves.finite_overlap))[0][()]
+        return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
 
     def to_dict(self) -> dict[str, Any]:
         """As of any result; units of ``values`` are parted by commas, those of ``covariance`` by semicolons between rows."""
@@ -202,7 +202,7 @@ def fit_width(
     chi2 = float(dof) if data.sigma is None else float(residuals @ residuals)
     # what limits a simulation shows at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
-    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap)
+    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
         problem.sigma, data.velocity - residuals * problem.sigma, chi2, dof, _warnings(state, chi2, dof),
@@ -379,4 +379,4 @@ def _warnings(state: ContactState, chi2: float, dof: int) -> tuple[str, ...]:
     out = []
     if chi2 > dof + 5.0 * math.sqrt(2.0 * dof):
         out.append(f"the residuals are {math.sqrt(chi2 / max(dof, 1)):.3g} times what sigma says: the model does not fit")
-    return (*out, *validity(state, state.finite_overlap).warnings)
+    return (*out, *validity(state).warnings)

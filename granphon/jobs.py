@@ -18,17 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.acoustics import contact_lattice
 from granphon.archive import SCHEMA
 from granphon.errors import GranphonError, InputError
 from granphon.files import versions
 from granphon.ladder import MediumChoice, Rung
-from granphon.medium import ContactState
-from granphon.observables import Moduli, SoundVelocities, contact_lattice, local_exponent, moduli, sound_velocities
+from granphon.observables import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
 from granphon.response import Elasticity
 from granphon.results import plain
 from granphon.samples import Sample
 from granphon.simulation import DirectSimulation, SimulatedState
+from granphon.state import ContactState
 from granphon.tasks import Part
 
 __all__ = ["ERRORS", "LATTICE_BANDS", "Job", "has_pressure", "packages", "sampling_errors", "to_json"]
@@ -159,19 +160,18 @@ class Job:
 
     def observed(self, state: ContactState) -> Part:
         """What is found of a state."""
-        finite = self.finite_overlap
-        velocities, constants = sound_velocities(state, _DIRECTION, finite), moduli(state, finite)
+        velocities, constants = sound_velocities(state, _DIRECTION), moduli(state)
         names = [name for name in state.units if name != "pressure" or has_pressure(self.packing)]
         out = {name: getattr(state, name) for name in (*names, "regime")}
         out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
         if constants.isotropic:
             out |= {"bulk": constants.bulk, "shear": constants.shear}
         out |= sampling_errors(velocities, constants)
-        if not finite:
+        if not state.finite_overlap:
             out["exponent"] = local_exponent(state)
         warnings = velocities.warnings
         if self.qpoints is not None:
-            out["frequencies"] = _frequencies(state, self.qpoints, finite)
+            out["frequencies"] = _frequencies(state, self.qpoints)
             warnings += (LATTICE_BANDS,) if isinstance(state, SimulatedState) else ()
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": np.array(warnings, str)}
 
@@ -216,13 +216,13 @@ def has_pressure(packing: Packing) -> bool:
     return False
 
 
-def _frequencies(state: ContactState, qpoints: Array, finite_overlap: bool) -> Array:
+def _frequencies(state: ContactState, qpoints: Array) -> Array:
     """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
 
     phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
     """
     loads = [state[i] for i in range(len(state.force))]
-    lattices = [contact_lattice(one, finite_overlap) for one in (loads if finite_overlap else loads[:1])]
+    lattices = [contact_lattice(one) for one in (loads if state.finite_overlap else loads[:1])]
     rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
     hertz = np.array([one.scales.frequency for one in loads])
     out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
@@ -276,4 +276,4 @@ def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> 
         for part in parts
     )
     given: dict[str, Any] = {job.load: np.array(job.values)} if job.load != "pressure" else {}
-    return SimulatedState.of(simulation, samples, (len(job.values),), False, **given)
+    return SimulatedState.of(simulation, samples, (len(job.values),), **given)

@@ -14,10 +14,11 @@ from granphon.accuracy import accuracy
 from granphon.blocks import Rule, block, choice, grid, inside, number, ruled, whole
 from granphon.cost import estimate
 from granphon.errors import InputError, message
-from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium, Medium, compressive, finite
+from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium, Medium, compressive, finite
 from granphon.packing import Packing
 from granphon.shapes import PointShape
-from granphon.simulation import MOST_SEED, DirectSimulation
+from granphon.simulation import MOST_SEED, DirectSimulation, no_finite_overlap
+from granphon.state import ContactState, overlap_flag
 
 __all__ = ["MEDIA", "OPTIONS", "AutoMedium", "MediumChoice", "Option", "Rung", "expected_error", "medium", "no_simulation"]
 
@@ -115,22 +116,23 @@ class AutoMedium:
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
         return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
 
-    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the mean contact force f, N."""
-        return replace(self._serving("force", force, finite_overlap).at_force(force), chosen=True)
+        return self._serving("force", force, finite_overlap)
 
-    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the linear pressure P, N/m."""
-        return replace(self._serving("pressure", pressure, finite_overlap).at_pressure(pressure), chosen=True)
+        return self._serving("pressure", pressure, finite_overlap)
 
-    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the overlap delta = d - a, m."""
-        return replace(self._serving("overlap", overlap, finite_overlap).at_overlap(overlap), chosen=True)
+        return self._serving("overlap", overlap, finite_overlap)
 
-    def _serving(self, kind: str, loads: ArrayLike, finite_overlap: bool) -> Medium:
-        if finite_overlap:
-            no_simulation([MediumChoice(self.name)])
-        return self.serving(kind, loads).of(self.packing)
+    def _serving(self, kind: str, loads: ArrayLike, finite_overlap: bool | None) -> ContactState:
+        if overlap_flag(finite_overlap)[0]:
+            raise no_finite_overlap(self.name)
+        at = getattr(self.serving(kind, loads).of(self.packing), f"at_{kind}")
+        return replace(at(loads, finite_overlap=finite_overlap), chosen=True)
 
 
 #: the rungs of the ladder by the names that scenes and sweeps use
@@ -273,9 +275,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     """:class:`~granphon.errors.InputError` if a medium is, or may be, a simulation, which has no terms of finite overlap."""
     for one in media:
         if one.simulates or one.is_automatic:
-            what = f"the medium {one.label!r} has no terms of finite overlap"
-            why = "Its linear response is found in the limit of spread and overlap small against the diameter"
-            raise InputError(message(what, why, "Leave finite_overlap out, or take another medium"))
+            raise no_finite_overlap(one.label)
 
 
 def _options(name: str, given: Any) -> dict[str, Any]:

@@ -7,256 +7,51 @@ alone; for equal balls all are the averaged lattice, which is then exact.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.contact import HertzLaw
-from granphon.effective import VALID_FORCE, EffectiveLaw
+from granphon.effective import EffectiveLaw
 from granphon.errors import InputError, message
 from granphon.geometry import TRIANGULAR
 from granphon.laws import AveragedLaw
 from granphon.local_field import LocalField, local_field, paper_local_field
 from granphon.packing import Packing
-from granphon.results import Result
-from granphon.units import Units
+from granphon.state import ContactState, Law, overlap_flag
 
-__all__ = ["AveragedForce", "AveragedLattice", "ContactState", "EffectiveMedium", "Medium"]
+__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium", "Medium"]
 
 Array = NDArray[np.float64]
-#: scalar in, scalar out; array in, array out
-Values = Any
-
-
-class ContactLaw(Protocol):
-    """The contact law of a medium: scalars or arrays of any shape, in SI; floats in, floats out."""
-
-    @property
-    def coefficient(self) -> float:
-        """c of equal balls, N/m^(3/2)."""
-        ...
-
-    @property
-    def least_overlap(self) -> float:
-        """The overlap up to which all balls are apart, m."""
-        ...
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Of a contact, J."""
-        ...
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """f, N."""
-        ...
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """df/d(delta), N/m."""
-        ...
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """d^2f/d(delta)^2, N/m^2."""
-        ...
-
-    def overlap(self, force: ArrayLike) -> Any:
-        """delta, m."""
-        ...
-
-    def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Delta f / f."""
-        ...
-
-    def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """N_c / 6."""
-        ...
-
-
-Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
-#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
-_MUCH = math.sqrt(10.0)
 #: a number below the least normal one has lost digits
 _LEAST = np.finfo(float).tiny
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ContactState(Result):
-    """The contacts of a packing under load. Every attribute has the shape of the load.
-
-    Attributes
-    ----------
-    packing, medium, law : where the state comes from: the packing, the medium's name and its contact law.
-    force : f, mean contact force, N.
-    overlap : delta = d - a, m. The state variable: the spacing a would lose every digit of it.
-    normal_stiffness : k = df/d(delta), N/m.
-    finite_overlap : whether the boundary follows the balls, so that pressure and density are those at spacing d - delta.
-    chosen : whether the medium was chosen for its expected error at this load, which says more than its own limit.
-    """
-
-    units = {
-        "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
-        "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
-        "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
-    }  # fmt: skip
-
-    packing: Packing
-    medium: str
-    law: Law = field(repr=False)
-    force: Values
-    overlap: Values
-    normal_stiffness: Values
-    finite_overlap: bool = False
-    chosen: bool = False
-
-    def __getitem__(self, index: Any) -> ContactState:
-        """The state at some of the loads, as arrays are indexed."""
-        force, overlap, stiffness = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        rest = self.finite_overlap, self.chosen
-        return ContactState(self.packing, self.medium, self.law, force, overlap, stiffness, *rest)
-
-    @property
-    def shear_stiffness(self) -> Values:
-        """kappa = eta k, N/m (equation 4); zero without friction."""
-        return self.packing.mindlin_ratio * self.normal_stiffness
-
-    @property
-    def pressure(self) -> Values:
-        """P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
-
-        With finite overlap sqrt(3) f / a. :class:`~granphon.errors.InputError` if the lattice's stress is no pressure.
-        """
-        return self.packing.structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage)
-
-    @property
-    def effective_density(self) -> Values:
-        """rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
-        return self.packing.effective_density / self._shrinkage**2
-
-    @property
-    def _shrinkage(self) -> Values:
-        """a/d where the boundary follows the balls, else one."""
-        return 1.0 - self.relative_overlap if self.finite_overlap else self._constant(1.0)
-
-    @property
-    def relative_overlap(self) -> Values:
-        """delta / d."""
-        return self.overlap / self.packing.diameter
-
-    @property
-    def reduced_force(self) -> Values:
-        """f* of Section IV, f in units of the force c W^(3/2) of equal balls at an overlap of W; +inf for equal balls."""
-        width = self.packing.width
-        if not width:
-            return self._constant(np.inf)
-        # W may be so small that its force is below the floating range: f* is then beyond it
-        with np.errstate(over="ignore", divide="ignore"):
-            return _scalars(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
-
-    @property
-    def reduced_spacing(self) -> Values:
-        """a* of Section IV, (d + W/2 - a)/W; +inf for equal balls."""
-        return self._per_width(self.overlap) + 0.5
-
-    @property
-    def force_fluctuation(self) -> Values:
-        """Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean; 0 for equal balls."""
-        return _scalars(self.law.force_fluctuation(self.overlap))
-
-    @property
-    def contact_fraction(self) -> Values:
-        """N_c / 6, the fraction of contacts that carry load; 1 for equal balls."""
-        return _scalars(self.law.contact_fraction(self.overlap))
-
-    @property
-    def stiffness_ratio(self) -> Values:
-        """k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
-        ideal = self.packing.law
-        return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
-
-    @property
-    def valid(self) -> Values:
-        """Whether the load is inside the medium's range; always, for equal balls.
-
-        That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
-        and hold at high pressure (:attr:`regime`).
-        """
-        return _scalars(np.asarray(self.force) >= self.least_valid_force)
-
-    @property
-    def least_valid_force(self) -> float:
-        """The mean contact force from which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
-        width = self.packing.width
-        if not width or self.chosen:
-            return 0.0
-        if self.medium == EffectiveMedium.name:
-            return VALID_FORCE * self.packing.law.coefficient * math.sqrt(width) ** 3
-        return float(self.law.force(_MUCH * width / math.sqrt(12.0)))
-
-    @property
-    def regime(self) -> Values:
-        """Pressure regime of Section III: "low", "intermediate" or "high"; equal balls are in the last.
-
-        Which of the overlap and Delta_rms is much larger, taken as sqrt(10) times or more.
-        """
-        ratio = math.sqrt(12.0) * np.asarray(self._per_width(self.overlap))
-        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / _MUCH).astype(int) + (ratio >= _MUCH)]
-        return words if self.shape else str(words)
-
-    def _per_width(self, length: Values) -> Values:
-        if not self.packing.width:
-            return self._constant(np.inf)
-        with np.errstate(over="ignore"):
-            return length / self.packing.width
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the load; () for a single one."""
-        return np.shape(self.force)
-
-    @property
-    def is_single(self) -> bool:
-        """Whether this is the state at one load."""
-        return self.shape == ()
-
-    @property
-    def scales(self) -> Units:
-        """The scales of reduced units at this load; :class:`~granphon.errors.InputError` for several loads."""
-        if not self.is_single:
-            raise InputError(
-                message(
-                    f"the state holds {int(np.size(self.force))} loads",
-                    "Atoms, force constants and phonons belong to one",
-                    "Call medium.at_force with one number",
-                )
-            )
-        return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
-
-    def _constant(self, value: Any) -> Values:
-        return np.full(self.shape, value) if self.shape else value
-
-
 @runtime_checkable
 class Medium(Protocol):
-    """What every rung of the accuracy ladder offers: the state of a packing at a given load."""
+    """What every rung of the accuracy ladder offers: the state of a packing at a given load.
+
+    ``finite_overlap`` is said here and read from the state ever after; None leaves the terms of relative order delta/d out.
+    """
 
     @property
     def packing(self) -> Packing:
         """The balls under load."""
         ...
 
-    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the mean contact force f, N."""
         ...
 
-    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
         ...
 
-    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the overlap delta = d - a, m."""
         ...
 
@@ -267,7 +62,8 @@ class _ByLaw(ABC):
 
     They raise :class:`~granphon.errors.InputError` for a load that is not finite, not compressive, or presses balls together
     by their whole diameter, and :class:`~granphon.errors.PrecisionError` for one so low that the law is not known there.
-    With ``finite_overlap`` the state's pressure and density are those of a boundary that follows the balls.
+    With ``finite_overlap`` all that is found of the state keeps the terms of relative order delta/d, and its pressure and
+    density are those of a boundary that follows the balls.
     """
 
     name: ClassVar[str]
@@ -289,14 +85,14 @@ class _ByLaw(ABC):
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
 
-    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the mean contact force f, N."""
         load = compressive("force", force)
         with np.errstate(all="ignore"):  # whatever is beyond double precision is refused below
             overlap = np.asarray(self.law.overlap(load))
         return self._state(load, overlap, "force", force, finite_overlap)
 
-    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
         law = self.law
         delta = compressive("overlap", overlap) if law.least_overlap == 0.0 else finite("overlap", overlap)
@@ -306,28 +102,30 @@ class _ByLaw(ABC):
             force = np.asarray(law.force(delta))
         return self._state(force, delta, "overlap", overlap, finite_overlap)
 
-    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> ContactState:
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
         """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
 
         With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
         """
         load, law, d = compressive("pressure", pressure), self.law, self.packing.diameter
+        follows, _ = overlap_flag(finite_overlap)
         with np.errstate(all="ignore"):
             slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
             force = slope * d
             delta = np.asarray(law.overlap(force))
             # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
-            for _ in range(100 if finite_overlap else 0):
+            for _ in range(100 if follows else 0):
                 step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
                 delta = delta - step
                 if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
                     break
-            if finite_overlap:
+            if follows:
                 force = np.asarray(law.force(delta))
         return self._state(force, delta, "pressure", pressure, finite_overlap)
 
-    def _state(self, force: Array, overlap: Array, name: str, given: ArrayLike, finite: bool) -> ContactState:
+    def _state(self, force: Array, overlap: Array, name: str, given: ArrayLike, finite_overlap: bool | None) -> ContactState:
         law, diameter = self.law, self.packing.diameter
+        follows, said = overlap_flag(finite_overlap)
         with np.errstate(all="ignore"):
             stiffness = np.asarray(law.stiffness(overlap))
             length = np.maximum(np.abs(overlap), self.packing.width)
@@ -343,7 +141,9 @@ class _ByLaw(ABC):
                     "Lower the load",
                 )
             )
-        return ContactState(self.packing, self.name, law, force[()], overlap[()], stiffness[()], finite)
+        return ContactState(
+            self.packing, self.name, law, force[()], overlap[()], stiffness[()], follows, overlap_given=said
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -416,11 +216,6 @@ class EffectiveMedium(_ByLaw):
     def _law(self) -> Law:
         spread, law = self.packing.spread, self.packing.law
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi) if spread else law
-
-
-def _scalars(values: Any) -> Values:
-    """A float (or bool) for a single load."""
-    return np.asarray(values).item() if np.ndim(values) == 0 else values
 
 
 def untouched(overlap: ArrayLike, largest: float) -> InputError:

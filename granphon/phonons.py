@@ -16,6 +16,7 @@ from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
 from phonopy.structure.atoms import PhonopyAtoms
 
+from granphon.acoustics import contact_lattice
 from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
 from granphon.calculator import HertzMindlin, contact_blocks
 from granphon.calculator import atoms as lattice_atoms
@@ -23,9 +24,9 @@ from granphon.contact import positive
 from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import BALL, contacts_apart
 from granphon.lattice import ContactLattice
-from granphon.medium import ContactState
-from granphon.observables import contact_lattice, validity
+from granphon.limits import validity
 from granphon.spectra import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
+from granphon.state import ContactState, with_keyword
 from granphon.units import Units
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
@@ -46,7 +47,7 @@ class Phonons:
     state : at one load.
     atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
         default one cell of the lattice.
-    finite_overlap : keep the terms of relative order delta/d.
+    finite_overlap : deprecated; the state has it.
     dim : (n1, n2), or (n1, n2, 1), cells of the supercell for force constants; by default as few as keep contacts apart.
 
     Attributes
@@ -65,18 +66,18 @@ class Phonons:
         self,
         state: ContactState,
         atoms: Atoms | None = None,
-        finite_overlap: bool = False,
+        finite_overlap: bool | None = None,
         dim: Sequence[int] | None = None,
     ) -> None:
-        self.state = state
+        self.state = state = with_keyword(state, finite_overlap)
         self.scales: Units = state.scales
-        self.calculator = HertzMindlin(state, finite_overlap=finite_overlap)
+        self.calculator = HertzMindlin(state)
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
-        self.atoms: Atoms = lattice_atoms(state, finite_overlap) if atoms is None else atoms.copy()
+        self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
         # one cell of the lattice has the contacts of the state: they need not be looked for
         self.lattice: ContactLattice = (
-            contact_lattice(state, finite_overlap) if atoms is None else self.calculator.contact_lattice(self.atoms)
+            contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
         )
         if not self.lattice.area > 0.0:
             raise InputError(
@@ -186,7 +187,7 @@ class Phonons:
 
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
-        return validity(self.state, self.calculator.finite_overlap).warnings
+        return validity(self.state).warnings
 
     # -- spectra ----------------------------------------------------------------------------------------------------
 

@@ -6,9 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from granphon.acoustics import contact_lattice, ideal_lattice
 from granphon.errors import InputError, message
-from granphon.lattice import ContactLattice
-from granphon.observables import contact_lattice
 from granphon.scene import Scene
 from granphon.staging import check_free, staging
 
@@ -98,7 +97,5 @@ def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> An
     if asymptotes and bands is not None:
         scene = Scene.from_yaml(source / "scene.yaml")
         # in the paper's limit it is the same under every load: nothing need be solved
-        finite, packing = scene.finite_overlap, scene.packing
-        ideal = ContactLattice.of(packing.structure, packing.mindlin_ratio)
-        lattice = contact_lattice(scene.state(), finite) if finite else ideal
+        lattice = contact_lattice(scene.state()) if scene.finite_overlap else ideal_lattice(scene.packing)
     return bands_figure(bands=bands, dos=dos, asymptotes=lattice)

@@ -26,7 +26,7 @@ class Result:
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one) and, when the meaning
     of a field changes, a higher ``schema``. Arrays are made read-only; scalars stay floats. Two results are equal if all
-    their fields are, array by array; ``repr`` gives large arrays by their shape.
+    their fields that are compared are, array by array; ``repr`` gives large arrays by their shape.
     """
 
     schema: ClassVar[int] = 1
@@ -46,7 +46,7 @@ class Result:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
         return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -30,22 +30,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from granphon.files import dump_yaml, versions
 from granphon.jobs import LATTICE_BANDS, has_pressure, sampling_errors
 from granphon.ladder import Rung
+from granphon.limits import Validity, validity
 from granphon.local_field import LocalField
-from granphon.medium import ContactState, EffectiveMedium
-from granphon.observables import (
-    Moduli,
-    SoundVelocities,
-    Validity,
-    local_exponent,
-    moduli,
-    sound_velocities,
-    validity,
-)
+from granphon.medium import EffectiveMedium
+from granphon.observables import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
 from granphon.simulation import SimulatedState
 from granphon.staging import opened
+from granphon.state import ContactState
 from granphon.tasks import kept
 
 if TYPE_CHECKING:
@@ -302,16 +296,16 @@ def run(
 
 def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     """The result of a scene of one state."""
-    finite, rung = scene.finite_overlap, scene.rung
+    rung = scene.rung
     choice = rung.medium
     velocities, constants = None, None
     with progress.step("simulation") if choice.simulates else nullcontext():
         state = scene.state()
-        report = validity(state, finite_overlap=finite)
+        report = validity(state)
         if "velocities" in scene.observe:
-            constants = moduli(state, finite_overlap=finite)
+            constants = moduli(state)
             direction = None if constants.isotropic else (1.0, 0.0)
-            velocities = sound_velocities(state, direction, finite_overlap=finite)
+            velocities = sound_velocities(state, direction)
     phonons, bands, dos = _spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
@@ -332,7 +326,7 @@ def _spectra(
 
     bands = dos = None
     with progress.step("force constants"):
-        phonons = Phonons(state, finite_overlap=scene.finite_overlap, dim=scene.dim)
+        phonons = Phonons(state, dim=scene.dim)
         _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):

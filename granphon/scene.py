@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon import rules
+from granphon.acoustics import contact_lattice
 from granphon.blocks import ruled, truth
 from granphon.contact import Material
 from granphon.diameters import Discrete, Measured
@@ -30,8 +31,7 @@ from granphon.geometry import TRIANGULAR, contacts_apart
 from granphon.ladder import MediumChoice, Rung, no_simulation
 from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
-from granphon.medium import ContactState, EffectiveMedium
-from granphon.observables import contact_lattice
+from granphon.medium import EffectiveMedium
 from granphon.packing import Packing
 from granphon.parameters import Axis, changed, combinations
 from granphon.progress import Progress, silent
@@ -39,6 +39,7 @@ from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.rules import BandPath
 from granphon.schema import SceneFile, validated
 from granphon.simulation import DirectSimulation
+from granphon.state import ContactState
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -215,9 +216,9 @@ class Scene:
             with self._located_load(document, index, f"{label}: "):
                 medium = rung.medium.of(packing)
                 if isinstance(medium, DirectSimulation):
-                    medium.require(kind, values[index], self.finite_overlap)
+                    medium.require(kind, values[index])
                     continue
-                contact_lattice(_finite(self._state(packing, rung, values[index])), self.finite_overlap)
+                contact_lattice(_finite(self._state(packing, rung, values[index])))
 
     def _located_medium(self, document: Document, choice: MediumChoice) -> AbstractContextManager[None]:
         return _located(document, ("medium",), f"found {choice.label!r}; allowed: a tolerance that is met at every load. ")
@@ -242,7 +243,7 @@ class Scene:
         choice = rung.medium if isinstance(rung, Rung) else rung
         at: Callable[..., ContactState] = getattr(choice.of(packing), f"at_{self.load.applied[0]}")
         with np.errstate(all="ignore"):
-            state = at(values, self.finite_overlap)
+            state = at(values, finite_overlap=self.finite_overlap or None)  # left out, nobody has said it
         return replace(state, chosen=isinstance(rung, Rung) and rung.chosen)
 
     def state(self) -> ContactState:

@@ -22,13 +22,14 @@ from granphon.diameters import Measured
 from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
 from granphon.errors import GranphonError, InputError, message
 from granphon.geometry import TRIANGULAR
-from granphon.medium import AveragedLattice, ContactState, compressive, finite, untouched
+from granphon.medium import AveragedLattice, compressive, finite, untouched
 from granphon.packing import Packing
 from granphon.results import read_only
 from granphon.samples import Sample, standard_error, unit_of_length
+from granphon.state import ContactState, overlap_flag
 from granphon.stencils import Stencils
 
-__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState"]
+__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
@@ -121,6 +122,9 @@ class SimulatedState(ContactState):
     ----------
     samples : one for each load (in C order) and, running fastest, each sample.
     spaced : whether it is the overlap that the samples have in common, not the force.
+
+    ``finite_overlap`` is always False: the linear response of the samples is that of the paper's limit, and so are the
+    pressure and the density that go with it. :class:`~granphon.errors.InputError` otherwise.
     """
 
     units = {**ContactState.units, "contact_force_fluctuation": "1"}
@@ -135,9 +139,9 @@ class SimulatedState(ContactState):
         simulation: DirectSimulation,
         samples: Sequence[Sample],
         shape: tuple[int, ...],
-        finite_overlap: bool,
         force: Array | None = None,
         overlap: Array | None = None,
+        overlap_given: bool = False,
     ) -> Self:
         """From the samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
         rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*shape, -1, 3)
@@ -150,17 +154,20 @@ class SimulatedState(ContactState):
         f, delta, k = (np.asarray(value)[()] for value in (f, delta, k))
         packing, law = simulation.packing, simulation.law
         return cls(
-            packing, simulation.name, law, f, delta, k, finite_overlap, samples=tuple(samples), spaced=spaced
+            packing, simulation.name, law, f, delta, k, overlap_given=overlap_given, samples=tuple(samples), spaced=spaced
         )  # fmt: skip
 
-    def __getitem__(self, index: Any) -> SimulatedState:
+    def __post_init__(self) -> None:
+        if self.finite_overlap:
+            raise no_finite_overlap(self.medium)
+        super().__post_init__()
+
+    def __getitem__(self, index: Any) -> Self:
         """The state at some of the loads, as arrays are indexed."""
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return SimulatedState(
-            self.packing, self.medium, self.law, f, delta, k, self.finite_overlap, self.chosen, samples, self.spaced
-        )  # fmt: skip
+        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
 
     @property
     def _table(self) -> NDArray[Any]:
@@ -267,8 +274,8 @@ class DirectSimulation:
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.errors.InputError` for a load that
     is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
-    carries none (at and below the rigidity threshold a* = 0.343); and :class:`~granphon.errors.ConvergenceError` where no
-    equilibrium is found.
+    carries none (at and below the rigidity threshold a* = 0.343), and with ``finite_overlap``, whose terms a simulation does
+    not have; and :class:`~granphon.errors.ConvergenceError` where no equilibrium is found.
     """
 
     name = "simulation"
@@ -356,29 +363,31 @@ class DirectSimulation:
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / unit_of_length(packing))
 
-    def at_force(self, force: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at the mean contact force f, N, of every sample."""
+        said = _in_the_limit(finite_overlap)
         self.require("force", force)
         load = compressive("force", force)
         wanted = [Load(force=one) for one in (load / self._unit_of_force).ravel().tolist()]
-        return self._state(wanted, load.shape, finite_overlap, force=load)
+        return self._state(wanted, load.shape, said, force=load)
 
-    def at_overlap(self, overlap: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
+        said = _in_the_limit(finite_overlap)
         self.require("overlap", overlap)
         delta = finite("overlap", overlap)
         wanted = [Load(overlap=one) for one in (delta / unit_of_length(self.packing)).ravel().tolist()]
-        return self._state(wanted, delta.shape, finite_overlap, overlap=delta)
+        return self._state(wanted, delta.shape, said, overlap=delta)
 
-    def at_pressure(self, pressure: ArrayLike, finite_overlap: bool = False) -> SimulatedState:
-        """State at the force per length P, N/m: P d = sqrt(3) f, or P a = sqrt(3) f if the boundary follows the balls."""
-        self.require("pressure", pressure, finite_overlap)
-        slope = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
-        force, slope = slope * self.packing.diameter, slope * (unit_of_length(self.packing) if finite_overlap else 0.0)
-        wanted = [Load(None, *one) for one in zip(force.ravel().tolist(), slope.ravel().tolist(), strict=True)]
-        return self._state(wanted, force.shape, finite_overlap)
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
+        """State at the force per length P, N/m: P d = sqrt(3) f (equation 20)."""
+        said = _in_the_limit(finite_overlap)
+        self.require("pressure", pressure)
+        load = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
+        wanted = [Load(force=one) for one in (load * self.packing.diameter).ravel().tolist()]
+        return self._state(wanted, load.shape, said)
 
-    def require(self, kind: str, values: ArrayLike, finite_overlap: bool = False) -> None:
+    def require(self, kind: str, values: ArrayLike) -> None:
         """:class:`~granphon.errors.InputError` for a load that no sample can bear, before any is looked at.
 
         ``kind`` is "force", "pressure" or "overlap". Beyond the law of equal balls, or by a whole diameter, or, where balls
@@ -386,7 +395,7 @@ class DirectSimulation:
         """
         hertz = AveragedLattice(replace(self.packing, spread=None))
         if kind != "overlap":
-            state = getattr(hertz, f"at_{kind}")(values, finite_overlap)
+            state = getattr(hertz, f"at_{kind}")(values)
             least = float(np.min(state.force)) / self._unit_of_force
             if self.packing.width and least < LEAST_FORCE:
                 raise too_small(least)
@@ -410,7 +419,7 @@ class DirectSimulation:
         self,
         loads: Sequence[Load],
         shape: tuple[int, ...],
-        finite_overlap: bool,
+        overlap_given: bool,
         force: Array | None = None,
         overlap: Array | None = None,
     ) -> SimulatedState:
@@ -429,7 +438,22 @@ class DirectSimulation:
             for place in range(len(loads))
             for seed, column in zip(seeds, found, strict=True)
         ]
-        return SimulatedState.of(self, samples, shape, bool(finite_overlap), force, overlap)
+        return SimulatedState.of(self, samples, shape, force, overlap, overlap_given)
+
+
+def no_finite_overlap(medium: str) -> InputError:
+    """What to say of a ``medium`` that is, or may be, a simulation, where terms of finite overlap are wanted."""
+    what = f"the medium {medium!r} has no terms of finite overlap"
+    why = "Its linear response is found in the limit of spread and overlap small against the diameter"
+    return InputError(message(what, why, "Leave finite_overlap out, or take another medium"))
+
+
+def _in_the_limit(finite_overlap: bool | None) -> bool:
+    """Whether somebody said that there is no finite overlap; :class:`InputError` if somebody wants it."""
+    wanted, said = overlap_flag(finite_overlap)
+    if wanted:
+        raise no_finite_overlap(DirectSimulation.name)
+    return said
 
 
 def _equilibria(

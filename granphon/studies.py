@@ -21,6 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.acoustics import contact_lattice
 from granphon.collocation import solved
 from granphon.cost import estimate
 from granphon.curve import EffectiveCurve
@@ -31,12 +32,13 @@ from granphon.errors import GranphonError, InputError, message
 from granphon.geometry import TRIANGULAR
 from granphon.lattice import ContactLattice
 from granphon.local_field import local_field, local_field_on
-from granphon.medium import AveragedForce, AveragedLattice, ContactState, EffectiveMedium
-from granphon.observables import contact_lattice, local_exponent
+from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.observables import local_exponent
 from granphon.packing import Packing
 from granphon.progress import Step
 from granphon.shapes import PointShape, Shape
 from granphon.simulation import DirectSimulation, SimulatedState
+from granphon.state import ContactState
 
 __all__ = ["Point", "Reference", "Study", "studies"]
 
@@ -512,12 +514,12 @@ class MeshStudy(Study):
     @cached_property
     def _state(self) -> ContactState:
         medium = EffectiveMedium(self.packing)
-        state: ContactState = getattr(medium, f"at_{self.kind}")(self.loads[0], self.finite_overlap)
+        state: ContactState = getattr(medium, f"at_{self.kind}")(self.loads[0], finite_overlap=self.finite_overlap)
         return state
 
     @property
     def _lattice(self) -> ContactLattice:
-        return contact_lattice(self._state, self.finite_overlap)
+        return contact_lattice(self._state)
 
     @cached_property
     def _edges(self) -> Array:
@@ -532,7 +534,7 @@ class MeshStudy(Study):
         def prepare(run: int) -> Any:
             from granphon.phonons import Phonons
 
-            phonons = Phonons(self._state, finite_overlap=self.finite_overlap)
+            phonons = Phonons(self._state)
             _ = phonons.phonopy
             return phonons
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
+from granphon.blocks import ruled, truth
 from granphon.errors import InputError, message
 from granphon.files import versions
 from granphon.geometry import Lattice
@@ -151,7 +152,7 @@ def sweep(
     """
     load, values = _load(force=force, pressure=pressure, overlap=overlap)
     choices = _media(media)
-    if finite_overlap:
+    if ruled("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
@@ -159,7 +160,7 @@ def sweep(
     target = _target(path, resume)
     qpoints = None if way is None else way.qpoints
     jobs = [
-        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, bool(finite_overlap), qpoints)
+        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, finite_overlap, qpoints)
         for where, one in packings
         for choice in choices
     ]

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.blocks import choice, each, number, ruled, whole
+from granphon.blocks import choice, each, number, ruled, truth, whole
 from granphon.errors import GranphonError, InputError, message
 from granphon.medium import compressive, finite
 from granphon.packing import Packing
@@ -207,6 +207,7 @@ def tradeoff(
         ruled(name, partial(whole, low=low, high=1000), value)
     budget = ruled("budget", partial(number, low=1e-3, high=1e9), budget)
     observe = ruled("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
+    ruled("finite_overlap", truth, finite_overlap)
     checked = finite if kinds[0] == "overlap" else compressive
     loads = np.unique(checked(kinds[0], numbers(kinds[0], given[kinds[0]])))
     if loads.size > most_loads:

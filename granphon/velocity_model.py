@@ -20,16 +20,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.blocks import ruled, truth
 from granphon.contact import positive
 from granphon.diameters import Discrete, Measured, Spread, Uniform
 from granphon.errors import InputError, message
 from granphon.files import closest
 from granphon.ladder import MediumChoice, no_simulation
-from granphon.medium import AveragedLattice, ContactState
+from granphon.medium import AveragedLattice
 from granphon.observables import local_exponent, pulse_velocities, sound_velocities
 from granphon.packing import Packing
 from granphon.parameters import changed
 from granphon.results import Result
+from granphon.state import ContactState
 
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 
@@ -66,17 +68,18 @@ class Waves(Result):
     def __post_init__(self) -> None:
         if self.branch not in ("longitudinal", "transverse"):
             raise InputError(message(f"unknown branch {self.branch!r}", mend="Use longitudinal or transverse"))
+        ruled("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""
         if self.frequency is None:
-            velocities = np.asarray(getattr(sound_velocities(state, self.direction, self.finite_overlap), self.branch))
+            velocities = np.asarray(getattr(sound_velocities(state, self.direction), self.branch))
             return velocities, np.zeros(velocities.shape)
         # downwards, where the branch goes on
         steps = np.reshape([0.0, _STEP, 2.0 * _STEP], (3,) + (1,) * len(state.shape))
         frequencies = self.frequency * (1.0 - steps)
-        group = pulse_velocities(state, frequencies, self.direction, self.finite_overlap, branches=self.branch).group[0]
+        group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
         return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_STEP * group[0])
 
 
@@ -204,7 +207,7 @@ class VelocityModel:
     def _state(self, packing: Packing) -> tuple[ContactState, Array]:
         """A state with the long waves of the medium under the loads, and their local exponent."""
         if not self.choice.simulates:
-            state = self.choice.of(packing).at_force(self.force, self.waves.finite_overlap)
+            state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
             return state, np.asarray(local_exponent(state))
         state = MediumChoice(AveragedLattice.name).of(packing).at_force(self.force)
         value, slope = self._curve(np.log(state.reduced_force))

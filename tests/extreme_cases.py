@@ -20,9 +20,9 @@ from conftest import Twin
 from mpmath import mpf
 
 import granphon as gp
+from granphon.acoustics import contact_lattice
 from granphon.direct import SparseArray
 from granphon.local_field import local_field
-from granphon.observables import contact_lattice
 from granphon.references import curve_by_integration, integrated_dos, local_field_by_cubature
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
@@ -286,8 +286,8 @@ def densities_at_edges() -> float:
     tried = [(smooth, 18.0), (rough, 18.0), (equal, 18.0), (auxetic, 18.0), (smooth, 5e3), (rough, 5e3)]
     tried.append((gp.Packing(STEEL, D, lattice="kagome"), 18.0))  # with a gap
     for packing, load in tried:
-        state, finite = gp.AveragedLattice(packing).at_force(load), load > 1e3
-        phonons, lattice = gp.Phonons(state, finite_overlap=finite), contact_lattice(state, finite)
+        state = gp.AveragedLattice(packing).at_force(load, finite_overlap=load > 1e3)
+        phonons, lattice = gp.Phonons(state), contact_lattice(state)
         edges, points = (band_edges(lattice), 256) if lattice.n_balls == 1 else (gaps(lattice), 64)
         for mesh, exact in itertools.product((17, 64), [dict[int, float]()]):
             dos = phonons.dos((mesh, mesh))

@@ -25,9 +25,9 @@ ARRAYS = ("diameter_deviations", "displacements", "rotations", "radius")
 SCALES = ("granphon_length_m", "granphon_stiffness_N_per_m", "granphon_mass_kg")
 
 
-def at_overlap(relative=0.02, friction=True, lattice="triangular"):
+def at_overlap(relative=0.02, friction=True, lattice="triangular", finite_overlap=None):
     packing = gp.Packing(STEEL, DIAMETER, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER)
+    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
 
 
 def marked(state, shape=(3, 2, 1)):
@@ -51,8 +51,8 @@ def marked(state, shape=(3, 2, 1)):
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_one_cell_of_the_triangular_lattice(finite_overlap):
-    state = at_overlap()
-    balls = gp.atoms(state, finite_overlap=finite_overlap)
+    state = at_overlap(finite_overlap=finite_overlap)
+    balls = gp.atoms(state)
     spacing = 1.0 - 0.02 if finite_overlap else 1.0
     assert type(balls) is Atoms
     assert len(balls) == 1
@@ -254,13 +254,13 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
 @pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
 @pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
 def test_rattled_balls_relax_to_the_lattice(optimiser, finite_overlap, friction):
-    state = at_overlap(friction=friction)
-    balls = gp.atoms(state, finite_overlap).repeat((3, 3, 1))
+    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
+    balls = gp.atoms(state).repeat((3, 3, 1))
     lattice = balls.positions.copy()
-    rest = 9 * gp.atoms(state, finite_overlap).get_potential_energy()
+    rest = 9 * gp.atoms(state).get_potential_energy()
     rng = np.random.default_rng(2)
     balls.positions[:, :2] += 2e-3 * rng.normal(size=(9, 2))
-    balls.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    balls.calc = gp.HertzMindlin(state)
     assert balls.get_potential_energy() > rest * 1.001
     # reduced forces are of the size of the overlap, and the time step of FIRE in units of (M/k)^1/2
     options = {"dt": 0.1, "dtmax": 0.5, "maxstep": 0.01} if optimiser is FIRE else {"alpha": 5.0, "maxstep": 0.01}
@@ -273,8 +273,8 @@ def test_rattled_balls_relax_to_the_lattice(optimiser, finite_overlap, friction)
 
 @pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
 def test_dynamics_conserves_energy_to_second_order(finite_overlap):
-    state = at_overlap(friction=False)
-    start = gp.atoms(state, finite_overlap).repeat((3, 3, 1))
+    state = at_overlap(friction=False, finite_overlap=finite_overlap)
+    start = gp.atoms(state).repeat((3, 3, 1))
     rng = np.random.default_rng(3)
     momenta = np.zeros((9, 3))
     momenta[:, :2] = 2e-3 * rng.normal(size=(9, 2))
@@ -282,7 +282,7 @@ def test_dynamics_conserves_energy_to_second_order(finite_overlap):
 
     def drift(step):
         balls = start.copy()
-        balls.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+        balls.calc = gp.HertzMindlin(state)
         balls.set_momenta(momenta)
         energies = [balls.get_total_energy()]
         with VelocityVerlet(balls, timestep=step) as run:
@@ -319,9 +319,9 @@ def test_vibrations_data_from_force_constants(name):
 
 def test_ase_vibrations_runs_its_own_differences(tmp_path):
     # frictionless: ASE displaces x, y and z, and z has neither force nor stiffness, as w has none
-    state = at_overlap(friction=False)
-    balls = gp.atoms(state, finite_overlap=True).repeat((3, 3, 1))
-    balls.calc = gp.HertzMindlin(state, finite_overlap=True)
+    state = at_overlap(friction=False, finite_overlap=True)
+    balls = gp.atoms(state).repeat((3, 3, 1))
+    balls.calc = gp.HertzMindlin(state)
     run = Vibrations(balls, name=str(tmp_path / "vib"), delta=1e-4)
     run.run()
     hessian = run.get_vibrations().get_hessian()

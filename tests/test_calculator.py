@@ -31,9 +31,9 @@ _ANGLES = {"triangular": np.arange(6) * np.pi / 3.0, "square": np.arange(4) * np
 _ANGLES["kagome"] = _ANGLES["triangular"]
 
 
-def at_overlap(relative=SOFT, friction=True, lattice="triangular"):
+def at_overlap(relative=SOFT, friction=True, lattice="triangular", finite_overlap=None):
     packing = gp.Packing(STEEL, DIAMETER, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER)
+    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
 
 
 def brute_energy(balls, state, finite_overlap):
@@ -114,9 +114,9 @@ both_frictions = pytest.mark.parametrize("friction", [False, True], ids=["smooth
 
 def make(name, friction=True, finite_overlap=False, relative=SOFT):
     lattice, build = CELLS[name]
-    state = at_overlap(relative, friction, lattice)
-    balls = build(gp.atoms(state, finite_overlap))
-    return state, balls, gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    state = at_overlap(relative, friction, lattice, finite_overlap)
+    balls = build(gp.atoms(state))
+    return state, balls, gp.HertzMindlin(state)
 
 
 def shaken(balls, seed=0, amplitude=2e-3, deviations=True):
@@ -175,11 +175,11 @@ def test_energy_is_that_of_all_pairs(name, friction, finite_overlap):
 @both_overlaps
 def test_energy_of_a_cell_is_extensive_and_known(finite_overlap):
     # three contacts a ball, each (4/15) delta^2 in units of k d^2
-    state = at_overlap()
-    one = gp.atoms(state, finite_overlap)
+    state = at_overlap(finite_overlap=finite_overlap)
+    one = gp.atoms(state)
     assert one.get_potential_energy() == pytest.approx(3.0 * 4.0 / 15.0 * SOFT**2, rel=1e-12)
     many = one.repeat((4, 3, 1))
-    many.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    many.calc = gp.HertzMindlin(state)
     assert many.get_potential_energy() == pytest.approx(12.0 * one.get_potential_energy(), rel=1e-12)
     np.testing.assert_allclose(many.get_forces(), 0.0, atol=1e-14)
 
@@ -254,8 +254,8 @@ def test_frictionless_cluster_turns_freely():
 @pytest.mark.parametrize("relative", [1e-9, 1e-6, 1e-4, 1e-2])
 @both_overlaps
 def test_stress_is_the_pressure(relative, finite_overlap):
-    state = at_overlap(relative)
-    balls = gp.atoms(state, finite_overlap)
+    state = at_overlap(relative, finite_overlap=finite_overlap)
+    balls = gp.atoms(state)
     pascal = -balls.get_stress() * balls.calc.scales.modulus
     boundary = DIAMETER * (1.0 - relative) if finite_overlap else DIAMETER
     expected = np.sqrt(3.0) * state.force / boundary / DIAMETER
@@ -302,14 +302,14 @@ def test_energy_does_not_know_where_the_lattice_is(friction, finite_overlap):
 @both_frictions
 @both_overlaps
 def test_separated_balls_exert_nothing(friction, finite_overlap):
-    state = at_overlap(friction=friction)
-    one = gp.atoms(state, finite_overlap)
+    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
+    one = gp.atoms(state)
     balls = one.repeat((2, 1, 1))
     balls.pbc = False
     gap = 1e-9
     balls.positions[1, 0] = 1.0 + SOFT + gap if not finite_overlap else 1.0 + gap
     balls.set_array("rotations", np.array([0.1, 0.2]))
-    balls.calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    balls.calc = gp.HertzMindlin(state)
     assert balls.get_potential_energy() == 0.0
     np.testing.assert_array_equal(balls.get_forces(), 0.0)
     np.testing.assert_array_equal(balls.get_stress(), 0.0)
@@ -396,8 +396,8 @@ def test_force_constants_are_second_differences_of_the_brute_energy(name, fricti
 @both_overlaps
 def test_one_ball_cell(finite_overlap):
     # all images move together: translations cost nothing, and the rotation 30 eta k/M (a/d)^2
-    state = at_overlap()
-    balls = gp.atoms(state, finite_overlap)
+    state = at_overlap(finite_overlap=finite_overlap)
+    balls = gp.atoms(state)
     constants = balls.calc.get_force_constants(balls)
     arm = 1.0 - SOFT if finite_overlap else 1.0
     expected = np.zeros((1, 1, 3, 3))
@@ -556,11 +556,12 @@ def test_one_contact_in_closed_form():
     np.testing.assert_allclose(constants[0, 1], off, rtol=1e-14)
     # with finite overlap: arms a/2 and -f/a across, f/k d = 2 delta/3 d
     spacing = 1.0 - SOFT
-    squeezed = gp.atoms(state, finite_overlap=True).repeat((2, 1, 1))
+    state = at_overlap(finite_overlap=True)
+    squeezed = gp.atoms(state).repeat((2, 1, 1))
     squeezed.pbc = False
     expected = expected * np.array([[1, 1, 1], [1, 1, spacing], [1, spacing, spacing**2]])
     expected[1, 1] -= 2.0 / 3.0 * SOFT / spacing
-    constants = gp.HertzMindlin(state, finite_overlap=True).get_force_constants(squeezed)
+    constants = gp.HertzMindlin(state).get_force_constants(squeezed)
     np.testing.assert_allclose(constants[0, 0], expected, rtol=1e-13)
 
 
@@ -570,8 +571,8 @@ def test_one_contact_in_closed_form():
 @pytest.mark.parametrize("relative", [1e-20, 9e-11])
 @both_overlaps
 def test_below_precision_only_what_needs_positions_raises(relative, finite_overlap):
-    state = at_overlap(relative)
-    balls = gp.atoms(state, finite_overlap)
+    state = at_overlap(relative, finite_overlap=finite_overlap)
+    balls = gp.atoms(state)
     for ask in (
         balls.get_potential_energy,
         balls.get_forces,

@@ -22,9 +22,9 @@ TOOLS = Path(sys.executable).parent
 PATH = "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 
 
-def at_overlap(relative=1e-3, friction=True, lattice="triangular", diameter=8e-3):
+def at_overlap(relative=1e-3, friction=True, lattice="triangular", diameter=8e-3, finite_overlap=None):
     packing = gp.Packing(STEEL, diameter, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * diameter)
+    return gp.AveragedLattice(packing).at_overlap(relative * diameter, finite_overlap=finite_overlap)
 
 
 def vacancy(state):
@@ -37,8 +37,8 @@ def vacancy(state):
 CASES = {
     "rough": lambda: gp.Phonons(at_overlap()),
     "smooth": lambda: gp.Phonons(at_overlap(friction=False)),
-    "finite overlap": lambda: gp.Phonons(at_overlap(1e-2), finite_overlap=True),
-    "smooth finite overlap": lambda: gp.Phonons(at_overlap(1e-2, friction=False), finite_overlap=True),
+    "finite overlap": lambda: gp.Phonons(at_overlap(1e-2, finite_overlap=True)),
+    "smooth finite overlap": lambda: gp.Phonons(at_overlap(1e-2, friction=False, finite_overlap=True)),
     "micrometre balls": lambda: gp.Phonons(at_overlap(diameter=1e-6)),
     "ten-metre balls": lambda: gp.Phonons(at_overlap(1e-9, diameter=10.0)),
     "hardly pressed": lambda: gp.Phonons(at_overlap(1e-20)),

@@ -33,7 +33,7 @@ KINDS = gp.Discrete((7.9985e-3, 8.0003e-3, 8.0009e-3), (0.3, 0.3, 0.4))
 
 def velocities(packing, medium="ema", force=FORCE, branch="longitudinal", **options):
     state = MediumChoice.parse(medium).of(packing).at_force(force, **options)
-    return np.asarray(getattr(sound_velocities(state, (0.0, 1.0), **options), branch))
+    return np.asarray(getattr(sound_velocities(state, (0.0, 1.0)), branch))
 
 
 def spread_over(width, spread=None, packing=BALLS):

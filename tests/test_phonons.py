@@ -11,18 +11,18 @@ from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
+from granphon.acoustics import contact_lattice
 from granphon.errors import InputError, InstabilityError, MechanismError
-from granphon.observables import contact_lattice
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 ETA = 2.0 * (1.0 - 0.276) / (2.0 - 0.276)
 
 
-def at_overlap(relative=0.01, friction=True, lattice="triangular", poisson=0.276):
+def at_overlap(relative=0.01, friction=True, lattice="triangular", poisson=0.276, finite_overlap=None):
     material = gp.Material(young_modulus=211.65e9, poisson_ratio=poisson, density=7840.0)
     packing = gp.Packing(material, DIAMETER, lattice=lattice, friction=friction)
-    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER)
+    return gp.AveragedLattice(packing).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
 
 
 fractions = st.floats(-1.0, 1.0, allow_nan=False)
@@ -40,9 +40,9 @@ every_lattice = pytest.mark.parametrize(("lattice", "friction"), LATTICES)
 @given(q=st.lists(st.tuples(fractions, fractions), min_size=1, max_size=4), poisson=st.floats(-0.9, 0.5))
 @settings(max_examples=15, deadline=None)
 def test_frequencies_are_those_of_the_compatibility_matrix(lattice, friction, finite_overlap, q, poisson):
-    state = at_overlap(lattice=lattice, friction=friction, poisson=poisson)
-    ph = gp.Phonons(state, finite_overlap=finite_overlap)
-    direct = contact_lattice(state, finite_overlap)
+    state = at_overlap(lattice=lattice, friction=friction, poisson=poisson, finite_overlap=finite_overlap)
+    ph = gp.Phonons(state)
+    direct = contact_lattice(state)
     expected = direct.frequencies(direct.wavevectors(q)) * state.scales.frequency
     found = ph.frequencies(q)
     assert found.shape == (len(q), (3 if friction else 2) * len(ph.atoms))
@@ -54,8 +54,8 @@ def test_frequencies_are_those_of_the_compatibility_matrix(lattice, friction, fi
 def test_bands_are_exact_at_any_load(relative, finite_overlap):
     # in units of (k/M)^1/2 nothing depends on the load but the terms of order delta/d
     q = [[0.123, 0.271], [1 / 3, 1 / 3], [0.5, 0.0], [1e-7, 2e-7]]
-    state, plain = at_overlap(relative), at_overlap()
-    found = gp.Phonons(state, finite_overlap=finite_overlap).frequencies(q) / state.scales.frequency
+    state, plain = at_overlap(relative, finite_overlap=finite_overlap), at_overlap()
+    found = gp.Phonons(state).frequencies(q) / state.scales.frequency
     expected = gp.Phonons(plain).frequencies(q) / plain.scales.frequency
     np.testing.assert_allclose(found, expected, rtol=1e-13 + (3.0 * relative if finite_overlap else 0.0))
 
@@ -78,7 +78,7 @@ def test_sound_is_followed_down_to_gamma(length, friction):
 @pytest.mark.parametrize("friction", [True, False])
 @both_overlaps
 def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
-    ph = gp.Phonons(at_overlap(friction=friction), finite_overlap=finite_overlap)
+    ph = gp.Phonons(at_overlap(friction=friction, finite_overlap=finite_overlap))
     q = np.array([[0.0, 0.0], [1e-12, 0.0], [1e-6, 2e-6], [0.2, 0.1], [0.5, 0.0]])
     np.testing.assert_allclose([ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14)
 
@@ -87,9 +87,9 @@ def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
 @both_overlaps
 def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overlap):
     # nothing of ours but forces and torques: cell, masses, differences and dynamical matrix are phonopy's
-    state = at_overlap(0.02, lattice=lattice, friction=friction)
-    one = gp.atoms(state, finite_overlap)
-    calc = gp.HertzMindlin(state, finite_overlap=finite_overlap)
+    state = at_overlap(0.02, lattice=lattice, friction=friction, finite_overlap=finite_overlap)
+    one = gp.atoms(state)
+    calc = gp.HertzMindlin(state)
     cell = PhonopyAtoms(
         symbols=["Fe"] * len(one),
         cell=np.asarray(one.cell),
@@ -98,7 +98,7 @@ def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overla
     )
     bare = Phonopy(cell, np.diag([3, 3, 1]), primitive_matrix="P", is_symmetry=False)
     bare.unit_conversion_factor = 1.0
-    big = gp.atoms(state, finite_overlap)[[0] * len(bare.supercell)]
+    big = gp.atoms(state)[[0] * len(bare.supercell)]
     big.set_cell(bare.supercell.cell)
     big.positions = bare.supercell.positions
     radius = 1.0 / np.sqrt(10.0)
@@ -121,7 +121,7 @@ def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overla
     bare.force_constants = (4.0 * differences(5e-4) - differences(1e-3)) / 3.0
     q = np.array([[0.11, 0.23, 0.0], [1 / 3, 1 / 3, 0.0], [0.5, 0.0, 0.0], [-0.41, 0.37, 0.0]])
     found = np.sort(bare.run_qpoints(q).frequencies, axis=1)
-    expected = gp.Phonons(state, finite_overlap=finite_overlap).frequencies(q) / state.scales.frequency
+    expected = gp.Phonons(state).frequencies(q) / state.scales.frequency
     if not friction:
         np.testing.assert_allclose(found[:, : len(one)], 0.0, atol=1e-6)
         found = found[:, len(one) :]
@@ -171,12 +171,12 @@ def folded(matrix):
 @pytest.mark.parametrize("friction", [True, False])
 @both_overlaps
 def test_a_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
-    state = at_overlap(friction=friction)
-    one = gp.atoms(state, finite_overlap)
+    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
+    one = gp.atoms(state)
     full = np.eye(3, dtype=int)
     full[:2, :2] = matrix
-    big = gp.Phonons(state, make_supercell(one, full), finite_overlap=finite_overlap)
-    small = gp.Phonons(state, finite_overlap=finite_overlap)
+    big = gp.Phonons(state, make_supercell(one, full))
+    small = gp.Phonons(state)
     for q in ([0.137, -0.291], [0.0, 0.0], [0.5, 0.5]):
         expected = np.sort(small.frequencies(folded(matrix)(q)).ravel())
         np.testing.assert_allclose(big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max())
@@ -190,10 +190,10 @@ def test_a_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
 )
 @settings(max_examples=15, deadline=None)
 def test_unequal_masses(masses, q, finite_overlap, friction):
-    state = at_overlap(friction=friction)
-    balls = gp.atoms(state, finite_overlap).repeat((2, 2, 1))
+    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
+    balls = gp.atoms(state).repeat((2, 2, 1))
     balls.set_masses(masses)
-    ph = gp.Phonons(state, balls, finite_overlap=finite_overlap)
+    ph = gp.Phonons(state, balls)
     expected = ph.lattice.frequencies(ph.lattice.wavevectors([q])) * state.scales.frequency
     np.testing.assert_allclose(ph.frequencies([q]), expected, rtol=0.0, atol=1e-10 * expected.max())
     # trace of D is the sum of each ball's own stiffness over its mass
@@ -327,8 +327,8 @@ def test_mechanisms_have_no_phonons():
 
 def test_a_buckled_state_is_an_error():
     # compressed so far that the prestress of finite overlap wins
-    state = at_overlap(0.9, friction=False)
-    ph = gp.Phonons(state, finite_overlap=True)
+    state = at_overlap(0.9, friction=False, finite_overlap=True)
+    ph = gp.Phonons(state)
     with pytest.raises(InstabilityError, match="a squared frequency is negative"):
         ph.frequencies([[0.5, 0.0]])
 
@@ -430,14 +430,14 @@ def test_atoms_that_cannot_be():
 
 
 def test_atoms_of_the_other_overlap_are_refused():
-    state = at_overlap()
-    finite = gp.atoms(state, finite_overlap=True)
+    state, following = at_overlap(), at_overlap(finite_overlap=True)
+    finite = gp.atoms(following)
     with pytest.raises(InputError, match="made with finite overlap"):
         gp.Phonons(state, finite)
     finite.calc = gp.HertzMindlin(state)
-    with pytest.raises(InputError, match="Say finite_overlap=True"):
+    with pytest.raises(InputError, match="Make the state with finite_overlap=True"):
         finite.get_potential_energy()
-    assert gp.Phonons(state, finite, finite_overlap=True).frequencies([[0.1, 0.2]]).shape == (1, 3)
+    assert gp.Phonons(following, finite).frequencies([[0.1, 0.2]]).shape == (1, 3)
 
 
 @pytest.mark.parametrize("friction", [True, False])
@@ -461,9 +461,9 @@ def test_branches_that_touch_at_gamma_are_those_of_the_path():
 
 
 def test_prestressed_modes_of_a_large_cell_are_those_of_a_small_one():
-    state = at_overlap()
-    large = gp.Phonons(state, gp.atoms(state, finite_overlap=True).repeat((4, 4, 1)), finite_overlap=True)
-    small = gp.Phonons(state, finite_overlap=True)
+    state = at_overlap(finite_overlap=True)
+    large = gp.Phonons(state, gp.atoms(state).repeat((4, 4, 1)))
+    small = gp.Phonons(state)
     assert large.lattice.n_branches == 48
     folded = [(0.1 + i) / 4 for i in range(4)]
     expected = np.sort(small.frequencies([[a, b] for a in folded for b in folded]).ravel())

@@ -9,13 +9,13 @@ import pytest
 from test_effective import FLAT, LOTS, NORMAL, UNIFORM, XI, evaluated
 
 import granphon as gp
+from granphon.acoustics import contact_lattice
 from granphon.effective import effective_curve
 from granphon.errors import InputError, PrecisionError
 from granphon.geometry import SQUARE, TRIANGULAR, Lattice
 from granphon.lattice import ContactLattice
 from granphon.laws import FORCE
 from granphon.local_field import local_field, local_field_on
-from granphon.observables import contact_lattice
 from granphon.references import curve_by_integration, integrated_dos, local_field_by_cubature
 
 ROOT3 = math.sqrt(3.0)
@@ -196,8 +196,9 @@ def test_convergence_in_points():
 @pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_against_tetrahedra(steel, friction, finite_overlap):
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction)).at_force(5e3 if finite_overlap else 18.446)
-    phonons, lattice = gp.Phonons(state, finite_overlap=finite_overlap), contact_lattice(state, finite_overlap)
+    medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction))
+    state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)
+    phonons, lattice = gp.Phonons(state), contact_lattice(state)
     errors = []
     for size in (64, 256):
         dos = phonons.dos(mesh=(size, size), points=101)

@@ -13,7 +13,8 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.errors import InputError
 from granphon.lattice import Modes
-from granphon.observables import Check, Moduli, PulseVelocities, SoundVelocities, Validity
+from granphon.limits import Check, Validity
+from granphon.observables import Moduli, PulseVelocities, SoundVelocities
 from granphon.results import Result, read_only
 
 

@@ -17,9 +17,9 @@ PACKAGE = Path(granphon.__file__).parent
 ORDER = [
     "errors", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
-    "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "medium",
-    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "observables",
-    "ensemble",
+    "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "state", "medium",
+    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder",
+    "acoustics", "limits", "observables", "ensemble",
     "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit", "studies", "tradeoffs",
     "rules", "schema", "load", "scene", "style", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",

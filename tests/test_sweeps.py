@@ -52,17 +52,17 @@ def rough(steel):
     return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
 
 
-def direct(state, finite_overlap=False):
+def direct(state):
     """What calls one by one give at a single load."""
-    velocities = gp.sound_velocities(state, (1.0, 0.0), finite_overlap=finite_overlap)
-    constants = gp.moduli(state, finite_overlap=finite_overlap)
+    velocities = gp.sound_velocities(state, (1.0, 0.0))
+    constants = gp.moduli(state)
     out = {name: getattr(state, name) for name in ["force", *STATE]}
     out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
     if constants.isotropic:
         out |= {"bulk": constants.bulk, "shear": constants.shear}
     else:
         out["tensor"] = constants.tensor
-    if not finite_overlap:
+    if not state.finite_overlap:
         out["exponent"] = gp.local_exponent(state)
     return out
 
@@ -93,7 +93,7 @@ def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_ov
         packing = gp.Packing(rough.material, 8e-3, gp.Uniform(width), friction=friction)
         state = getattr(MediumChoice(name).of(packing), f"at_{load}")(value, finite_overlap=finite_overlap)
         point = ds.isel(load=i).sel(medium=name, width=width, friction=friction)
-        for variable, expected in direct(state, finite_overlap).items():
+        for variable, expected in direct(state).items():
             same(point[variable], expected)
 
 
@@ -370,7 +370,7 @@ def test_bands_are_those_of_each_state(rough, finite_overlap):
     for i, medium, sigma in itertools.product((0, 1), ("ala", "ema"), (0.1, 0.3)):
         packing = changed(rough, {"poisson_ratio": sigma})
         state = MediumChoice(medium).of(packing).at_force([18.446, 5.0][i], finite_overlap=finite_overlap)
-        bands = Phonons(state, finite_overlap=finite_overlap).bands("GKMG", npoints=7)
+        bands = Phonons(state).bands("GKMG", npoints=7)
         found = ds.isel(load=i).sel(medium=medium, poisson_ratio=sigma)
         assert_allclose(found["frequencies"], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
         assert_allclose(ds["qpoints"], bands.qpoints, rtol=0, atol=1e-15)

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 import granphon as gp
 from granphon.accuracy import coefficients_of_form
+from granphon.acoustics import bulk_and_shear
 from granphon.diameters import Spread
 from granphon.ensemble import observed
-from granphon.observables import bulk_and_shear
 from granphon.samples import Sample
 from granphon.simulation import SimulatedState
 

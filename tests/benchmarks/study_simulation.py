@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
+from granphon.acoustics import bulk_and_shear
 from granphon.effective import effective_curve
 from granphon.equilibrium import Equilibrium, Load, equilibrate
 from granphon.local_field import local_field
-from granphon.observables import bulk_and_shear
 
 Array = NDArray[np.float64]
 STEEL, DIAMETER, WIDTH = gp.Material(211.65e9, 0.276, 7840.0), 8e-3, 2.04e-6

@@ -1,0 +1,109 @@
+"""The lattice of contacts in a state, and its long waves, in SI: what observables and limits of validity start from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.lattice import ContactLattice
+from granphon.packing import Packing
+from granphon.simulation import SimulatedState
+from granphon.state import ContactState
+
+__all__ = [
+    "branch_scales",
+    "bulk_and_shear",
+    "contact_lattice",
+    "from_moduli",
+    "ideal_lattice",
+    "is_isotropic",
+    "long_waves",
+    "prestress",
+    "shears",
+    "velocity_scale",
+]
+
+Array = NDArray[np.float64]
+#: two elastic constants that should be equal differ by no more than this part
+_ISOTROPIC = 1e-10
+
+
+def ideal_lattice(packing: Packing) -> ContactLattice:
+    """The lattice of contacts in the paper's limit, the same under every load; in reduced units."""
+    return ContactLattice.of(packing.structure, packing.mindlin_ratio)
+
+
+def contact_lattice(state: ContactState) -> ContactLattice:
+    """The lattice of contacts in a state, in reduced units.
+
+    With finite overlap, where the state must be at one load: spacing a, lever arm a/2, prestress f/a.
+    """
+    if not state.finite_overlap:
+        return ideal_lattice(state.packing)
+    _ = state.scales  # one load only
+    packing, spacing = state.packing, 1.0 - state.relative_overlap
+    return ContactLattice.of(packing.structure, packing.mindlin_ratio, spacing, float(prestress(state)))
+
+
+def prestress(state: ContactState) -> Array:
+    """f/(k a) of each load."""
+    spacing = state.packing.diameter * (1.0 - state.relative_overlap)
+    return np.asarray(state.force / state.normal_stiffness / spacing)
+
+
+def velocity_scale(state: ContactState) -> Array:
+    """d (k/M)^1/2 of each load, m/s."""
+    return np.asarray(state.packing.diameter * (np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)))
+
+
+def branch_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+    """d (k/M)^1/2 of each branch: of a simulation, such that long waves have the velocities of its samples."""
+    if not isinstance(state, SimulatedState):
+        return [velocity_scale(state)] * len(names)
+    found = long_waves(state, direction)
+    ideal, _ = ideal_lattice(state.packing).sound_velocities(direction)
+    return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
+
+
+def is_isotropic(lattice: ContactLattice) -> bool:
+    """Whether the elastic tensor is the same in all directions."""
+    c = lattice.elastic_tensor()
+    off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
+    return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
+
+
+def long_waves(state: ContactState, direction: ArrayLike) -> Array:
+    """(..., 2) longitudinal and transverse, m/s."""
+    if isinstance(state, SimulatedState):
+        return from_moduli(bulk_and_shear(state.elastic_tensor), state.effective_density)
+    lattice, scale = ideal_lattice(state.packing), velocity_scale(state)
+    if not state.finite_overlap:
+        velocities, _ = lattice.sound_velocities(direction)
+        return scale[..., None] * velocities
+    # every length scales with the spacing; the prestress alone enters the shape of the tensor
+    velocities, _ = lattice.sound_velocities(direction, prestress(state))
+    return np.asarray((scale * (1.0 - state.relative_overlap))[..., None] * velocities)
+
+
+def bulk_and_shear(tensor: Array) -> Array:
+    """(..., 2) K and G of an elastic tensor (..., 3, 3), isotropic or nearly: G is the mean of its two orientations."""
+    return np.stack([_bulk(tensor), np.mean(shears(tensor), axis=-1)], axis=-1)
+
+
+def _bulk(tensor: Array) -> Array:
+    c = tensor[..., :2, :2]
+    return np.asarray(np.sum(c, axis=(-2, -1)) / 4.0)
+
+
+def shears(tensor: Array) -> Array:
+    """(..., 2) G for the shear xx - yy, and for xy."""
+    c = tensor
+    return np.stack([(c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0, c[..., 2, 2]], axis=-1)
+
+
+def from_moduli(bulk_and_shear: Array, density: ArrayLike) -> Array:
+    """(..., 2) v_L and v_T, m/s (equation 16)."""
+    bulk, shear = np.moveaxis(bulk_and_shear, -1, 0)
+    return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))
