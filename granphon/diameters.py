@@ -201,7 +201,7 @@ class _Listed(Spread):
 
     @cached_property
     def shape(self) -> PointShape:
-        """Each different diameter, to 2^-40 W; more than 512 of them are condensed to as many or fewer."""
+        """Each different diameter, to 2^-40 W; more than 192 of them are condensed to as many or fewer."""
         x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
         positions, weights = condensed(*merged(x, self._table[2]))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))

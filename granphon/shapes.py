@@ -33,7 +33,7 @@ Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
 #: x of listed diameters is a multiple of this, so that the same shape in another size compares equal
 GRAIN = 2.0**-40
 #: more different diameters than this are condensed to at most as many
-MOST_POINTS = 512
+MOST_POINTS = 192
 #: numbers in one array of an average; more are worked through in blocks
 _BLOCK = 2**20
 
@@ -361,16 +361,21 @@ def merged(places: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def condensed(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Many places (ascending) as at most ``most``: the first, the last, and two in each of equal cells between.
+    """Many places (ascending) as at most ``most``: the first, the last, and two in each of the cells between.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that only pairs near the kink
-    are in error. For 1e4 balls and 512 places: F_ave to 2e-6, K_ave to 5e-4 (1e-13 with all contacts closed), sampling
-    noise 1e-3 or more.
+    are in error. Cells are narrower where balls are many: their edges are even in 0.3 times the part of the balls that lies
+    below plus 0.7 times the part of the range. As cells differ, so do the places where pairs of them open, and their errors
+    do not add up. Against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with 192 places: F_ave
+    to 4e-6 and K_ave to 4e-4 from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12 with all contacts closed; sampling noise
+    is 1e-3 or more.
     """
     if places.size <= most:
         return places, weights
     cells = most // 2 - 1
-    cell = np.minimum(np.floor((places - places[0]) * (cells / (places[-1] - places[0]))), cells - 1.0)
+    below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
+    even = 0.3 * below + 0.7 * (places - places[0]) / (places[-1] - places[0])
+    cell = np.minimum(np.floor(even * cells), cells - 1.0)
     cell[[0, -1]] = -1.0, cells
     _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
     mass = np.bincount(cell, weights)
