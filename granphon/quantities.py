@@ -9,15 +9,22 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granphon.files import closest, shown
 
 __all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "Refused"]
+
+
+Array = NDArray[np.float64]
 
 
 class Refused(ValueError):
@@ -44,6 +51,11 @@ kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-1
 """
 #: how a number is written
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_NUMBER = re.compile(NUMBER)
+#: letters of a quantity
+_LONGEST = 100
+#: numbers between this and its inverse are far from the ends of the floating range, with any unit
+_TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"[A-Za-zµμÅ_]+(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 _UNIT = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
@@ -91,7 +103,7 @@ class Quantity:
         if re.match(r"[-+]?\.?(nan|inf|infinity)\b", text, re.IGNORECASE):
             raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
         match = _QUANTITY.fullmatch(text)
-        if match is None or len(text) > 100:
+        if match is None or len(text) > _LONGEST:
             raise Refused(f"{shown(value)}, which does not start with a number", self.allowed)
         number, _, unit = match.groups()
         if not unit:
@@ -103,6 +115,23 @@ class Quantity:
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
             raise Refused(f"{shown(value)}, {wrong}", self.allowed, mend) from None
         return self._value(number, factor, value)
+
+    def read_many(self, numbers: Sequence[str], unit: str) -> Array | None:
+        """As :meth:`read` of each number with the ``unit``, to the last bit; None if one should be looked at by itself.
+
+        A unit that is a power of ten moves the point of the decimal, whose nearest float is then the value.
+        """
+        try:
+            power = _power_of_ten(_factor(self, unit))
+        except ValueError:
+            return None
+        if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _LONGEST:
+            return None
+        values = np.array([float(number) if not power else float(_shifted(number, power)) for number in numbers])
+        size = np.abs(values)
+        # zeros, what may be infinite or below the floating range, and negative numbers are for the rule of one number
+        plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
+        return values if plain else None
 
     def write(self, value: float) -> str:
         """The text of an SI value, from which :meth:`read` gives it back to the last bit."""
@@ -125,6 +154,18 @@ class Quantity:
         if not 0.0 < abs(exact) < math.inf:
             raise Refused(f"{shown(value)}, which is too small or too large for double precision", self.allowed)
         return exact
+
+
+def _power_of_ten(factor: Fraction) -> int | None:
+    """n if the factor is 10^n; else None."""
+    power = len(str(factor.numerator)) - len(str(factor.denominator))
+    return power if factor == Fraction(10) ** power else None
+
+
+def _shifted(number: str, power: int) -> str:
+    """The text of a number times 10^power."""
+    digits, _, exponent = number.lower().partition("e")
+    return f"{digits}e{int(exponent or 0) + power}"
 
 
 @lru_cache(maxsize=256)  # the cells of a column share their unit

@@ -150,7 +150,7 @@ def write_spread(given: Any, table: str = "") -> dict[str, Any]:
         return {"uniform": WIDTH.write(given.width)}
     if isinstance(given, Normal):
         return {"normal": {"std": WIDTH.write(given.std), "cutoff": given.cutoff}}
-    if table and diameters_table(given) is not None:
+    if table and _is_long(given):
         return {"measured": table}
     diameters = [LENGTH.write(diameter) for diameter in given.diameters]
     if isinstance(given, Discrete):
@@ -158,9 +158,14 @@ def write_spread(given: Any, table: str = "") -> dict[str, Any]:
     return {"measured": {"diameters": diameters}}
 
 
+def _is_long(given: Any) -> bool:
+    """Whether it is more measured diameters than a scene holds itself."""
+    return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
+
+
 def diameters_table(given: Any) -> str | None:
     """The text of a table of the measured diameters, if they are more than a scene holds; else None."""
-    if not isinstance(given, Measured) or len(given.diameters) <= MOST_DIAMETERS:
+    if not _is_long(given):
         return None
     return "diameter (m)\n" + "".join(f"{diameter!r}\n" for diameter in given.diameters)
 

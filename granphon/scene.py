@@ -370,7 +370,7 @@ class Scene:
             raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
         return text
 
-    @property
+    @cached_property
     def diameters(self) -> str | None:
         """The text of ``diameters.csv``: the measured diameters, if they are too many for the scene file; else None."""
         return rules.diameters_table(self.packing.spread)

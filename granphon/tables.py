@@ -114,7 +114,10 @@ class Table:
         if not unit:
             head = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
             raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
-        return np.array([self._value(n, cells[place], unit, heading, kind) for n, cells in self.rows])
+        values = kind.read_many([cells[place] for _, cells in self.rows], unit)
+        if values is None:  # read one by one, so that the first that cannot be read is told
+            values = np.array([self._value(n, cells[place], unit, heading, kind) for n, cells in self.rows])
+        return values
 
     def _places(self, name: str) -> list[int]:
         wanted = Heading.parse(name).key
@@ -132,6 +135,8 @@ class Table:
 
 
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
+    if '"' not in line:  # as csv parts it, at a tenth of the cost
+        return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
     except csv.Error as error:
@@ -140,6 +145,8 @@ def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
 
 def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
     """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
+    if len(cells) == count:
+        return cells
     if any(cells[count:]):
         what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
         raise InputError(message(what, mend=f"{_POINT}, and part the columns by one mark"))
