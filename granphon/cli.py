@@ -24,7 +24,7 @@ __all__ = ["main"]
 
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
 
-#: a simulation that will take more seconds is announced
+#: what will take more seconds is announced
 _LONG = 10.0
 
 _EXIT_CODES = """\b
@@ -108,8 +108,8 @@ def init(
 def check(scene: _SceneFile) -> None:
     """Say whether a scene is right, and what it means.
 
-    Shows the values in readable units, the files that a run would write, what a simulation would take, and where the
-    model fails. Writes nothing, and simulates nothing.
+    Shows the values in readable units, the files that a run would write, what a long one would take, and where the
+    model fails. Writes nothing, and simulates nothing; what it would take long to look at is left to the run.
 
     \b
     Example:
@@ -120,13 +120,15 @@ def check(scene: _SceneFile) -> None:
     from granphon.scene import Scene
 
     read = Scene.from_yaml(scene)
+    rows = described(read)  # first, as it refuses what there is no memory for
+    states, left = read.survey()
     warnings = [
         f"{where}: {warning}" if read.is_sweep else warning
-        for where, state in read.states(simulations=False)
+        for where, state in states
         for warning in validity(state).warnings
     ]
     read.to_yaml()  # what a run writes first
-    rows = described(read)
+    rows += [("left to the run", left)] if left else []
     _say(f"{scene} can be run.")
     _table(rows)
     _table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 
 __all__ = ["HertzLaw", "Material", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction", "positive"]
 
@@ -27,7 +27,7 @@ def positive(name: str, value: float, unit: str = "") -> float:
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
         where = f" (in {unit})" if unit else ""
-        raise InputError(message(f"{name} is {value!r:.80}", f"It must be a finite number above zero{where}"))
+        raise InputError(message(f"{name} is {brief(value)}", f"It must be a finite number above zero{where}"))
     return number
 
 
@@ -57,12 +57,12 @@ class Material:
         object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
         try:
             sigma = float(self.poisson_ratio)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             sigma = math.nan
         if not -1.0 < sigma <= 0.5:
             raise InputError(
                 message(
-                    f"poisson_ratio is {self.poisson_ratio!r}",
+                    f"poisson_ratio is {brief(self.poisson_ratio)}",
                     "An isotropic elastic solid is stable only for -1 < poisson_ratio <= 1/2",
                 )
             )
@@ -158,7 +158,10 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
     """
     mu = positive("friction_coefficient", friction_coefficient)
-    tangential, normal = np.abs(np.asarray(tangential_load, float)), np.asarray(normal_load, float)
+    try:
+        tangential, normal = np.abs(np.asarray(tangential_load, float)), np.asarray(normal_load, float)
+    except OverflowError:
+        raise InputError(message("a load on the contact is too large")) from None
     if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
         raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
     mobilised = tangential / (mu * normal)

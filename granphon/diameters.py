@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.contact import positive
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.quantities import LENGTH
 from granphon.shapes import GRAIN, NormalShape, PointShape, Shape, UniformShape, condensed, cut_rms, merged, passed
 from granphon.tables import Table
@@ -28,6 +28,8 @@ __all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbe
 Array = NDArray[np.float64]
 #: the least fraction of a kind: the widths of rarer ones are so small against its deviation that the laws lose their digits
 _RAREST = 1e-12
+#: balls of one sample that no machine holds
+_MOST_NUMBERS = 2**48
 #: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
 TOLERANCE = 1e-9
 
@@ -40,12 +42,15 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     is not one of 0 ... 2^64 - 1.
     """
     lengths = tuple(np.atleast_1d(np.asarray(shape, dtype=object)).tolist())
-    if not lengths or not all(_is_whole(length) for length in lengths):
+    if not lengths or not all(_is_whole(length) for length in lengths) or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(
-            message(f"the shape of the sample is {shape!r}", mend="Give one or more whole numbers, none negative")
+            message(
+                f"the shape of the sample is {brief(shape)}",
+                mend="Give whole numbers, none negative, of 2^48 balls or fewer",
+            )
         )
     if not _is_whole(seed) or seed >= 2**64:
-        raise InputError(message(f"seed is {seed!r}", mend="Give a whole number from 0 to 2^64 - 1"))
+        raise InputError(message(f"seed is {brief(seed)}", mend="Give a whole number from 0 to 2^64 - 1"))
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
         index: NDArray[np.uint64] = np.arange(1, int(length) + 1, dtype=np.uint64)
@@ -272,7 +277,7 @@ def _at_least_zero(name: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not 0.0 <= number < math.inf:
-        raise InputError(message(f"{name} is {value!r:.80}", "It must be a finite number, zero or above (in m)"))
+        raise InputError(message(f"{name} is {brief(value)}", "It must be a finite number, zero or above (in m)"))
     return number
 
 
@@ -284,7 +289,7 @@ def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
     except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.ndim != 1 or isinstance(values, np.ma.MaskedArray) or not array.size or not np.all(np.isfinite(array)):
-        raise InputError(message(f"{name}: {values!r:.80}", "One or more finite numbers belong here"))
+        raise InputError(message(f"{name}: {brief(values)}", "One or more finite numbers belong here"))
     if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
         raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))
     return tuple(array.tolist())

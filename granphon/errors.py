@@ -20,8 +20,12 @@ __all__ = [
     "SceneError",
     "UnreachableFrequencyError",
     "UnsupportedError",
+    "brief",
     "message",
 ]
+
+#: bits of a whole number that no float holds
+_TOO_LARGE = 1024
 
 
 class GranphonError(Exception):
@@ -80,3 +84,16 @@ def message(what: str, why: str = "", mend: str = "") -> str:
     if mend:
         parts.append(mend.rstrip(". ") + ".")
     return " ".join(parts)
+
+
+def brief(value: object, most: int = 80) -> str:
+    """A value as a message shows it: its repr, cut; a whole number beyond the range of floats by how large it is."""
+    if isinstance(value, int) and value.bit_length() >= _TOO_LARGE:
+        return f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is too large"
+    if isinstance(value, list | tuple) and any(brief(one, most).endswith("too large") for one in value):
+        return "a list with a number that is too large"
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write whole numbers of more than 4300 digits
+        return "an array with a number that is too large"
+    return text if len(text) <= most else text[: most - 3] + "..."

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from granphon.errors import SceneError, message
+from granphon.errors import SceneError, brief, message
 
 __all__ = [
     "Document",
@@ -210,13 +210,13 @@ def shown(value: Any) -> str:
     if isinstance(value, Mapping):
         return "a block of keys"
     if isinstance(value, list | tuple):
-        text = "[" + ", ".join(str(v) if isinstance(v, int | float) else repr(v) for v in value[:8]) + "]"
+        text = "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
     elif value is None:
         return "nothing"
     elif isinstance(value, bool):
         return str(value).lower()
     else:
-        text = repr(value)
+        return brief(value, 60)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

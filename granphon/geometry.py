@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.results import read_only
 
 __all__ = ["BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "lattice_named"]
@@ -89,7 +89,7 @@ class Lattice:
         try:
             cell = np.asarray(self.cell, float).reshape(2, 2)
             sites = np.asarray(self.sites, float).reshape(-1, 2)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(
                 message(f"lattice {self.name!r}: the cell must be two vectors and each site two fractions")
             ) from None
@@ -215,10 +215,10 @@ def as_direction(direction: ArrayLike) -> Array:
     """``direction`` as unit vector(s), last axis x and y; :class:`InputError` if it has no length."""
     try:
         vector: Any = np.asarray(direction, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         vector = np.array(np.nan)
     if vector.shape[-1:] != (2,) or not np.all(np.isfinite(vector)):
-        raise InputError(message(f"a direction is two finite numbers (x, y), not {direction!r}"))
+        raise InputError(message(f"a direction is two finite numbers (x, y), not {brief(direction)}"))
     largest = np.max(np.abs(vector), axis=-1, keepdims=True)
     if np.any(largest == 0.0):
         raise InputError(message("a direction has no length"))

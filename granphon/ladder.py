@@ -20,7 +20,18 @@ from granphon.shapes import PointShape
 from granphon.simulation import MOST_SEED, DirectSimulation, no_finite_overlap
 from granphon.state import ContactState, overlap_flag
 
-__all__ = ["MEDIA", "OPTIONS", "AutoMedium", "MediumChoice", "Option", "Rung", "expected_error", "medium", "no_simulation"]
+__all__ = [
+    "MEDIA",
+    "OPTIONS",
+    "AutoMedium",
+    "MediumChoice",
+    "Option",
+    "Rung",
+    "expected_error",
+    "medium",
+    "no_simulation",
+    "solving_time",
+]
 
 Array = NDArray[np.float64]
 #: sides of the samples that are chosen among
@@ -30,6 +41,9 @@ _TOLERANCE: Rule = partial(number, low=1e-12, high=0.99)
 #: about how many seconds the effective medium takes for a density, and for 64 listed diameters, whose pairs have so many
 #: openings, and by which power of these more take longer; and a simulation, for itself and each ball
 _SOLVED, _LISTED, _OPENINGS, _POWER, _SIMULATED, _BALL = 0.03, 0.25, 2080.0, 1.25, 0.04, 3e-6
+
+#: seconds; what takes less is done where a scene is only looked at
+_MOMENT = 0.1
 
 
 @dataclass(frozen=True)
@@ -225,10 +239,24 @@ class Rung:
     values: Array
     chosen: bool = False
 
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states are found in a moment: it is no simulation, and no effective medium of a long list."""
+        if self.medium.name == EffectiveMedium.name:
+            return solving_time(self.packing) < _MOMENT
+        return not self.medium.simulates
+
     @cached_property
     def errors(self) -> Array:
         """(n,) expected relative error, worked out when asked for: a scene that names its medium does not need it."""
         return expected_error(self.medium, self.packing, self.kind, self.values)
+
+
+def solving_time(packing: Packing) -> float:
+    """About how many seconds the effective medium takes for the distribution of a packing, at any number of loads."""
+    shape = packing.spread.shape if packing.spread and packing.width else None
+    listed = _LISTED * (shape.openings.size / _OPENINGS) ** _POWER if isinstance(shape, PointShape) else 0.0
+    return max(_SOLVED, listed) if shape else 0.0
 
 
 def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumChoice]:
@@ -242,11 +270,7 @@ def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumCh
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
             return _SIMULATED + _BALL * estimate(medium, kind, float(np.min(loads))).work
-        if not isinstance(medium, EffectiveMedium):
-            return 0.0
-        shape = packing.spread.shape if packing.spread else None
-        listed = _LISTED * (shape.openings.size / _OPENINGS) ** _POWER if isinstance(shape, PointShape) else 0.0
-        return max(_SOLVED, listed)
+        return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
 
     return sorted([*media, *simulations], key=seconds)
 

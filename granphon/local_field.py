@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.errors import InputError, PrecisionError, message
+from granphon.errors import InputError, PrecisionError, brief, message
 from granphon.geometry import TRIANGULAR, Lattice, lattice_named
 from granphon.lattice import ContactLattice
 from granphon.results import Result
@@ -141,9 +141,12 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
 
 def _checked(mindlin_ratio: float) -> float:
     """eta as a float; :class:`InputError` if it cannot be."""
-    eta = float(mindlin_ratio)
+    try:
+        eta = float(mindlin_ratio)
+    except OverflowError:
+        eta = np.inf
     if not 0.0 <= eta < np.inf:
-        raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a finite number, zero or above"))
+        raise InputError(message(f"mindlin_ratio is {brief(mindlin_ratio)}", "It must be a finite number, zero or above"))
     return eta
 
 

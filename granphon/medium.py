@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.effective import EffectiveLaw
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.geometry import TRIANGULAR
 from granphon.laws import AveragedLaw
 from granphon.local_field import LocalField, local_field, paper_local_field
@@ -234,7 +234,7 @@ def compressive(name: str, values: ArrayLike) -> Array:
     array = finite(name, values)
     if np.any(array < 0.0):
         raise InputError(
-            message(f"{name} is {values!r}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
+            message(f"{name} is {brief(values)}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
         )
     if np.any(array == 0.0):
         raise InputError(
@@ -251,7 +251,7 @@ def finite(name: str, values: ArrayLike) -> Array:
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or isinstance(values, np.ma.MaskedArray):
-        raise InputError(message(f"{name} is {values!r}", "It must be a real number or an array of them"))
+        raise InputError(message(f"{name} is {brief(values)}", "It must be a real number or an array of them"))
     if array.size == 0 or not np.all(np.isfinite(array)):
-        raise InputError(message(f"{name} is {values!r}", "Every load must be a finite number"))
+        raise InputError(message(f"{name} is {brief(values)}", "Every load must be a finite number"))
     return array

@@ -21,7 +21,7 @@ from granphon.acoustics import (
     shears,
 )
 from granphon.branches import AcousticBranch, acoustic_branches
-from granphon.errors import InputError, UnreachableFrequencyError, message
+from granphon.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.geometry import as_direction
 from granphon.limits import validity
 from granphon.results import Result
@@ -247,10 +247,10 @@ def pulse_velocities(
     state = with_keyword(state, finite_overlap)
     try:
         hertz = np.asarray(frequency, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         hertz = np.array(np.nan)
     if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
-        raise InputError(message(f"frequency is {frequency!r}", "It must be finite and above zero (Hz)"))
+        raise InputError(message(f"frequency is {brief(frequency)}", "It must be finite and above zero (Hz)"))
     names = (branches,) if isinstance(branches, str) else tuple(branches)
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:

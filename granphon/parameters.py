@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from granphon.diameters import Discrete, Measured, Normal, Spread, Uniform
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.files import closest
 from granphon.geometry import lattice_named
 from granphon.packing import Packing
 
-__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "numbers", "of_width"]
+__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "counted", "numbers", "of_width"]
 
 #: more packings than this are taken for a mistake
 MOST_COMBINATIONS = 100_000
@@ -59,10 +60,19 @@ class Axis:
         if self.name == "lattice":
             return tuple(lattice_named(value).name for value in self.values)
         if self.name == "spread":
-            names = [_spread_name(value) for value in self.values]
-            again = [names[:i].count(name) for i, name in enumerate(names)]
-            return tuple(f"{name} #{n + 1}" if n else name for name, n in zip(names, again, strict=True))
+            names, seen = [], Counter[str]()
+            for name in map(_spread_name, self.values):
+                names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
+                seen[name] += 1
+            return tuple(names)
         return self.values
+
+    @property
+    def ends(self) -> Axis:
+        """The least and the greatest of numbers; of other values, each."""
+        if self.unit is None:
+            return self
+        return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
 
     def worded(self, label: Any) -> str:
         """A label with the name and the unit, such as "width = 2e-06 m"."""
@@ -76,7 +86,7 @@ def numbers(name: str, given: Any) -> tuple[float, ...]:
     except ValueError:  # lists of different lengths
         array = np.empty((0, 0))
     if array.dtype.kind not in "iuf" or array.ndim != 1 or not array.size or isinstance(array, np.ma.MaskedArray):
-        raise InputError(message(f"{name} is {given!r:.200}", "It must be a real number or a list of them"))
+        raise InputError(message(f"{name} is {brief(given, 200)}", "It must be a real number or a list of them"))
     return tuple(array.astype(float).tolist())
 
 
@@ -129,15 +139,21 @@ def changed(packing: Packing, values: Mapping[str, Any]) -> Packing:
     return replace(packing, material=replace(packing.material, **material), **rest)
 
 
-def combinations(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
-    """Every combination of values in words, and its packing; the last axis runs fastest.
-
-    :class:`InputError` names the combination that makes no packing.
-    """
+def counted(axes: Sequence[Axis]) -> int:
+    """How many combinations of values there are; :class:`InputError` if they are too many for a sweep."""
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
         what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"
         raise InputError(message(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"))
+    return count
+
+
+def combinations(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
+    """Every combination of values in words, and its packing; the last axis runs fastest.
+
+    :class:`InputError` names the combination that makes no packing, or says that they are too many.
+    """
+    counted(axes)
     out = []
     for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
         where = ", ".join(axis.worded(label) for axis, (_, label) in zip(axes, pairs, strict=True))

@@ -7,11 +7,10 @@ intention.
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,7 +32,8 @@ from granphon.lattice import ContactLattice
 from granphon.load import Load, force_of_frame
 from granphon.medium import EffectiveMedium
 from granphon.packing import Packing
-from granphon.parameters import Axis, changed, combinations
+from granphon.parameters import Axis, changed, counted
+from granphon.plan import MOST_CASES, Plan
 from granphon.progress import Progress, silent
 from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.rules import BandPath
@@ -53,6 +53,8 @@ __all__ = ["DIAMETERS_FILE", "BandPath", "Load", "Scene", "force_of_frame"]
 
 #: where a run writes the diameters of a measured spread that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
+#: as many states are looked at one by one
+_MOST_STATES = 20_000
 
 
 @dataclass(frozen=True)
@@ -193,19 +195,26 @@ class Scene:
         return scene
 
     def _require_packings(self, document: Document) -> None:
-        """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load."""
+        """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load.
+
+        What a packing can be, and can carry, it can between two values of a parameter if it can at both.
+        """
+        self._require_values(document)
         lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
-        for where, packing in self._packings(document):
+        with _located(document, ("sweep",)):
+            counted(self._plan.axes)
+            cases = list(self._plan.ends)
+        for label, packing, choice in cases:
+            where = label.removeprefix(choice.label).removeprefix(", ")
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
             with _located(document, lattice, found + (where and f"{where}: ")):
                 ContactLattice.of(packing.structure, packing.mindlin_ratio)
-            for choice in self.media:
-                with _located(document, ("medium",), f"found {choice.label!r}; allowed: a medium for this lattice. "):
-                    choice.of(packing)
-                # every list of diameters is solved anew, and a sweep solves it in its own processes
-                listed = isinstance(packing.spread, Discrete | Measured) and choice.name == EffectiveMedium.name
-                if not (self.is_sweep and listed):
-                    self._require_loads(document, packing, choice, _labelled(choice, where))
+            with _located(document, ("medium",), f"found {choice.label!r}; allowed: a medium for this lattice. "):
+                choice.of(packing)
+            # every list of diameters is solved anew, and a sweep solves it in its own processes
+            listed = isinstance(packing.spread, Discrete | Measured) and choice.name == EffectiveMedium.name
+            if not (self.is_sweep and listed):
+                self._require_loads(document, packing, choice, label)
 
     def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
         """Raise if a medium cannot carry one of the loads; it can carry all if it carries the least and the greatest."""
@@ -213,6 +222,8 @@ class Scene:
         for index in {int(np.argmin(values)), int(np.argmax(values))}:
             with self._located_medium(document, choice):
                 (rung,) = choice.rungs(packing, kind, values[index])
+            if not (rung.is_quick or rung.medium.simulates):
+                continue  # a long list of diameters is solved by the run alone
             with self._located_load(document, index, f"{label}: "):
                 medium = rung.medium.of(packing)
                 if isinstance(medium, DirectSimulation):
@@ -227,16 +238,22 @@ class Scene:
         path, given = _place(document, "load", self.load.kind, index)
         return _located(document, path, f"found {shown(given)}; allowed: a load that the balls can carry. {before}")
 
-    def _packings(self, document: Document) -> list[tuple[str, Packing]]:
-        """Every packing of the sweep, and which it is in words."""
-        axes = [Axis(name, values) for name, values in self.parameters]
-        for axis in axes:
+    def _require_values(self, document: Document) -> None:
+        """Raise at the first value of a parameter that the packing cannot have."""
+        for axis in self._plan.axes:
+            with suppress(GranphonError, ArithmeticError):
+                for value in axis.ends.values:
+                    changed(self.packing, {axis.name: value})
+                continue
             for index, value in enumerate(axis.values):
                 path, given = _place(document, "sweep", axis.name, index)
                 with _located(document, path, f"found {shown(given)}; allowed: a value that the packing can have. "):
                     changed(self.packing, {axis.name: value})
-        with _located(document, ("sweep",)):
-            return combinations(self.packing, axes)
+
+    @cached_property
+    def _plan(self) -> Plan:
+        kind, values = self.load.applied
+        return Plan(self.packing, tuple(Axis(*axis) for axis in self.parameters), self.media, kind, values)
 
     def _state(self, packing: Packing, rung: MediumChoice | Rung, values: ArrayLike) -> ContactState:
         """Of a medium, or of the one that an automatic medium has chosen."""
@@ -256,61 +273,81 @@ class Scene:
         with located:
             return _finite(self._state(self.packing, rung, self.load.applied[1][0]))
 
-    def states(self, simulations: bool = True) -> Iterator[tuple[str, ContactState]]:
+    def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
 
-        Each is solved when its turn comes, ``simulations`` only if they are wanted. :class:`~granphon.errors.InputError` at
-        the first that cannot carry the loads.
+        Each is solved when its turn comes, ``simulations``, and effective media of long ``lists`` of diameters, only if they
+        are wanted. :class:`~granphon.errors.InputError` at the first that cannot carry the loads.
         """
         values = np.array(self.load.applied[1])
-        loads = values if len(values) > 1 else values[0]
-        for label, packing, choice in self._cases():
+        for label, packing, choice in self._plan:
             if self._document is not None and not choice.simulates:
                 self._require_loads(self._document, packing, choice, label)
-            if not choice.is_automatic:
-                if simulations or not choice.simulates:
-                    yield label, self._state(packing, choice, loads)
-                continue
-            for rung in choice.rungs(packing, self.load.applied[0], loads):
-                if simulations or not rung.medium.simulates:
-                    yield (
-                        f"{label}: {rung.medium.label}",
-                        self._state(packing, rung, np.atleast_1d(loads)[rung.loads]),
-                    )
+            for rung in choice.rungs(packing, self.load.applied[0], values):
+                if rung.is_quick or (simulations if rung.medium.simulates else lists):
+                    some = values[rung.loads] if len(values) > 1 or choice.is_automatic else values[0]
+                    where = f"{label}: {rung.medium.label}" if choice.is_automatic else label
+                    yield where, self._state(packing, rung, some)
 
-    def _cases(self) -> Iterator[tuple[str, Packing, MediumChoice]]:
-        axes = [Axis(name, swept) for name, swept in self.parameters]
-        for (where, packing), choice in itertools.product(combinations(self.packing, axes), self.media):
-            yield _labelled(choice, where), packing, choice
+    def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
+        """The :meth:`states` that are found in a moment, and what is left out, in words, empty if nothing is.
+
+        Neither simulations nor effective media of long lists of diameters; of more than 100 media and packings or 20 000
+        states, those of the least and the greatest load and value of each parameter.
+        """
+        few, left = self, []
+        if self._plan.cases > MOST_CASES or self._plan.states > _MOST_STATES:
+            ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
+            swept = tuple((axis.name, axis.values) for axis in self._plan.ends.axes)
+            few = replace(self, load=replace(self.load, values=ends), parameters=swept)
+            left.append(f"all but the ends of {self._plan.states:,} states")
+        kind, loads = few._plan.kind, np.array(few._plan.loads)
+        if any(
+            not (rung.is_quick or rung.medium.simulates)
+            for _, packing, choice in few._plan
+            for rung in choice.rungs(packing, kind, loads)
+        ):
+            left.append("the effective medium of long lists of diameters")
+        return few.states(simulations=False, lists=False), " and ".join(left)
 
     def cost(self) -> Cost | None:
-        """Memory and time that the simulations of the scene will take, one after the other; None if there are none.
+        """Memory and time that the scene will take, its parts one after the other; None if that is next to nothing.
 
-        :class:`~granphon.errors.InputError` if this machine has not the memory.
+        :class:`~granphon.errors.InputError` if more memory is needed than is available on this machine now.
         """
-        kind: Any
-        kind, values = self.load.applied
-        loads = np.array(values)
-        simulated = [
-            (rung.medium.of(packing), loads[rung.loads])
-            for _, packing, choice in self._cases()
-            if choice.simulates or choice.is_automatic
-            for rung in choice.rungs(packing, kind, loads)
-            if rung.medium.simulates
-        ]
-        if not simulated:
-            return None
-        from granphon.cost import Cost, estimate, machine_memory
+        from granphon.cost import Cost, available_memory
 
-        found = [estimate(one, kind, some) for one, some in simulated if isinstance(one, DirectSimulation)]
-        most = max(found, key=lambda cost: cost.memory)
-        if most.memory > machine_memory():
-            what = f"{most.text}, and this machine has {machine_memory() / 1e9:.3g} GB of memory"
-            mend = "Take fewer balls (medium.simulation.shape), samples or loads"
+        parts = [part for part in self._parts() if part[2].tells]
+        total = sum((cost for _, _, cost in parts), Cost())
+        if parts and total.memory > (free := available_memory()):
+            path, mend, _ = max(parts, key=lambda part: part[2].memory)
+            what = f"{total.text}, and this machine has {free / 1e9:.3g} GB of memory available"
             if self._document is not None:
-                raise self._document.error(("medium",), f"{what}. {mend}")
+                raise self._document.error(path, f"{what}. {mend}.")
             raise InputError(message(what, mend=mend))
-        return Cost(most.memory, sum(c.work for c in found), most.balls, sum(c.equilibria for c in found))
+        return total if parts else None
+
+    def _parts(self) -> Iterator[tuple[tuple[str, ...], str, Cost]]:
+        """What will take something: where the scene asks for it, how it could be less, and what it takes."""
+        from granphon.cost import bands, density_of_states, force_constants, sweep_states
+
+        plan, packing = self._plan, self.packing
+        yield ("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", plan.simulations()
+        structure, seen = packing.structure, {"bands", "dos"} & set(self.observe)
+        branches = structure.n_balls * (3 if packing.friction else 2)
+        points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
+        if self.is_sweep:
+            path = ("phonopy", "band_points") if points else ("sweep",) if self.parameters else ("load", self.load.kind)
+            mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
+            yield path, mend, sweep_states(plan.cases, len(self.load.values), points * branches)
+            return
+        if "bands" in seen:
+            yield ("phonopy", "band_points"), "Take fewer points", bands(points, branches)
+        if "dos" in seen:
+            yield ("phonopy", "mesh"), "Take a coarser mesh", density_of_states(self.mesh, branches)
+        if seen and self.dim is not None:
+            mend = "Take a smaller supercell: bands and densities of states do not depend on it"
+            yield ("phonopy", "dim"), mend, force_constants(self.dim, structure.n_balls)
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
         """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep`, which has the other keywords too.
@@ -387,6 +424,7 @@ class Scene:
         """Compute what the scene asks for and write it into ``folder``; see :func:`granphon.run.run`."""
         from granphon.run import run
 
+        self.cost()  # refuses what there is no memory for
         told = progress or silent
         return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
 
@@ -417,11 +455,6 @@ def _place(document: Document, block: str, key: str, index: int) -> tuple[tuple[
         end = "to" if index else "from"
         return (block, key, end), given[end]
     return (block, key), given
-
-
-def _labelled(choice: MediumChoice, where: str) -> str:
-    """A medium at a combination of parameters, in words, as sweeps call it."""
-    return ", ".join(filter(None, (choice.label, where)))
 
 
 def _finite(state: ContactState) -> ContactState:

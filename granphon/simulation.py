@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.contact import HertzLaw
 from granphon.diameters import Measured
 from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
-from granphon.errors import GranphonError, InputError, message
+from granphon.errors import GranphonError, InputError, brief, message
 from granphon.geometry import TRIANGULAR
 from granphon.medium import AveragedLattice, compressive, finite, untouched
 from granphon.packing import Packing
@@ -34,6 +34,8 @@ __all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "no_f
 Array = NDArray[np.float64]
 #: the largest seed of a sample
 MOST_SEED = 2**64 - 1
+#: balls along a side, and samples, of which no machine holds a million times less
+_MOST_SIDE, _MOST_SAMPLES = 2**31, 2**31
 #: overlaps of which a law keeps the samples
 _MOST_KEPT = 64
 #: least width over diameter: where overlaps are more widths than this some samples do not come to rest
@@ -300,14 +302,14 @@ class DirectSimulation:
                 )
             )
         if self.diameters is None:
-            shape = tuple(_whole("shape", length, 1) for length in _pair(self.shape))
+            shape = tuple(_whole("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
             object.__setattr__(self, "shape", shape)
         else:
             self._take(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
-        object.__setattr__(self, "samples", _whole("samples", self.samples, 1))
+        object.__setattr__(self, "samples", _whole("samples", self.samples, 1, _MOST_SAMPLES))
         object.__setattr__(self, "seed", _whole("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
         _whole("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
@@ -487,7 +489,7 @@ def _pair(shape: Any) -> tuple[Any, Any]:
     try:
         first, second = shape
     except (TypeError, ValueError):
-        raise InputError(message(f"shape is {shape!r}", mend="Give two whole numbers, (L1, L2)")) from None
+        raise InputError(message(f"shape is {brief(shape)}", mend="Give two whole numbers, (L1, L2)")) from None
     return first, second
 
 
@@ -495,4 +497,4 @@ def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= (most or value):
         return int(value)
     bounds = f"{least} or more" if most is None else f"from {least} to {most}"
-    raise InputError(message(f"{name} is {value!r}", f"It must be a whole number, {bounds}"))
+    raise InputError(message(f"{name} is {brief(value)}", f"It must be a whole number, {bounds}"))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.branches import connect_branches
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.geometry import BALL
 from granphon.lattice import Modes
 from granphon.results import Result
@@ -26,6 +26,8 @@ from granphon.units import HertzPrefix, Units
 __all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
 
 Array = NDArray[np.float64]
+#: the greatest number of points or cells
+_MOST = 1_000_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,8 +51,8 @@ def whole_number(name: str, value: Any, least: int = 1) -> int:
         number = int(operator.index(value))
     except TypeError:
         number = least - 1
-    if number < least or isinstance(value, bool | np.bool_):
-        raise InputError(message(f"{name} is {value!r}", mend=f"Give a whole number, {least} or more"))
+    if not least <= number <= _MOST or isinstance(value, bool | np.bool_):
+        raise InputError(message(f"{name} is {brief(value)}", mend=f"Give a whole number from {least} to {_MOST}"))
     return number
 
 
@@ -61,7 +63,7 @@ def grid_numbers(name: str, values: Any) -> tuple[int, int]:
     except (TypeError, InputError):
         numbers = []
     if len(numbers) not in (2, 3) or numbers[2:] not in ([], [1]):
-        raise InputError(message(f"{name} is {values!r}", mend="Give two whole numbers above zero, and 1 as the third"))
+        raise InputError(message(f"{name} is {brief(values)}", mend="Give two whole numbers above zero, and 1 as the third"))
     return numbers[0], numbers[1]
 
 
@@ -112,8 +114,8 @@ def band_path(
                 corners = [np.asarray(given, float)]
             except ValueError:  # paths of different lengths
                 corners = [np.asarray(piece, float) for piece in given]
-        except (TypeError, ValueError):
-            raise InputError(message(f"a path is letters or numbers, not {given!r}")) from None
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
         if corners[0].ndim == 3:
             corners = list(corners[0])
         for piece in corners:

@@ -135,7 +135,7 @@ class Table:
 
 
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    if '"' not in line:  # as csv parts it, at a tenth of the cost
+    if '"' not in line and len(line) < csv.field_size_limit():  # as csv parts it, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))

@@ -70,7 +70,7 @@ def described(scene: Scene) -> list[tuple[str, str]]:
         sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
         counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
         rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
-    elif not scene.rung.medium.simulates:
+    elif scene.rung.is_quick:
         state = scene.state()
         rows += [
             ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
@@ -96,7 +96,7 @@ def chosen(rung: Rung) -> str:
 
 
 def announced(cost: Cost) -> str:
-    """What simulations will take."""
+    """What it will take."""
     return f"{cost.text} on one processor"
 
 

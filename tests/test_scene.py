@@ -726,8 +726,10 @@ def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, mo
 def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
     scene = Scene.from_text(SIMULATION + "medium: {simulation: {shape: 64 64}}\n")
     assert scene.cost() is not None
-    monkeypatch.setattr("granphon.cost.machine_memory", lambda: 1e7)
-    with pytest.raises(SceneError, match=r"medium: simulation of 4,096 balls: .* has 0.01 GB .*medium\.simulation\.shape"):
+    monkeypatch.setattr("granphon.cost.available_memory", lambda: 1e7)
+    with pytest.raises(
+        SceneError, match=r"medium: simulation of 4,096 balls: .* has 0.01 GB .*available.*simulation\.shape"
+    ):
         scene.cost()
 
 

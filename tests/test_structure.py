@@ -18,7 +18,7 @@ ORDER = [
     "errors", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "state", "medium",
-    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder",
+    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
     "acoustics", "limits", "observables", "ensemble",
     "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit", "studies", "tradeoffs",
