@@ -257,7 +257,7 @@ def density_of_states(mesh: tuple[int, int], branches: int) -> Cost:
     """
     points = mesh[0] * mesh[1]
     left = points * (0.125 if mesh[0] == mesh[1] else 1.0)
-    memory = 7e7 + 180.0 * points + left * (400.0 + 550.0 * branches)
+    memory = 1e8 + 180.0 * points + left * (400.0 + 550.0 * branches)
     seconds = 1e-6 * left * (200.0 + 45.0 * branches)
     return Cost(memory, known=seconds, parts=(f"density of states on {mesh[0]} x {mesh[1]} wave vectors",))
 

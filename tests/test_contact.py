@@ -16,6 +16,8 @@ from scipy.special import spherical_jn
 import granphon as gp
 from granphon.contact import contact_radius_ratio, harmonic_diameter
 from granphon.errors import InputError
+from granphon.load import Load
+from granphon.local_field import local_field
 
 lengths = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
 loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)
@@ -326,3 +328,33 @@ def test_warning_counts_the_loads_that_fail():
 
 def test_contact_radius_ratio_is_the_square_root_of_the_overlap():
     assert_allclose(contact_radius_ratio([0.0, 2e-6, 8e-3], 8e-3), [0.0, math.sqrt(2.5e-4), 1.0], rtol=1e-15)
+
+
+STEEL = gp.Material(2e11, 0.28, 7800.0)
+SPREAD = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6))
+TAKES_NUMBERS = {
+    "material": lambda big: gp.Material(big, 0.3, 1.0), "ratio": lambda big: gp.Material(1e9, big, 1.0),
+    "yield": lambda big: gp.Material(1e9, 0.3, 1.0, big), "packing": lambda big: gp.Packing(STEEL, big),
+    "width": lambda big: gp.Uniform(big), "std": lambda big: gp.Normal(big), "list": lambda big: gp.Measured([8e-3, big]),
+    "kinds": lambda big: gp.Discrete([1.0, big], [1, 0]), "force": lambda big: gp.AveragedLattice(SPREAD).at_force(big),
+    "forces": lambda big: gp.AveragedForce(SPREAD).at_force([1.0, big]),
+    "overlap": lambda big: gp.EffectiveMedium(SPREAD).at_overlap(big), "sample": lambda big: gp.Uniform(1.0).sample(big, 1),
+    "seed": lambda big: gp.Uniform(1.0).sample(3, big), "shape": lambda big: gp.DirectSimulation(SPREAD, (big, 8)),
+    "samples": lambda big: gp.DirectSimulation(SPREAD, (8, 8), samples=big), "load": lambda big: Load("force", (1.0, big)),
+    "tolerance": lambda big: gp.AutoMedium(SPREAD, big), "sweep": lambda big: gp.sweep(SPREAD, force=1.0, width=big),
+    "points": lambda big: gp.sweep(SPREAD, force=1.0, bands="GKMG", npoints=big),
+    "mesh": lambda big: gp.Scene(SPREAD, Load("force", (5.0,)), mesh=(big, 2)),
+    "direction": lambda big: gp.sound_velocities(gp.AveragedLattice(SPREAD).at_force(5.0), (big, 1)),
+    "pulse": lambda big: gp.pulse_velocities(gp.AveragedLattice(SPREAD).at_force(5.0), big),
+    "lattice": lambda big: gp.Lattice("long", ((1.0, 0.0), (0.0, big))),
+    "friction": lambda big: local_field("triangular", big), "tangential": lambda big: gp.mindlin_reduction(big, 1.0, 0.3),
+    "fit": lambda big: gp.fit_width(SPREAD, [1.0, big], [500.0, 600.0]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("big", [10**400, -(10**400), 10**5000], ids=["1e400", "-1e400", "1e5000"])
+@pytest.mark.parametrize("take", TAKES_NUMBERS.values(), ids=TAKES_NUMBERS)
+def test_whole_numbers_beyond_any_float_are_one_clear_error(take, big):
+    with pytest.raises(InputError) as told:
+        take(big)
+    assert len(str(told.value)) < 450

@@ -88,7 +88,8 @@ def test_equal_balls_cost_next_to_nothing():
 )
 def test_durations_are_read_at_a_glance(seconds, text, monkeypatch):
     monkeypatch.setattr(cost, "_second_per_ball", lambda: 1.0)
-    assert cost.Cost(2.5e9, seconds, 10_000_000, 1).text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
+    one = cost.Cost(2.5e9 - cost._BASE, work=seconds, balls=10_000_000, equilibria=1)
+    assert one.text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
 
 
 def test_nothing_is_tried_until_time_is_asked_for(monkeypatch):
@@ -103,5 +104,99 @@ def test_the_text_counts_equilibria():
     assert ", 4 equilibria: about" in estimate(simulation(samples=2), "force", [1.0, 2.0]).text
 
 
-def test_the_memory_of_this_machine():
-    assert cost.machine_memory() > 1e8  # infinite where the system does not say
+# -- what is available ---------------------------------------------------------------------------------------------------
+
+MEMINFO = "MemTotal:       32000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8000000 kB\n"
+V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+LIMITED_1 = {
+    f"{V1}/job/memory.limit_in_bytes": "5000000000\n", f"{V1}/job/memory.usage_in_bytes": "3000000000\n",
+    f"{V1}/job/memory.stat": "inactive_file 1\ntotal_inactive_file 500000000\n",
+}  # fmt: skip
+LIMITED_2 = {
+    f"{V2}/user/job/memory.max": "max\n", f"{V2}/user/job/memory.current": "7\n",
+    f"{V2}/user/memory.max": "3000000000\n", f"{V2}/user/memory.current": "2000000000\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("files", "available"),
+    [
+        ({"proc/meminfo": MEMINFO}, 8.192e9),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "4:memory:/job\n2:cpu:/\n0::/\n", **LIMITED_1}, 2.5e9),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "7:cpu,memory:/job\n", **LIMITED_1}, 2.5e9),
+        # a limit of a group above holds too; one that is larger than what is available does not
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 1e9),
+        ({"proc/meminfo": MEMINFO.replace("8000000", "80000"), "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 81.92e6),
+        # in a container the path is that outside of it, and the group is the root
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/docker/0a1b\n", f"{V2}/memory.max": "600000000",
+          f"{V2}/memory.current": "700000000"}, 0.0),
+        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/\nnonsense\n::\n"}, 8.192e9),
+    ],
+)  # fmt: skip
+def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path, files, available):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert cost.available_memory(tmp_path) == available
+
+
+@pytest.mark.parametrize(
+    ("names", "available"),
+    [
+        ({"SC_AVPHYS_PAGES": 1, "SC_PHYS_PAGES": 2, "SC_PAGE_SIZE": 3}, 4096.0 * 100),
+        ({"SC_PHYS_PAGES": 2, "SC_PAGE_SIZE": 3}, 4096.0 * 200),
+        ({"SC_PAGE_SIZE": 3}, np.inf),
+    ],
+)
+def test_without_the_files_of_linux_the_system_is_asked(tmp_path, monkeypatch, names, available):
+    monkeypatch.setattr("os.sysconf_names", names, raising=False)
+    monkeypatch.setattr(
+        "os.sysconf", {"SC_AVPHYS_PAGES": 100, "SC_PHYS_PAGES": 200, "SC_PAGE_SIZE": 4096}.__getitem__, raising=False
+    )
+    assert cost.available_memory(tmp_path) == available
+
+
+# -- spectra and sweeps --------------------------------------------------------------------------------------------------
+
+SCENE = """\
+material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
+packing: {{diameter: 8 mm, lattice: {}, friction: {}}}
+load: {{force: {}}}
+observe: [{}]
+phonopy: {{{}}}
+"""
+RANGE = "{from: 5 N, to: 9 N, points: 3000}"
+
+
+@pytest.mark.parametrize(
+    ("lattice", "friction", "load", "observe", "phonopy"),
+    [
+        ("triangular", "true", "5 N", "bands", "band_points: 600"),
+        ("triangular", "false", "5 N", "bands", "band_points: 600"),
+        ("kagome", "true", "5 N", "bands", "band_points: 150"),
+        ("triangular", "true", "5 N", "dos", "mesh: 100 100 1"),
+        ("triangular", "true", "5 N", "dos", "mesh: 60 61 1"),
+        ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
+        ("triangular", "true", RANGE, "velocities", ""),
+        ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
+    ],
+)
+def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattice, friction, load, observe, phonopy):
+    scene = gp.Scene.from_text(SCENE.format(lattice, friction, load, observe, phonopy))
+    guess = sum((part for _, _, part in scene._parts()), cost.Cost())
+    small = SCENE.format(lattice, friction, "[5 N, 6 N]" if load == RANGE else load, observe, "mesh: 4 4 1, band_points: 2")
+    gp.Scene.from_text(small).run(tmp_path / "small", figures=False)  # what is loaded once is not counted
+    tracemalloc.start()
+    scene.run(tmp_path / "out", figures=False)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # less than what is announced, and not less than a quarter of it
+    assert 0.25 < peak / (guess.memory - cost._BASE) < 1.0
+
+
+def test_costs_add_up_to_one_after_the_other():
+    one, two = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",)), cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
+    assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))
+    assert (one + two).memory == cost._BASE + 8.0
+    assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
+    assert sum([one, two], cost.Cost()) == one + two

@@ -740,3 +740,79 @@ def test_loads_of_any_order_come_back(loads):
         f"packing: {{diameter: 1 mm}}\nload: {{force: {loads}}}\n"
     )
     assert Scene.from_text(scene.to_yaml()) == scene
+
+
+# -- counted before it is enumerated ------------------------------------------------------------------------------------
+
+BALLS = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2 um}}
+load: {force: 5 N}
+"""
+WIDTHS = "sweep: {width: {from: 1 um, to: 3 um, points: 1000}, density: {from: 7 g/cm^3, to: 8 g/cm^3, points: 100}}\n"
+
+
+@pytest.mark.parametrize("medium", ["ema", "simulation", "auto"])
+def test_of_very_many_packings_the_ends_are_looked_at(medium, monkeypatch):
+    made = []
+    monkeypatch.setattr("granphon.packing.Packing.__post_init__", lambda self: made.append(self))
+    scene = Scene.from_text(BALLS.replace("5 N", "50 N") + f"medium: {medium}\n" + WIDTHS)
+    cost = scene.cost()
+    states, left = scene.survey()
+    assert len(list(states)) == (0 if medium == "simulation" else 4)
+    assert left == "all but the ends of 100,000 states"
+    assert len(made) < 100
+    assert "100,000 states" in cost.text
+    if medium == "simulation":
+        assert cost.equilibria == 100_000
+        (dearest,) = {estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), "force", 50.0).work}
+        assert cost.work == pytest.approx(1e5 * dearest)
+
+
+def test_the_first_value_that_a_packing_cannot_have_is_named():
+    with pytest.raises(SceneError, match=r"<scene>:4: sweep.width.2: found '17 mm'; allowed: a value that the packing"):
+        Scene.from_text(BALLS + "sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}\n")
+    with pytest.raises(SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: the smallest ball"):
+        Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}") + WIDTHS, "4: sweep: 20,000,000,000 states: about "),
+        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"), "3: load.force: 200,000 states: about 560 MB"),
+        (
+            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 100}") + "observe: [bands]\nphonopy: {band_points: 100000}",
+            "5: phonopy.band_points: 100 states with 900,000 frequencies each: about ",
+        ),
+        (
+            BALLS + "observe: [bands]\nphonopy: {band_points: 100000}",
+            "5: phonopy.band_points: bands at 300,000 wave vectors",
+        ),
+        (BALLS + "observe: [dos]\nphonopy: {mesh: 4096 4096 1}", "5: phonopy.mesh: density of states on 4096 x 4096 "),
+        (BALLS + "observe: [bands]\nphonopy: {dim: 100 100 1}", "5: phonopy.dim: force constants of 100 x 100 cells: "),
+    ],
+)
+def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
+    scene = Scene.from_text(text)
+    monkeypatch.setattr("granphon.cost.available_memory", lambda: 4e8)
+    for name in ("granphon.run.run", "granphon.run._single"):
+        monkeypatch.setattr(name, None)
+    with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
+        scene.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_long_lists_are_left_to_the_run(monkeypatch, tmp_path):
+    sizes = 8e-3 + 1e-6 * np.random.default_rng(1).normal(size=1000)
+    (tmp_path / "lot.csv").write_text("diameter (m)\n" + "".join(f"{size!r}\n" for size in sizes.tolist()))
+    mean = gp.Measured(sizes).mean
+    text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
+    solved = []
+    monkeypatch.setattr("granphon.effective.solved", lambda *_: solved.append(1))
+    for medium, few in (("ema", 0), ("[ala, ema]", 1), ("[{auto: {tolerance: 0.05}}, afa]", 1)):
+        (tmp_path / "scene.yaml").write_text(text + f"medium: {medium}\n")
+        states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()
+        assert len(list(states)) == few
+        assert left == "the effective medium of long lists of diameters"
+    assert not solved

@@ -143,3 +143,43 @@ def test_files_that_cannot_be_read(tmp_path):
             Table.read(path)
     with pytest.raises(InputError, match="csv:2 cannot be parted into columns"):
         Table.read(tmp_path / "wide.csv")
+
+
+@pytest.mark.parametrize("unit", ["m", "mm", "um", "km", "inch"])
+def test_a_column_is_read_as_its_cells_are(tmp_path, unit):
+    rng = np.random.default_rng(4)
+    cells = [
+        f"{x:.{n}{kind}}" for x, n, kind in zip(rng.lognormal(size=600), rng.integers(1, 18, 600), "efg" * 200, strict=True)
+    ]
+    cells = [cell for cell in cells if float(cell)] + [
+        "8",
+        "8.",
+        ".5",
+        "+3.25",
+        "8E-3",
+        "8e+02",
+        "0.30000000000000004",
+        "1e-199",
+    ]
+    read = table(tmp_path, f"size ({unit})\n" + "\n".join(cells)).column("size", LENGTH)
+    assert read.tolist() == [LENGTH.read(f"{cell} {unit}") for cell in cells]
+    exact = [float(Fraction(cell) * {"m": 1, "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "km": 1000,
+                                     "inch": Fraction(254, 10**4)}[unit]) for cell in cells]  # fmt: skip
+    assert read.tolist() == exact
+
+
+def test_a_long_column_is_not_read_cell_by_cell(tmp_path, monkeypatch):
+    found = table(tmp_path, "size (mm)\n" + "8.25\n" * 5000)
+    monkeypatch.setattr(Quantity, "read", None)
+    np.testing.assert_array_equal(found.column("size", LENGTH), np.full(5000, 8.25e-3))
+
+
+@pytest.mark.parametrize("bad", ["0", "-1", "1e400", "1e-400", "nan", "8,5", "eight", "1" * 101, "1e-324", ""])
+def test_a_bad_cell_among_many_is_told_as_alone(tmp_path, bad):
+    alone, among = (
+        table(tmp_path, "n;size (mm)\n" + "1;8.25\n" * before + f"2;{bad}\n" + "3;8.5\n" * before) for before in (0, 50)
+    )
+    with pytest.raises(InputError) as one:
+        alone.column("size", LENGTH)
+    with pytest.raises(InputError, match=re.escape(str(one.value).replace(":2:", ":52:", 1))):
+        among.column("size", LENGTH)
