@@ -265,12 +265,12 @@ def density_of_states(mesh: tuple[int, int], branches: int) -> Cost:
 def force_constants(dim: tuple[int, int], balls: int) -> Cost:
     """Of phonopy's supercell of ``dim`` cells of so many ``balls``, and of its file.
 
-    phonopy compares the atoms of the supercell with each other, once for every cell: 15 bytes a pair, and by their number to
+    phonopy compares the atoms of the supercell with each other, once for every cell: 20 bytes a pair, and by their number to
     the power 2.2 in time. The file has one atom more in each cell.
     """
     atoms = dim[0] * dim[1] * (balls + 1)
     what = f"force constants of {dim[0]} x {dim[1]} cells"
-    return Cost(15.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
+    return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
