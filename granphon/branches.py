@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.errors import GranphonError, InputError, UnreachableFrequencyError, message
 from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
@@ -93,7 +94,7 @@ class AcousticBranch:
 
         Raises :class:`~granphon.errors.UnreachableFrequencyError` above the top of the branch.
         """
-        target = np.atleast_1d(np.asarray(frequency, float))
+        target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
                 message(f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}")

@@ -18,15 +18,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.errors import InputError, message
 from granphon.geometry import ContactTable
 from granphon.results import read_only
 
-__all__ = ["GYRATION", "Compatibility"]
+__all__ = ["GYRATION", "Compatibility", "in_plane"]
 
 Array = NDArray[np.float64]
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
+
+
+def in_plane(wavevectors: ArrayLike) -> Array:
+    """Wave vectors as (n_q, 2), from (..., 2); :class:`~granphon.errors.InputError` if they are not."""
+    q = real_array("wavevectors", wavevectors)
+    if q.shape[-1:] != (2,):
+        raise InputError(message(f"wave vectors of shape {q.shape}", mend="Give (n_q, 2)"))
+    return q.reshape(-1, 2)
 
 
 class Compatibility:
@@ -63,10 +72,10 @@ class Compatibility:
         self.positions: Array = read_only(positions, float)
         self.contacts = contacts
         self.mindlin_ratio = float(mindlin_ratio)
-        self.stiffness: Array = read_only(np.broadcast_to(np.asarray(stiffness, float), len(contacts)))
-        self.prestress: Array = read_only(np.broadcast_to(np.asarray(prestress, float), len(contacts)))
-        self.masses: Array = read_only(np.broadcast_to(np.asarray(masses, float), self.n_balls))
-        self.gyration: Array = read_only(np.broadcast_to(np.asarray(gyration, float), self.n_balls))
+        self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
+        self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
+        self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
+        self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not self.mindlin_ratio >= 0.0:
             raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a number, zero or above"))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
@@ -111,7 +120,10 @@ class Compatibility:
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
         """Cartesian wave vectors (..., 2) of fractions (..., 2 or 3) of the reciprocal cell."""
-        return np.asarray(np.asarray(fractions, float)[..., :2] @ self.reciprocal)
+        q = real_array("fractions", fractions)
+        if q.shape[-1:] not in ((2,), (3,)):
+            raise InputError(message(f"fractions of shape {q.shape}", mend="Give (..., 2) or (..., 3) of them"))
+        return np.asarray(q[..., :2] @ self.reciprocal)
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
 
@@ -156,7 +168,7 @@ class Compatibility:
 
         With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
         """
-        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        q = in_plane(wavevectors)
         table, n = self.contacts, self.n_balls
         half = 0.5 * (q @ table.vector.T)  # (n_q, n_c)
         sine, cosine = np.sin(half), np.cos(half)

@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.diameters import uniform_numbers
 from granphon.equilibrium import Load, equilibrate
 from granphon.simulation import DirectSimulation
@@ -188,7 +189,7 @@ def estimate(
 
     Meant for loads above the rigidity threshold: what lies below is taken to be at it.
     """
-    loads = np.atleast_1d(np.asarray(values, float)).ravel()
+    loads = np.atleast_1d(real_array(kind, values)).ravel()
     balls, count = int(np.prod(simulation.shape)), loads.size * simulation.samples
     packing = simulation.packing
     turning = moduli and packing.friction

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.arguments import real_array
 from granphon.contact import positive
 from granphon.errors import InputError, brief, message
 from granphon.quantities import LENGTH
@@ -283,12 +284,8 @@ def _at_least_zero(name: str, value: Any) -> float:
 
 def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
     """A list of finite numbers above zero, or at least ``zero``; else :class:`InputError`."""
-    try:
-        given = np.asarray(values)
-        array = np.asarray(given, float) if given.dtype.kind in "iuf" else np.empty(0)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-    if array.ndim != 1 or isinstance(values, np.ma.MaskedArray) or not array.size or not np.all(np.isfinite(array)):
+    array = real_array(name, values)
+    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
         raise InputError(message(f"{name}: {brief(values)}", "One or more finite numbers belong here"))
     if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
         raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
 from granphon.geometry import as_direction
@@ -110,7 +111,7 @@ class WidthFit(Result):
             raise InputError(message("the measured pulses have many frequencies", mend="Use .velocities, at the data"))
         choice = MediumChoice.parse(medium or self.choice)
         if choice.simulates:
-            forces = np.asarray(force, float)
+            forces = real_array("force", force)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
             return model(model.start(self.width))[0].reshape(forces.shape)[()]
         return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
@@ -182,7 +183,7 @@ def fit_width(
         parameters (a standard error above the parameter itself, parameters that have the same effect, velocities of equal
         balls or above); loads or a frequency that the medium cannot carry; the medium "auto".
     """
-    data = Measurements(np.asarray(force), np.asarray(velocity), sigma, frequency)
+    data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
     waves = Waves(branch, as_direction(direction), data.frequency, finite_overlap)
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     choice = MediumChoice.parse(medium)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.errors import InputError, brief, message
 from granphon.results import read_only
 
@@ -87,12 +88,12 @@ class Lattice:
     def __post_init__(self) -> None:
         # whatever came in (lists, arrays) is kept as tuples, so that a Lattice is hashable and cannot change
         try:
-            cell = np.asarray(self.cell, float).reshape(2, 2)
-            sites = np.asarray(self.sites, float).reshape(-1, 2)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(
-                message(f"lattice {self.name!r}: the cell must be two vectors and each site two fractions")
-            ) from None
+            cell = real_array("cell", self.cell).reshape(2, 2)
+            sites = real_array("sites", self.sites).reshape(-1, 2)
+        except ValueError as error:
+            why = str(error) if isinstance(error, InputError) else ""
+            what = f"lattice {self.name!r}: the cell must be two vectors and each site two fractions"
+            raise InputError(message(what, why)) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites)) and len(sites)):
             raise InputError(message(f"lattice {self.name!r} has a number that is not finite, or no site"))
         (ax, ay), (bx, by) = cell.tolist()
@@ -213,10 +214,7 @@ def lattice_named(lattice: str | Lattice) -> Lattice:
 
 def as_direction(direction: ArrayLike) -> Array:
     """``direction`` as unit vector(s), last axis x and y; :class:`InputError` if it has no length."""
-    try:
-        vector: Any = np.asarray(direction, float)
-    except (TypeError, ValueError, OverflowError):
-        vector = np.array(np.nan)
+    vector: Any = real_array("direction", direction)
     if vector.shape[-1:] != (2,) or not np.all(np.isfinite(vector)):
         raise InputError(message(f"a direction is two finite numbers (x, y), not {brief(direction)}"))
     largest = np.max(np.abs(vector), axis=-1, keepdims=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.accuracy import accuracy
+from granphon.arguments import real_array
 from granphon.blocks import Rule, block, choice, grid, inside, number, ruled, whole
 from granphon.cost import estimate
 from granphon.errors import InputError, message
@@ -87,7 +88,7 @@ class AutoMedium:
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
         options, errors = self._errors(kind, loads)
-        values = np.ravel(np.asarray(loads, float))
+        values = np.ravel(real_array(kind, loads))
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
@@ -222,7 +223,7 @@ class MediumChoice:
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
             return medium.rungs(kind, loads)
-        return [Rung(self, np.arange(np.size(loads)), packing, kind, np.ravel(np.asarray(loads, float)))]
+        return [Rung(self, np.arange(np.size(loads)), packing, kind, np.ravel(real_array(kind, loads)))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +278,7 @@ def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumCh
 
 def expected_error(choice: MediumChoice, packing: Packing, kind: str, loads: ArrayLike) -> Array:
     """Expected relative error of a medium's velocities and frequencies at each load (SI); +inf where it is not known."""
-    values, settings = np.asarray(loads, float), choice.settings
+    values, settings = real_array(kind, loads), choice.settings
     if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
         return np.full(values.shape, np.inf)
     balls = int(np.prod(settings["shape"])) * settings["samples"] if choice.simulates else 1

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.compatibility import in_plane
 from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import Lattice, as_direction, lattice_named
 from granphon.jacobi import cholesky_factor, jacobi_svd
@@ -131,7 +132,7 @@ class ContactLattice(LongWaves):
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
-        q = np.asarray(wavevectors, float).reshape(-1, 2)
+        q = in_plane(wavevectors)
         if not np.all(np.isfinite(q)):
             raise InputError(message("a wave vector is not finite"))
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
@@ -155,7 +156,7 @@ class ContactLattice(LongWaves):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        asked = np.asarray(wavevectors, float).reshape(-1, 2)
+        asked = in_plane(wavevectors)
         if direction is not None:
             along = np.broadcast_to(as_direction(direction), asked.shape)
         elif np.all(np.any(asked != 0.0, axis=1)):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.compatibility import Compatibility
 from granphon.errors import InputError, InstabilityError, MechanismError, message
 from granphon.geometry import as_direction
@@ -109,7 +110,7 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(2, 2, 2, 2)
-        load = self.prestress if prestress is None else np.asarray(prestress, float)[..., None]
+        load = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
         affine, inner, across, inner_across = self._strain_rows
         own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load * np.ones(len(self.contacts)), across, across)
         if not inner.shape[1]:
@@ -165,7 +166,7 @@ class LongWaves(Compatibility):
         D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
         """
         h = self.gradient_stiffness(prestress) / self.area
-        load: Any = self.prestress if prestress is None else np.asarray(prestress, float)[..., None]
+        load: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
         table = self.contacts
         stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector) / self.area
         one = np.eye(2)

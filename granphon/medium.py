@@ -16,6 +16,7 @@ from typing import ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.effective import EffectiveLaw
 from granphon.errors import InputError, brief, message
 from granphon.geometry import TRIANGULAR
@@ -244,14 +245,7 @@ def compressive(name: str, values: ArrayLike) -> Array:
 
 
 def finite(name: str, values: ArrayLike) -> Array:
-    try:
-        given = np.asarray(values)
-        with np.errstate(over="ignore"):  # infinite, and refused
-            array = np.asarray(given, dtype=float) if given.dtype.kind in "iuf" else None
-    except (TypeError, ValueError, OverflowError):
-        array = None
-    if array is None or isinstance(values, np.ma.MaskedArray):
-        raise InputError(message(f"{name} is {brief(values)}", "It must be a real number or an array of them"))
+    array = real_array(name, values)
     if array.size == 0 or not np.all(np.isfinite(array)):
         raise InputError(message(f"{name} is {brief(values)}", "Every load must be a finite number"))
     return array

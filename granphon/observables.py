@@ -20,6 +20,7 @@ from granphon.acoustics import (
     prestress,
     shears,
 )
+from granphon.arguments import real_array
 from granphon.branches import AcousticBranch, acoustic_branches
 from granphon.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.geometry import as_direction
@@ -245,10 +246,7 @@ def pulse_velocities(
     InputError : a frequency that is not finite and above zero, an unknown branch.
     """
     state = with_keyword(state, finite_overlap)
-    try:
-        hertz = np.asarray(frequency, float)
-    except (TypeError, ValueError, OverflowError):
-        hertz = np.array(np.nan)
+    hertz = real_array("frequency", frequency)
     if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
         raise InputError(message(f"frequency is {brief(frequency)}", "It must be finite and above zero (Hz)"))
     names = (branches,) if isinstance(branches, str) else tuple(branches)

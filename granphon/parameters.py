@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from granphon.arguments import real_array
 from granphon.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.errors import InputError, brief, message
 from granphon.files import closest
@@ -81,13 +82,10 @@ class Axis:
 
 def numbers(name: str, given: Any) -> tuple[float, ...]:
     """One number or a list of them, as floats; :class:`InputError`, which calls it ``name``, if it is neither."""
-    try:
-        array = np.atleast_1d(given)
-    except ValueError:  # lists of different lengths
-        array = np.empty((0, 0))
-    if array.dtype.kind not in "iuf" or array.ndim != 1 or not array.size or isinstance(array, np.ma.MaskedArray):
+    array = np.atleast_1d(real_array(name, given))
+    if array.ndim != 1 or not array.size:
         raise InputError(message(f"{name} is {brief(given, 200)}", "It must be a real number or a list of them"))
-    return tuple(array.astype(float).tolist())
+    return tuple(array.tolist())
 
 
 def _choices(name: str, given: Any) -> tuple[Any, ...]:

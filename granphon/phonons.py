@@ -17,11 +17,12 @@ from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumu
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.acoustics import contact_lattice
+from granphon.arguments import real_array
 from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
 from granphon.calculator import HertzMindlin, contact_blocks
 from granphon.calculator import atoms as lattice_atoms
 from granphon.contact import positive
-from granphon.errors import InputError, InstabilityError, brief, message
+from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import BALL, contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.limits import validity
@@ -362,10 +363,7 @@ class Phonons:
 
 def _qpoints(qpoints: ArrayLike) -> Array:
     """(n, 3) points in the plane; InputError if they are not."""
-    try:
-        q = np.asarray(qpoints, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(message(f"q points are numbers, not {brief(qpoints)}")) from None
+    q = real_array("q points", qpoints)
     if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
         raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))

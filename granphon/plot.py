@@ -11,6 +11,7 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from granphon.arguments import real_array
 from granphon.style import STYLE, save_figure  # before matplotlib, whatever backend the environment names
 
 # isort: split
@@ -341,7 +342,7 @@ def plot_mode(
     phase : rad; at time t it is -omega t.
     direction : where branches touch, and at Gamma (required), as in ``Phonons.modes``.
     """
-    modes = phonons.modes([np.asarray(q, float)], direction)
+    modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
         raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))

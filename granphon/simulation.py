@@ -7,7 +7,6 @@ balls in mechanical equilibrium (:mod:`granphon.equilibrium`), which is found wi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.contact import HertzLaw
 from granphon.diameters import Measured
 from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
@@ -332,10 +332,7 @@ class DirectSimulation:
 
     def _take(self, diameters: ArrayLike) -> None:
         """Given diameters: their shape, and their spread if the packing has none."""
-        try:
-            array = read_only(diameters, float) if np.asarray(diameters).dtype.kind in "iuf" else np.array(math.nan)
-        except (TypeError, ValueError):
-            array = np.array(math.nan)
+        array = read_only(real_array("diameters", diameters))
         if array.ndim != 2 or not array.size or not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
             raise InputError(message("diameters must be an array (L1, L2) of finite numbers above zero (m)"))
         packing = self.packing

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import real_array
 from granphon.branches import connect_branches
 from granphon.errors import InputError, brief, message
 from granphon.geometry import BALL
@@ -111,10 +112,10 @@ def band_path(
         given: Any = path
         try:
             try:
-                corners = [np.asarray(given, float)]
-            except ValueError:  # paths of different lengths
-                corners = [np.asarray(piece, float) for piece in given]
-        except (TypeError, ValueError, OverflowError):
+                corners = [real_array("path", given)]
+            except InputError:  # paths of different lengths, perhaps
+                corners = [real_array("path", piece) for piece in given]
+        except TypeError:
             raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
         if corners[0].ndim == 3:
             corners = list(corners[0])

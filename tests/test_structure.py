@@ -15,7 +15,7 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
+    "errors", "arguments", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "state", "medium",
     "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
