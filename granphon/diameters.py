@@ -256,15 +256,17 @@ class Measured(_Listed):
         object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
 
     @classmethod
-    def from_csv(cls, path: str | Path, column: str | None = None) -> Self:
+    def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
         """Read a column of a table, see :mod:`granphon.tables`: ``ball,diameter (mm)``.
 
         ``column`` is a name without its unit, which the first line must give; left out, it is "diameter", or the only one.
+        ``quoted``: whether errors may quote the table, see there.
         :class:`InputError` names the line that cannot be read.
         """
-        table = Table.read(path)
-        only = table.headings[0].name if len(table.headings) == 1 else "diameter"
-        return cls(tuple(table.column(column or only, LENGTH).tolist()))
+        table, name = Table.read(path, quoted), column or "diameter"
+        if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):
+            name = table.headings[0].name
+        return cls(tuple(table.column(name, LENGTH).tolist()))
 
 
 def _is_whole(value: Any) -> bool:

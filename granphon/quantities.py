@@ -46,7 +46,9 @@ meter = [length] = m = metre\nsecond = [time] = s\nminute = 60*second = minutes\
 gram = [mass] = g\nkelvin = [temperature] = K
 degree_Celsius = kelvin; offset: 273.15 = degC\nhertz = 1/second = Hz\njoule = newton*meter = J
 newton = kilogram*meter/second**2 = N\npascal = newton/meter**2 = Pa\nbar = 1e5*pascal\natm = 101325*pascal
-inch = 0.0254*meter\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2
+inch = 0.0254*meter\nfoot = 0.3048*meter = ft = feet\nyard = 0.9144*meter = yd\nmile = 1609.344*meter = mi
+mile_per_hour = mile/hour = mph\nknot = 1852*meter/hour\nfoot_per_second = foot/second = fps
+percent = 0.01\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2
 kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-10*meter = Å\ntonne = 1e6*gram = t
 """
 #: how a number is written
@@ -57,7 +59,7 @@ _LONGEST = 100
 #: numbers between this and its inverse are far from the ends of the floating range, with any unit
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
-_FACTOR = r"[A-Za-zµμÅ_]+(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
+_FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 _UNIT = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 
 
@@ -133,6 +135,13 @@ class Quantity:
         plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
         return values if plain else None
 
+    def measures(self, unit: str) -> bool:
+        """Whether ``unit`` is one of this kind of quantity."""
+        try:
+            return bool(_factor(self, unit))
+        except ValueError:
+            return False
+
     def write(self, value: float) -> str:
         """The text of an SI value, from which :meth:`read` gives it back to the last bit."""
         return f"{value!r} {self.unit}"
@@ -173,16 +182,16 @@ def _factor(kind: Quantity, unit: str) -> Fraction:
     """How many SI units of its ``kind`` a unit is, exactly; ValueError says why it is none."""
     if not _UNIT.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
-    registry = _registry()
-    text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").removeprefix("1/")
+    registry, own = _registry(), kind.unit.replace("%", "percent")
+    text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("%", "percent").removeprefix("1/")
     text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
     try:
         parsed = registry.parse_units("1/" + text if unit.startswith("1/") else text)
     except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
         raise ValueError("whose unit is not known") from None
-    if parsed.dimensionality != registry.parse_units(kind.unit).dimensionality:
+    if parsed.dimensionality != registry.parse_units(own).dimensionality:
         raise ValueError(f"whose unit is not one of {kind.name}")
-    return Fraction(registry.Quantity(Decimal(1), parsed).to(kind.unit).magnitude)
+    return Fraction(registry.Quantity(Decimal(1), parsed).to(own).magnitude)
 
 
 LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")

@@ -130,7 +130,7 @@ def _measured(value: Any, folder: Path) -> Measured:
         return Measured(block(value, {"diameters": _diameters})["diameters"])
     given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
     try:
-        return Measured.from_csv(folder / given["file"], given.get("column"))
+        return Measured.from_csv(folder / given["file"], given.get("column"), quoted=False)
     except InputError as error:
         raise Refused(shown(given["file"]), "a table with a column of diameters", str(error)) from None
 

@@ -2,6 +2,9 @@
 
 The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
 tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped.
+
+A table that the caller has named may be quoted in errors. One that a scene has named is quoted only where it is a table of
+quantities, with the column that is wanted and a unit for it: a scene, which others may have written, can name any file.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from granphon.errors import InputError, message
 from granphon.files import closest
 from granphon.quantities import NUMBER, Quantity
 
-__all__ = ["Heading", "Table"]
+__all__ = ["Heading", "Table", "decoded"]
 
 
 #: the largest file that is read
@@ -56,15 +59,20 @@ class Table:
     name : how messages call the file.
     headings : of the columns.
     rows : the number of each line, counted from 1, and its cells, one for each heading.
+    quoted : whether errors may quote what it holds, whatever that is.
     """
 
     name: str
     headings: tuple[Heading, ...]
     rows: tuple[tuple[int, tuple[str, ...]], ...]
+    quoted: bool = True
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a file in UTF-8; :class:`~granphon.errors.InputError` names file and line of what cannot be read."""
+    def read(cls, path: str | os.PathLike[str], quoted: bool = True) -> Self:
+        """Read a file in UTF-8; :class:`~granphon.errors.InputError` names file and line of what cannot be read.
+
+        ``quoted``: whether errors may quote what it holds, whatever that is; False for a file that a scene has named.
+        """
         try:
             place = Path(path)
             if place.exists() and not place.is_file():
@@ -72,22 +80,30 @@ class Table:
             if place.stat().st_size > MAX_BYTES:
                 what = f"{path} holds more than {MAX_BYTES // 1_000_000} MB"
                 raise InputError(message(what, mend="A table of measurements is shorter; is this the right file"))
-            lines = place.read_text(encoding="utf-8-sig").splitlines()
+            raw = place.read_bytes()
         except InputError:
             raise
-        except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a null character in the name
+        except (OSError, ValueError) as error:  # ValueError: a null character in the name
             raise InputError(message(f"{path} cannot be read", getattr(error, "strerror", None) or str(error))) from None
+        return cls.parse(str(path), raw, quoted)
+
+    @classmethod
+    def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
+        """The table that a file called ``name`` holds; errors and ``quoted`` as for :meth:`read`."""
+        lines = decoded(name, raw).splitlines()
         kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
-            raise InputError(message(f"{path} is empty", mend="Head the columns by names, and put numbers below them"))
+            raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
         mark = next((mark for mark in "\t;" if mark in kept[0][1]), ",")
-        (first, titles), *rows = [(n, _cells(f"{path}:{n}", line, mark)) for n, line in kept]
+        (first, titles), *rows = [(n, _cells(f"{name}:{n}", line, mark)) for n, line in kept]
         headings = tuple(Heading.parse(title) for title in titles)
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
-            what = f"{path}:{first}: found the number {numbers[0]} where the columns are headed"
+            what = (
+                f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
+            )
             raise InputError(message(what, mend="Head the columns by names, such as 'force (N), velocity (m/s)'"))
-        return cls(str(path), headings, tuple((n, _fitted(f"{path}:{n}", cells, len(titles))) for n, cells in rows))
+        return cls(name, headings, tuple((n, _fitted(f"{name}:{n}", cells, len(titles))) for n, cells in rows), quoted)
 
     def __contains__(self, name: str) -> bool:
         return self._places(name) != []
@@ -106,7 +122,12 @@ class Table:
             meant = closest(wanted.name, names)
             what = f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
             mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
-            raise InputError(message(what, f"Its columns are {', '.join(map(repr, names))}", mend))
+            one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
+            several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
+            counted = f"It has {one if len(names) == 1 else several}"
+            raise InputError(
+                message(what, f"Its columns are {', '.join(map(repr, names))}" if self.quoted else counted, mend)
+            )
         if not self.rows:
             raise InputError(message(f"{self.name} has no rows below its headings"))
         place = places[0]
@@ -114,24 +135,53 @@ class Table:
         if not unit:
             head = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
             raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
+        quoted = self.quoted or kind.measures(self.headings[place].unit)
+        if not quoted and not kind.measures(unit):
+            what = f"{self.name}: the column {wanted.name!r} has a unit that is not one of {kind.name}"
+            raise InputError(message(what, mend=f"Head it '{wanted.name} ({kind.unit})', or by another such unit"))
         values = kind.read_many([cells[place] for _, cells in self.rows], unit)
         if values is None:  # read one by one, so that the first that cannot be read is told
-            values = np.array([self._value(n, cells[place], unit, heading, kind) for n, cells in self.rows])
+            values = np.array([self._value(n, cells[place], unit, heading, kind, quoted) for n, cells in self.rows])
         return values
+
+    def unit(self, name: str) -> str:
+        """The unit of the column called ``name``, which may carry it itself; empty if there is none, or no such column."""
+        return Heading.parse(name).unit or next((self.headings[place].unit for place in self._places(name)), "")
 
     def _places(self, name: str) -> list[int]:
         wanted = Heading.parse(name).key
         return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
 
-    def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity) -> float:
+    def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity, quoted: bool) -> float:
         if not re.fullmatch(NUMBER, cell):
-            found = f"found {cell[:40]!r}" if cell else "found nothing"
+            found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
             mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
             raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed", mend=mend))
         try:
             return kind.read(f"{cell} {unit}")
         except ValueError as refused:
             raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
+
+
+def decoded(name: str, raw: bytes) -> str:
+    """The text of a file called ``name``, in UTF-8 with or without its mark; InputError names line and byte of another."""
+    at = raw.find(b"\0")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        at, guess = 0, "UTF-16"
+    elif at >= 0:
+        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 4 else ""
+    else:
+        try:
+            return raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            # of Latin-1 and its kin every byte is a letter or sign, but for the controls
+            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+    line = raw.count(b"\n", 0, at) + 1
+    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
+    if not guess:
+        raise InputError(message(what, "The file looks like no text", "Is this the right file?"))
+    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    raise InputError(message(what, f"The file looks like {guess}", mend))
 
 
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:

@@ -289,6 +289,18 @@ def test_measured_diameters_are_looked_for_where_the_scene_is(tmp_path, monkeypa
         Scene.from_yaml("lot/scene.yaml")
 
 
+@pytest.mark.parametrize("given", ["secret.txt", "{file: secret.txt}", "{file: secret.txt, column: size}"])
+@pytest.mark.parametrize(
+    "text", ["root:hunter2:0:0::/root:/bin/sh\n", "hunter2,b\n", "hunter2\nhunter2\n", "size\nhunter2\n"]
+)
+def test_a_scene_does_not_show_what_is_in_a_file_that_is_no_table(tmp_path, given, text):
+    (tmp_path / "secret.txt").write_text(text, encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {given}}}"), encoding="utf-8")
+    with pytest.raises(SceneError, match=r"packing\.spread\.measured: found 'secret\.txt'") as error:
+        Scene.from_yaml(tmp_path / "scene.yaml")
+    assert "hunter2" not in str(error.value)
+
+
 def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
     # thirds: all digits are needed
     diameters = tuple(8e-3 + (n % 7 - 3) * 1e-6 / 3.0 for n in range(7 * 143))

@@ -183,3 +183,85 @@ def test_a_bad_cell_among_many_is_told_as_alone(tmp_path, bad):
         alone.column("size", LENGTH)
     with pytest.raises(InputError, match=re.escape(str(one.value).replace(":2:", ":52:", 1))):
         among.column("size", LENGTH)
+
+
+# -- encodings ------------------------------------------------------------------------------------------------------
+
+MICRO = "ball,diameter (µm)\n1,7999\n2,8001\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_utf_8_is_read_with_its_mark_and_without(encoding):
+    found = Table.parse("lot.csv", MICRO.encode(encoding))
+    np.testing.assert_array_equal(found.column("diameter", LENGTH), [7.999e-3, 8.001e-3])
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [
+        (MICRO.encode("utf-16"), "lot.csv:1 cannot be read: found the byte 0xff where text in UTF-8 is needed."),
+        (MICRO.encode("utf-16"), "The file looks like UTF-16. Save it as UTF-8 where it was made, or convert it: iconv"),
+        (b"\xfe\xff" + MICRO.encode("utf-16-be"), "lot.csv:1 cannot be read: found the byte 0xfe"),
+        ("size (m)\n8\n".encode("utf-16-le"), "lot.csv:1 cannot be read: found the byte 0x00 where text in UTF-8 is"),
+        ("size (m)\n8\n".encode("utf-16-le"), "looks like UTF-16"),
+        (MICRO.encode("latin-1"), "lot.csv:1 cannot be read: found the byte 0xb5 where text in UTF-8 is needed."),
+        (MICRO.encode("latin-1"), "The file looks like Latin-1. Save it as UTF-8 where it was made"),
+        ("diameter (m)\n8\n# é\n".encode("latin-1"), "lot.csv:3 cannot be read: found the byte 0xe9"),
+        (
+            b"a\n\x89PNG\r\n\x1a",
+            "lot.csv:2 cannot be read: found the byte 0x89 where text in UTF-8 is needed. The file looks",
+        ),
+        (
+            b"a (m)\n1\n2\0\n",
+            "lot.csv:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The file looks like no",
+        ),
+    ],
+)
+def test_other_encodings_are_named_with_line_and_byte_and_how_to_mend(raw, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        Table.parse("lot.csv", raw)
+
+
+# -- files that a scene has named, and that may hold anything --------------------------------------------------------
+
+SECRET = "hunter2"
+FOREIGN = [
+    f"root:{SECRET}:0:0::/root:/bin/sh\nalice:{SECRET}\n",
+    f"{SECRET}\n{SECRET}\n",
+    f"{SECRET},password\nalice,{SECRET}\n",
+    "20220518,1\nalice,1\n".replace("20220518", "987654321"),
+    f"diameter\n{SECRET}\n",
+    f"diameter,{SECRET}\n{SECRET},1\n",
+    f"diameter ({SECRET})\n1\n",
+    f"diameter (s)\n{SECRET}\n",
+    f"{SECRET} (s)\n1\n",
+    f'diameter (mm)\n1,{SECRET},"\n',
+    f"Diameter,diameter\n{SECRET},1\n",
+]
+
+
+@pytest.mark.parametrize("text", FOREIGN)
+@pytest.mark.parametrize("name", ["diameter", "diameter (m)", "diametre"])
+def test_errors_do_not_quote_a_file_that_is_no_table_of_quantities(text, name):
+    found = None
+    with pytest.raises(InputError) as error:
+        found = Table.parse("lot.csv", text.encode(), quoted=False)
+        found.column(name, LENGTH)
+    assert SECRET not in str(error.value)
+    assert "987654321" not in str(error.value)
+
+
+def test_of_such_a_file_the_error_says_how_many_columns_and_which_heading():
+    for text, words in (
+        ("user:hunter2\n1\n", "It has one column, which must be headed 'diameter (m)'."),
+        ("a,b,c\n1,2,3\n", "It has 3 columns, of which one must be headed 'diameter (m)'."),
+        ("a,diametre (mm)\n1,2\n", "Did you mean 'diametre'?"),
+    ):
+        with pytest.raises(InputError, match=re.escape(words)):
+            Table.parse("lot.csv", text.encode(), quoted=False).column("diameter", LENGTH)
+
+
+def test_a_table_of_quantities_is_quoted_wherever_it_was_named():
+    table = Table.parse("lot.csv", b"ball,diameter (mm)\n1,wide\n", quoted=False)
+    with pytest.raises(InputError, match="lot.csv:2: diameter: found 'wide', where a number is needed"):
+        table.column("diameter", LENGTH)
