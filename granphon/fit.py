@@ -21,13 +21,13 @@ from granphon.arguments import real_array
 from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
 from granphon.geometry import as_direction
+from granphon.goodness import Goodness, leverages, probability
 from granphon.ladder import MediumChoice
 from granphon.limits import validity
 from granphon.measurements import Measurements
 from granphon.packing import Packing
 from granphon.parameters import PARAMETERS
 from granphon.results import Result
-from granphon.state import ContactState
 from granphon.velocity_model import VARIABLE, VelocityModel, Waves
 
 __all__ = ["FIT_FILES", "WidthFit", "fit_width"]
@@ -36,8 +36,10 @@ Array = NDArray[np.float64]
 #: widths are tried from f* = 1e4 at the least force, where nothing is left of disorder, to f* = 1e-2 at the largest
 _NARROWEST, _WIDEST = 1e4, 1e-2
 _TRIALS_PER_DECADE = 2
-#: errors of the velocities below this part of them, or above its inverse, are taken for mistakes
+#: the velocities of a model are right to this part of them; errors above its inverse are taken for mistakes
 _LEAST_ERROR = 1e-12
+#: a pulse of more than this part of the highest frequency of its branch is near the end of it
+_NEAR_TOP = 0.98
 #: velocities below this part of those of equal balls, or above its inverse, are taken for mistakes
 _LEAST_RATIO = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
@@ -53,15 +55,20 @@ class WidthFit(Result):
     packing : with the fitted parameters.
     choice : the medium that models it.
     waves : which waves were measured.
-    parameters, values, covariance : names (p,), SI values (p,), covariance (p, p) of their errors.
+    parameters, values, covariance : names (p,), SI values (p,), covariance (p, p) of their errors; nan where these are not
+        known, from a scatter below the rounding of the data.
     force, velocity : the data, (n,), N and m/s.
     sigma : standard error of each velocity, (n,), m/s: as given, or from the scatter, (sum of residuals^2 / dof)^(1/2).
+    sigma_given : whether it was given.
     velocities : of the fit at these forces, (n,), m/s.
     chi2, dof : sum of (residual/sigma)^2, which is ``dof`` where sigma is from the scatter; n - p.
     warnings : where the fit is not to be trusted.
     """
 
-    units = {"width": "m", "stderr": "m", "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s"}
+    units = {
+        "width": "m", "stderr": "m", "std": "m", "std_stderr": "m", "p": "1",
+        "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s",
+    }  # fmt: skip
 
     packing: Packing
     choice: MediumChoice
@@ -72,6 +79,7 @@ class WidthFit(Result):
     force: Array
     velocity: Array
     sigma: Array
+    sigma_given: bool
     velocities: Array
     chi2: float
     dof: int
@@ -91,6 +99,29 @@ class WidthFit(Result):
     def stderrs(self) -> Array:
         """Standard error of each parameter, (p,), SI."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def errors_are_known(self) -> bool:
+        """Whether the standard errors rest on more than the rounding of the data; where not, they are nan."""
+        return bool(np.all(np.isfinite(self.covariance)))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the fitted distribution of diameters, W/sqrt(12), m."""
+        return self.width / math.sqrt(12.0)
+
+    @property
+    def std_stderr(self) -> float:
+        """Standard error of :attr:`std`, m."""
+        return self.stderr / math.sqrt(12.0)
+
+    @property
+    def p(self) -> float:
+        """Probability that errors of the sigma given make a larger ``chi2``; of right errors and model any is as likely.
+
+        nan with no degrees of freedom, or with sigma from the scatter.
+        """
+        return probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
     @property
     def residuals(self) -> Array:
@@ -126,7 +157,8 @@ class WidthFit(Result):
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, everything, and fit.csv, data and fit, into a folder that is there."""
         used = versions("numpy", "scipy")
-        head = {"versions": used, "medium": self.medium, "width": self.width, "stderr": self.stderr}
+        numbers = {name: getattr(self, name) for name in ("width", "stderr", "std", "std_stderr", "p")}
+        head = {"versions": used, "medium": self.medium, **numbers}
         (Path(folder) / "fit.yaml").write_text(dump_yaml(head | self.to_dict()), encoding="utf-8")
         columns = {
             "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
@@ -175,7 +207,9 @@ def fit_width(
     Returns
     -------
     :class:`WidthFit`. Standard errors are those of linear theory: of the sigma given, or of the scatter, when a parameter's
-    error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
+    error over its standard error follows Student's distribution with ``dof`` degrees of freedom. Its ``warnings`` say where
+    a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below the rounding of the
+    data, one datum that decides alone (leverage above 0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
@@ -197,16 +231,23 @@ def fit_width(
     residuals, matrix = problem(logs)
     covariance, step = _covariance(problem, logs, residuals, matrix)
     errors = np.sqrt(np.diag(covariance))
-    if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * errors + 1e-9):
+    # where sigma is smaller than the scatter, the minimum is as sharp as that tells, and found as well
+    scatter = max(1.0, math.sqrt(float(residuals @ residuals) / max(problem.dof, 1)))
+    if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise _undetermined(problem, logs, errors)
-    fitted, values, dof = problem.model.fitted(logs), np.exp(logs), problem.dof
-    chi2 = float(dof) if data.sigma is None else float(residuals @ residuals)
+    fitted, values = problem.model.fitted(logs), np.exp(logs)
+    found = Goodness(
+        names, errors, data.force, data.velocity, residuals, leverages(matrix), problem.sigma, data.sigma is not None
+    )
+    if not found.errors_are_known:
+        covariance = np.full(covariance.shape, np.nan)
     # what limits a simulation shows at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=finite_overlap)
     return WidthFit(
         fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
-        problem.sigma, data.velocity - residuals * problem.sigma, chi2, dof, _warnings(state, chi2, dof),
+        problem.sigma, found.given, data.velocity - residuals * problem.sigma, found.chi2, found.dof,
+        (*found.warnings, *validity(state).warnings),
     )  # fmt: skip
 
 
@@ -223,14 +264,19 @@ class _Problem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
+        model.require_carried()
         with np.errstate(all="ignore"):
-            ratio = data.velocity / replace(model, choice=MediumChoice("ala"))(model.start(1e-9 * model.packing.diameter))[0]
+            ratio = data.velocity / model.equal_balls(model.start(1e-9 * model.packing.diameter))[0]
         if not (np.all(ratio > _LEAST_RATIO) and np.all(ratio < 1.0 / _LEAST_RATIO)):
             what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
             raise InputError(message(what, mend="Check the units of force and velocity"))
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        if not (np.all(part > _LEAST_ERROR) and np.all(part < 1.0 / _LEAST_ERROR)):
-            what = f"sigma is as little as {np.min(part):.3g} and as much as {np.max(part):.3g} times the velocity"
+        if np.any(part <= _LEAST_ERROR):
+            what = f"sigma is as little as {np.min(part):.3g} times the velocity"
+            why = f"The velocities of a model are right to {_LEAST_ERROR:g} of themselves, so that no fit can be as good as that"
+            raise InputError(message(what, why, "Check the units of sigma, or give the errors that the data have"))
+        if np.any(part >= 1.0 / _LEAST_ERROR):
+            what = f"sigma is as much as {np.max(part):.3g} times the velocity"
             raise InputError(message(what, "No measurement has such an error", "Check its units"))
         if len(data.force) < len(model.names) + (data.sigma is None):
             what = f"found {len(data.force)} data, to which {' and '.join(model.names)} cannot be fitted"
@@ -351,9 +397,15 @@ def _undetermined(problem: _Problem, logs: Array, errors: Array) -> InputError:
     """Why the data do not determine the parameters, whose logarithms have the standard ``errors``."""
     model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
     width, error = float(np.exp(logs[model.width_index])), float(errors[model.width_index])
-    ideal = replace(model, choice=MediumChoice("ala"))(logs)[0]
+    ideal = model.equal_balls(logs)[0]
     excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
     if model.names == ("width",) and excess > 1e-9:
+        if model.waves.frequency is not None:
+            long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
+            if np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2) <= 1e-9:
+                what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
+                why = f"They are not above those of long waves. {model.equal_balls.nearest_to_top(logs)}"
+                return InputError(message(what, why, "Check the frequency; leave it out for long waves"))
         return InputError(
             message(
                 f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls",
@@ -370,14 +422,10 @@ def _undetermined(problem: _Problem, logs: Array, errors: Array) -> InputError:
         least = float(np.min(model.force))
         why = f"From {least:.3g} N up the data show no slowing that grows as the force falls, beyond their errors"
         return InputError(message(what, why, "Measure at lower forces, or more precisely"))
+    tops = None if model.waves.frequency is None else model.tops(logs)
+    if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
+        what = f"no width fits: the sum of squares still falls at {width:.3g} m, where balls carry the frequency no longer"
+        return InputError(message(what, model.nearest_to_top(logs), "Check the frequency and the velocities"))
     what = f"no width fits: the sum of squares still falls at {width:.3g} m, where the medium {model.choice.label!r} ends"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
-
-
-def _warnings(state: ContactState, chi2: float, dof: int) -> tuple[str, ...]:
-    """Where the fit is not to be trusted."""
-    out = []
-    if chi2 > dof + 5.0 * math.sqrt(2.0 * dof):
-        out.append(f"the residuals are {math.sqrt(chi2 / max(dof, 1)):.3g} times what sigma says: the model does not fit")
-    return (*out, *validity(state).warnings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -18,22 +19,32 @@ from granphon.quantities import LENGTH, LOADS, Quantity
 from granphon.results import Result
 from granphon.tables import Table
 
-__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements"]
+__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements", "read_sigma"]
 
 Array = NDArray[np.float64]
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
 TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
+#: errors may be written in per cent of what they are errors of
+PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
+_SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
 #: what a table of measurements may hold, and how it is written
 COLUMNS: Mapping[str, Quantity] = {
-    "force": LOADS["force"], "side_force": LOADS["side_force"], "velocity": SPEED, "time": TIME, "distance": LENGTH,
-    "sigma": SPEED, "time_sigma": TIME, "frequency": FREQUENCY,
+    "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
+    "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
 }  # fmt: skip
 
 
 def _how_named(kind: str) -> str:
     """How to say which column is meant, on the command line and in Python."""
     return f"Name the column that is meant, as in --column '{kind}=NAME' or columns={{'{kind}': 'NAME'}}"
+
+
+def read_sigma(text: str, velocity: Array) -> Any:
+    """Standard errors of the velocities, m/s, from a text: "5 m/s", which is one for all, or "1 %" of each."""
+    if re.search(r"(?:%|percent)\s*$", text):
+        return velocity * (PERCENT.read(text) / 100.0)
+    return _SIGMA.read(text)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,16 +90,19 @@ class Measurements(Result):
         columns: Mapping[str, str] | None = None,
         distance: float | None = None,
         frame: Callable[[float], float] | None = None,
+        pressed: Callable[[float], float] | None = None,
     ) -> Self:
         """Read a table, see :mod:`granphon.tables`.
 
         Parameters
         ----------
-        path : of a file with columns among :data:`COLUMNS`: force or side_force; velocity, or time and distance; and, where
-            known, sigma of the velocity or time_sigma of the time, and the frequency of the pulse.
+        path : of a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
+            and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency of
+            the pulse.
         columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
         distance : how far sound has gone in each of the times, m, where no column says it.
         frame : gives the contact force of a side force, both in N.
+        pressed : gives the contact force, N, of a pressure, N/m.
 
         Raises
         ------
@@ -112,14 +126,18 @@ class Measurements(Result):
         def column(kind: str) -> Array:
             return table.column(named.get(kind, kind), COLUMNS[kind], _how_named(kind))
 
-        if chosen("force", "side_force") != "side_force":
-            force = column("force")
-        elif frame is not None:
-            force = np.array([frame(side) for side in column("side_force").tolist()])
-        else:
+        load = chosen("force", "side_force", "pressure")
+        if load == "side_force" and frame is None:
             why = "Contact forces follow from them and the number of balls on a side"
             mend = "Give the scene's load as side_force and balls_per_side"
             raise InputError(message(f"{path} gives side forces", why, mend))
+        if load == "pressure" and pressed is None:
+            why = "Contact forces follow from them and the packing"
+            raise InputError(message(f"{path} gives pressures", why, "Give pressed, which says how"))
+        converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
+        force = column(load or "force")
+        if converted is not None:
+            force = np.array([converted(value) for value in force.tolist()])
         timed = chosen("velocity", "time") == "time"
         told = chosen("distance" if timed else "velocity")
         if distance is not None and told is not None:
@@ -132,5 +150,9 @@ class Measurements(Result):
             velocity = (column("distance") if distance is None else positive("distance", distance, "m")) / column("time")
         sigma, error = None, chosen("sigma", "time_sigma")
         if error is not None:
-            sigma = column("sigma") if error == "sigma" else velocity * column("time_sigma") / column("time")
+            head = named.get(error, error)
+            if PERCENT.measures(table.unit(head)):
+                sigma = velocity * (table.column(head, PERCENT, _how_named(error)) / 100.0)
+            else:
+                sigma = column("sigma") if error == "sigma" else velocity * column("time_sigma") / column("time")
         return cls(force, velocity, sigma, column("frequency") if chosen("frequency") else None)

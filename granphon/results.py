@@ -47,7 +47,7 @@ class Result:
         if type(other) is not type(self):
             return NotImplemented
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
-        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+        return all(_same(a, b) for a, b in pairs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # made anew, so that copies and pickles are read-only too
@@ -85,6 +85,14 @@ class Result:
             )
         restored: Self = restore(data, cls)
         return restored
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two fields are equal; in arrays a nan, what is not known, equals another."""
+    if not isinstance(a, np.ndarray):
+        return bool(a == b)
+    nan = isinstance(b, np.ndarray) and a.dtype.kind in "fc" and b.dtype.kind in "fc"
+    return bool(np.array_equal(a, b, equal_nan=nan))
 
 
 def plain(value: Any) -> Any:

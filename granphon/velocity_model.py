@@ -20,10 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.acoustics import contact_lattice
 from granphon.blocks import ruled, truth
+from granphon.branches import acoustic_branches
 from granphon.contact import positive
 from granphon.diameters import Discrete, Measured, Spread, Uniform
-from granphon.errors import InputError, message
+from granphon.errors import InputError, UnreachableFrequencyError, message
 from granphon.files import closest
 from granphon.ladder import MediumChoice, no_simulation
 from granphon.medium import AveragedLattice
@@ -70,6 +72,12 @@ class Waves(Result):
             raise InputError(message(f"unknown branch {self.branch!r}", mend="Use longitudinal or transverse"))
         ruled("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
+
+    def tops(self, state: ContactState) -> Array:
+        """Highest frequency of a pulse on the branch at each load, Hz, of the lattice that carries it."""
+        each = [state[n] for n in range(len(state.force))] if self.finite_overlap else [state]
+        tops = [acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each]
+        return np.asarray(tops * np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass) / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""
@@ -185,21 +193,53 @@ class VelocityModel:
         own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
         return np.log([own[name] for name in self.names])
 
+    def tops(self, logs: Array) -> Array:
+        """Highest frequency that a pulse can have at each force, (n,), Hz."""
+        return self.waves.tops(self._state(self._packing(logs))[0])
+
+    @property
+    def equal_balls(self) -> VelocityModel:
+        """The same of equal balls, which are the stiffest: whose sound is fastest, and whose branches reach highest."""
+        return replace(self, choice=MediumChoice(AveragedLattice.name))
+
+    def require_carried(self) -> None:
+        """:class:`~granphon.errors.UnreachableFrequencyError` if equal balls do not carry a pulse, and so no others do."""
+        if self.waves.frequency is None:
+            return
+        logs = self.start(1e-9 * self.packing.diameter)
+        beyond = int(np.sum(self.waves.frequency >= self.equal_balls.tops(logs)))
+        if beyond:
+            what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
+            why = f"{self.equal_balls.nearest_to_top(logs)}, and any spread of diameters lowers that"
+            raise UnreachableFrequencyError(message(what, why, "Check the frequency (Hz)"))
+
+    def nearest_to_top(self, logs: Array) -> str:
+        """The pulse whose frequency is nearest to the top of its branch, or farthest above it, in words."""
+        tops = self.tops(logs)
+        frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
+        i = int(np.argmax(frequencies / tops))
+        return (
+            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the {self.waves.branch} branch ends at"
+            f" {tops[i]:.6g} Hz"
+        )
+
     def __call__(self, logs: Array) -> tuple[Array, Array]:
         """Velocities (n,), m/s, and the derivatives (n, p) of their logarithms, those of the paper's limit.
 
         :class:`~granphon.errors.InputError` where the packing, or the medium at these forces, has none.
         """
-        with np.errstate(over="ignore", under="ignore"):
-            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-        packing = changed(self.packing, values | {"spread": self._widened(values.pop("width"))})
-        state, exponent = self._state(packing)
+        state, exponent = self._state(self._packing(logs))
         velocities, power = self.waves.velocity(state)
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
+
+    def _packing(self, logs: Array) -> Packing:
+        with np.errstate(over="ignore", under="ignore"):
+            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
+        return changed(self.packing, values | {"spread": self._widened(values.pop("width"))})
 
     def _widened(self, width: float) -> _Widened:
         return _Widened(positive("width", width, "m"), self.packing.spread or Uniform(0.0))

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from granphon.errors import InputError
 from granphon.load import force_of_frame
-from granphon.measurements import Measurements
+from granphon.measurements import Measurements, read_sigma
 
 
 def read(tmp_path, text, **options):
@@ -40,6 +40,32 @@ def test_side_force_and_time_of_flight(tmp_path):
     assert_allclose(data.sigma, [5.0, 5.0], rtol=1e-14)  # 1 % of each
 
 
+@pytest.mark.parametrize("unit", ["%", "percent"])
+def test_errors_in_per_cent_are_those_of_each_row(tmp_path, unit):
+    data = read(tmp_path, f"force (N),velocity (m/s),sigma ({unit})\n2,500,1\n4,600,0.5\n")
+    assert_allclose(data.sigma, [5.0, 3.0], rtol=1e-15)
+    flight = read(tmp_path, f"force (N),time (ms),distance (m),time_sigma ({unit})\n2,1,0.5,1\n4,1,0.6,0.5\n")
+    assert_allclose(flight.sigma, [5.0, 3.0], rtol=1e-15)
+    named = read(tmp_path, "force (N),velocity (m/s),err\n2,500,1\n", columns={"sigma": f"err ({unit})"})
+    assert_allclose(named.sigma, [5.0], rtol=1e-15)
+    assert_allclose(read_sigma(f"0.5 {unit}", data.velocity), [2.5, 3.0], rtol=1e-15)
+    assert read_sigma("5 m/s", data.velocity) == 5.0
+    for wrong in (f"-1 {unit}", f"0{unit}", "x %", "1 N"):
+        with pytest.raises(ValueError, match="found"):
+            read_sigma(wrong, data.velocity)
+
+
+def test_pressures_become_contact_forces(tmp_path):
+    data = read(tmp_path, "pressure (kN/m),velocity (ft/s)\n2,1000\n4,2000\n", pressed=lambda p: 8e-3 * p / np.sqrt(3.0))
+    assert_allclose(data.force, np.array([16.0, 32.0]) / np.sqrt(3.0), rtol=1e-15)
+    assert_array_equal(data.velocity, [304.8, 609.6])
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("ft/s", 0.3048), ("mph", 0.44704), ("km/h", 1 / 3.6), ("fps", 0.3048)])
+def test_units_of_velocity(tmp_path, unit, metres):
+    assert_allclose(read(tmp_path, f"force (N),velocity ({unit})\n2,1000\n").velocity, 1000.0 * metres, rtol=1e-15)
+
+
 def test_one_distance_for_all_and_units_by_option(tmp_path):
     data = read(tmp_path, "f,t\n2,1\n", columns={"force": "f (kN)", "time": "t (ms)"}, distance=0.5)
     assert_array_equal([data.force, data.velocity], [[2000.0], [500.0]])
@@ -66,12 +92,21 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
         ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
         ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Name the column"),
+        ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Name the column"),
+        ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. Contact forces follow from them and the packing"),
+        ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not one of force per length"),
+        ("force (N),velocity (m/s),sigma (%)\n2,3,-1\n", {}, "data.csv:2: sigma: found '-1 %', which is negative"),
+        ("force (N),velocity (%)\n2,3\n", {}, "data.csv:2: velocity: found '3 %', whose unit is not one of velocity"),
         ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
         ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
         ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. Contact forces follow from them"),
         ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is nothing that a column"),
         ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
-        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"x": "v"}}, "Use force, side_force, velocity, time, distance"),
+        (
+            "force (N),velocity (m/s)\n2,3\n",
+            {"columns": {"x": "v"}},
+            "Use force, side_force, pressure, velocity, time, distance",
+        ),
         ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance is -1.0"),
         ("force (N),time (s),distance (m)\n2,3,4\n", {"distance": 0.5}, "a distance column, and a distance is given too"),
         ("force (N),t (s),L (m)\n2,3,4\n", {"columns": {"time": "t", "distance": "L"}, "distance": 4.0}, "Leave it out"),

@@ -21,7 +21,7 @@ ORDER = [
     "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
     "acoustics", "limits", "observables", "ensemble",
     "calculator", "spectra", "bridge", "phonons", "references",
-    "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "fit", "studies", "tradeoffs",
+    "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "goodness", "fit", "studies", "tradeoffs",
     "rules", "schema", "load", "scene", "style", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these

@@ -232,7 +232,7 @@ FOREIGN = [
     "20220518,1\nalice,1\n".replace("20220518", "987654321"),
     f"diameter\n{SECRET}\n",
     f"diameter,{SECRET}\n{SECRET},1\n",
-    f"diameter ({SECRET})\n1\n",
+    f"diameter ({SECRET})\nwide\n",
     f"diameter (s)\n{SECRET}\n",
     f"{SECRET} (s)\n1\n",
     f'diameter (mm)\n1,{SECRET},"\n',
