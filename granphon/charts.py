@@ -316,6 +316,8 @@ _POINTS: dict[str, Any] = {
 
 def _described(fit: WidthFit) -> str:
     size, unit = _multiple(fit.width, "m")
+    if not fit.errors_are_known:
+        return f"{fit.medium}: W = {fit.width / size:.5g} {unit}"
     digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two of the standard error
     return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
 

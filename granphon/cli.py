@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from granphon.errors import GranphonError, InputError, message
-from granphon.wording import announced, described, human, results
+from granphon.wording import announced, described, fitted, results
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+    from granphon.scene import Scene
 
 
 __all__ = ["main"]
@@ -219,7 +221,9 @@ def fit(
     ] = None,
     frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Of the pulses, such as '6.5 kHz'.")] = None,
     distance: Annotated[str | None, typer.Option(metavar="M", help="How far sound went, such as '0.4 m'.")] = None,
-    sigma: Annotated[str | None, typer.Option(metavar="M/S", help="Standard error of velocities, such as '5 m/s'.")] = None,
+    sigma: Annotated[
+        str | None, typer.Option(metavar="M/S", help="Standard error of velocities, such as '5 m/s' or '1 %'.")
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(metavar="KIND=NAME", help="How a column is headed, such as 'velocity=v (km/s)'. May be repeated."),
@@ -231,9 +235,9 @@ def fit(
     """Find the width of the distribution of diameters from measured sound velocities.
 
     The scene gives the balls and the medium; the width of its spread is replaced. The table has columns headed by names and
-    units, 'force (N)' or 'side_force (N)' (the scene then gives balls_per_side), 'velocity (m/s)' or 'time (ms)' and
-    'distance (m)', and perhaps 'sigma (m/s)', 'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are
-    those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    units, 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side), 'velocity (m/s)' or
+    'time (ms)' and 'distance (m)', and perhaps 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency (kHz)'.
+    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -244,10 +248,9 @@ def fit(
     from functools import partial
 
     from granphon.blocks import ruled
-    from granphon.fit import FIT_FILES, fit_width
+    from granphon.fit import FIT_FILES, fit_width, force_of_pressure
     from granphon.load import force_of_frame
-    from granphon.measurements import FREQUENCY, SPEED, Measurements
-    from granphon.parameters import PARAMETERS
+    from granphon.measurements import FREQUENCY, Measurements, read_sigma
     from granphon.quantities import LENGTH
     from granphon.scene import Scene
     from granphon.staging import check_free, staging
@@ -257,6 +260,7 @@ def fit(
     inputs: tuple[str | Path, ...] = (*read.inputs, data)
     if out is not None:
         check_free(out, FIT_FILES, force, inputs=inputs)
+    _of_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
     # the medium of a scene of equal balls says nothing about those that differ
@@ -267,10 +271,11 @@ def fit(
         {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
         None if distance is None else ruled("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
+        partial(force_of_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
     )
     found = fit_width(
         read.packing, measured.force, measured.velocity,
-        measured.sigma if sigma is None else ruled("--sigma", SPEED.read, sigma),
+        measured.sigma if sigma is None else ruled("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else ruled("--frequency", FREQUENCY.read, frequency),
         medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
         finite_overlap=read.finite_overlap,
@@ -284,19 +289,7 @@ def fit(
             found.write(place)
             failures = draw(lambda _: fit_figure(found), ["fit.png"], place)
     _warn((*found.warnings, *failures.values()))
-    for name, value, error in zip(found.parameters, found.values, found.stderrs, strict=True):
-        unit = PARAMETERS[name] or ""
-        _table([(name.replace("_", " "), f"{human(value, unit)} +/- {human(error, unit)}")])
-    given = measured.sigma is not None or sigma is not None
-    source = "given" if given else f"from the scatter, {found.dof} degrees of freedom"
-    _table(
-        [
-            ("medium", found.medium),
-            ("velocities", f"{found.force.size}, each +/- {float(found.sigma.mean()):.3g} m/s ({source})"),
-        ]
-    )
-    if given:  # of a sigma from the scatter it is the number of degrees of freedom, whatever the data
-        _table([("chi^2", f"{found.chi2:.4g} for {found.dof} degrees of freedom")])
+    _table(fitted(found))
     if out is not None:
         _say(f"Wrote {', '.join(name for name in FIT_FILES if name not in failures)} into {out}")
 
@@ -340,9 +333,7 @@ def tradeoff(
     read = Scene.from_yaml(scene)
     if out is not None:
         check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)
-    if read.parameters:
-        what = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
-        raise InputError(message(what, "A trade-off is that of one packing", "Leave the block 'sweep' out"))
+    _of_one_packing("A trade-off", scene, read)
     kind, values = read.load.applied
     given: dict[str, Any] = {kind: values}
     found = measure(
@@ -381,6 +372,12 @@ def _processes(count: int) -> Iterator[Executor | None]:
     except BrokenExecutor:
         mend = "Take fewer --workers, and go on with --resume"
         raise GranphonError(message("a worker process has ended", "It was killed, or ran out of memory", mend)) from None
+
+
+def _of_one_packing(what: str, scene: str, read: Scene) -> None:
+    if read.parameters:
+        swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
+        raise InputError(message(swept, f"{what} is that of one packing", "Leave the block 'sweep' out"))
 
 
 def _named(option: str, path: str | None) -> None:

@@ -30,7 +30,7 @@ from granphon.parameters import PARAMETERS
 from granphon.results import Result
 from granphon.velocity_model import VARIABLE, VelocityModel, Waves
 
-__all__ = ["FIT_FILES", "WidthFit", "fit_width"]
+__all__ = ["FIT_FILES", "WidthFit", "fit_width", "force_of_pressure"]
 
 Array = NDArray[np.float64]
 #: widths are tried from f* = 1e4 at the least force, where nothing is left of disorder, to f* = 1e-2 at the largest
@@ -251,6 +251,25 @@ def fit_width(
     )  # fmt: skip
 
 
+def force_of_pressure(
+    packing: Packing,
+    finite_overlap: bool,
+    medium: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
+    fitted: Sequence[str],
+    pressure: float,
+) -> float:
+    """Contact force, N, of a pressure, N/m: with finite overlap that of the ``medium`` at the packing's own width.
+
+    :class:`~granphon.errors.InputError` if the diameter, by which it is in proportion, is among what is to be ``fitted``.
+    """
+    if "diameter" in fitted:
+        why = "The contact force of a pressure is in proportion to the diameter"
+        raise InputError(message("the diameter is fitted, and pressures are given", why, "Give contact forces"))
+    # in the paper's limit the medium does not matter
+    choice = MediumChoice.parse(medium) if finite_overlap else MediumChoice("ala")
+    return float(choice.of(packing).at_pressure(pressure, finite_overlap=finite_overlap).force)
+
+
 # -- least squares --------------------------------------------------------------------------------------------------
 
 
@@ -273,7 +292,7 @@ class _Problem:
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _LEAST_ERROR):
             what = f"sigma is as little as {np.min(part):.3g} times the velocity"
-            why = f"The velocities of a model are right to {_LEAST_ERROR:g} of themselves, so that no fit can be as good as that"
+            why = f"The velocities of a model are right to {_LEAST_ERROR:g} of themselves, and no fit is as good as that"
             raise InputError(message(what, why, "Check the units of sigma, or give the errors that the data have"))
         if np.any(part >= 1.0 / _LEAST_ERROR):
             what = f"sigma is as much as {np.max(part):.3g} times the velocity"

@@ -1,4 +1,4 @@
-"""How far a fit by least squares can be trusted: what its residuals, leverages and errors say, each in a sentence with its number."""
+"""How far a fit by least squares can be trusted: what its residuals, leverages and errors say, each with its number."""
 
 from __future__ import annotations
 
@@ -97,8 +97,8 @@ class Goodness:
         if not self.errors_are_known:
             digits, scatter = rounding(self.velocity), float(self.sigma[0])
             return [
-                f"the scatter about the fit, {scatter:.2g} m/s, is below the rounding of the data, {digits:.2g} m/s: standard"
-                " errors are not known. Give sigma"
+                f"the scatter about the fit, {scatter:.2g} m/s, is below the rounding of the data, {digits:.2g} m/s:"
+                " standard errors are not known; give sigma"
             ]
         ratio = math.sqrt(self.chi2 / self.dof)
         found = f"the residuals are {ratio:.3g} times what sigma says"
@@ -116,8 +116,8 @@ class Goodness:
         out, most = [], int(np.argmax(self.leverages))
         if self.leverages[most] > _ALONE:
             out.append(
-                f"{self._datum(most)} decides the fit almost alone: its leverage is {self.leverages[most]:.4g}, and cannot be"
-                " above 1"
+                f"{self._datum(most)} decides the fit almost alone: its leverage is {self.leverages[most]:.4g},"
+                " and cannot be above 1"
             )
         if not self.given and self.errors_are_known and self.dof > 1:
             from scipy.special import stdtr
@@ -135,7 +135,7 @@ class Goodness:
         if not self.errors_are_known:
             return []
         return [
-            f"the standard error of {name} is {error:.2g} of its value: it is hardly told from zero, and errors are not symmetric"
+            f"the standard error of {name} is {error:.2g} of its value: it is hardly told from zero"
             for name, error in zip(self.names, self.errors.tolist(), strict=True)
             if error > _LARGE
         ]

@@ -97,8 +97,8 @@ class Measurements(Result):
         Parameters
         ----------
         path : of a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
-            and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency of
-            the pulse.
+            and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency
+            of the pulse.
         columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
         distance : how far sound has gone in each of the times, m, where no column says it.
         frame : gives the contact force of a side force, both in N.

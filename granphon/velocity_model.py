@@ -219,8 +219,8 @@ class VelocityModel:
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
         i = int(np.argmax(frequencies / tops))
         return (
-            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the {self.waves.branch} branch ends at"
-            f" {tops[i]:.6g} Hz"
+            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the {self.waves.branch} branch ends"
+            f" at {tops[i]:.6g} Hz"
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:

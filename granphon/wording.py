@@ -11,6 +11,7 @@ from granphon.units import prefixed
 
 if TYPE_CHECKING:
     from granphon.cost import Cost
+    from granphon.fit import WidthFit
     from granphon.ladder import Rung
     from granphon.load import Load
     from granphon.packing import Packing
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from granphon.scene import Scene
     from granphon.tradeoffs import Measured, TradeOff
 
-__all__ = ["announced", "chosen", "described", "human", "results", "span", "work_and_precision"]
+__all__ = ["announced", "chosen", "described", "fitted", "human", "results", "span", "work_and_precision"]
 
 
 def human(value: float, unit: str) -> str:
@@ -114,6 +115,31 @@ def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
             rows.append((f"{name} {kind}", span(numbers[name], unit) + error + (along if kind == "velocity" else "")))
     if "top_frequency" in numbers:
         rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
+    return rows
+
+
+def fitted(fit: WidthFit) -> list[tuple[str, str]]:
+    """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
+    from granphon.parameters import PARAMETERS
+
+    def valued(value: float, error: float, unit: str) -> str:
+        return (
+            f"{human(value, unit)} +/- {human(error, unit)}"
+            if math.isfinite(error)
+            else f"{human(value, unit)}, error not known"
+        )
+
+    rows = []
+    for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
+        rows.append((name.replace("_", " "), valued(value, error, PARAMETERS[name] or "")))
+        if name == "width":
+            rows.append(("standard deviation", valued(fit.std, fit.std_stderr, "m")))
+    source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+    each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
+    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, each +/- {each} m/s ({source})")]
+    if fit.sigma_given:  # of a sigma from the scatter chi^2 is the number of degrees of freedom, whatever the data
+        agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+        rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))
     return rows
 
 

@@ -17,6 +17,7 @@ from scipy.stats import kstest
 import granphon as gp
 from granphon.errors import InputError, UnreachableFrequencyError
 from granphon.fit import WidthFit, fit_width
+from granphon.goodness import leverages, rounding
 from granphon.ladder import MediumChoice
 from granphon.measurements import Measurements
 from granphon.observables import pulse_velocities, sound_velocities
@@ -53,7 +54,8 @@ def test_exact_data_give_the_width_to_rounding(log, medium):
     width = float(np.exp(log))
     fit = fit_width(BALLS, FORCE, velocities(spread_over(width), medium), medium=medium)
     assert_allclose(fit.width, width, rtol=1e-9)
-    assert fit.stderr < 1e-9 * width
+    assert np.isnan(fit.stderr)  # it would rest on rounding alone
+    assert any("below the rounding of the data" in warning for warning in fit.warnings)
     assert fit.medium == MediumChoice.parse(medium).label
 
 
@@ -187,6 +189,10 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     assert abs(pulls.std(ddof=1) - 1.0) < 3.0 / np.sqrt(2.0 * count)
     assert kstest(pulls, "norm").pvalue > 0.01
     assert kstest([fit.chi2 for fit in fits], chi2_distribution(11).cdf).pvalue > 0.01
+    # p is as likely to have any value, and so few fits are warned of
+    assert kstest([fit.p for fit in fits], "uniform").pvalue > 0.01
+    assert_allclose(fits[0].p, chi2_distribution(11).sf(fits[0].chi2), rtol=1e-10)
+    assert sum(bool(fit.warnings) for fit in fits) <= max(2, 0.01 * count) + (medium == "afa") * count
 
 
 @pytest.mark.usefixtures("remembered")
@@ -262,13 +268,48 @@ def test_every_pulse_may_have_a_frequency_of_its_own():
 
 
 def test_a_frequency_above_the_band_is_named():
-    with pytest.raises(UnreachableFrequencyError, match="does not reach"):
-        fit_width(BALLS, FORCE, EXACT["ema"], frequency=1e6)
+    state = gp.AveragedLattice(BALLS).at_force(4.0)
+    hertz = np.full(12, 6500.0)
+    hertz[[2, 4]] = 1e6, 1e5
+    words = r"do not carry the frequency of 2 of 12 data. Datum 3 has 1e\+06 Hz at 2.995 N, where the longitudinal branch ends at"
+    with pytest.raises(UnreachableFrequencyError, match=words):
+        fit_width(BALLS, FORCE, EXACT["ema"], frequency=hertz)
+    # just below the top that is named a pulse goes, and just above it none
+    waves = Waves("longitudinal", np.array([0.0, 1.0]), None, False)
+    top = float(waves.tops(state))
+    pulse_velocities(state, 0.9999 * top, (0.0, 1.0))
+    with pytest.raises(UnreachableFrequencyError):
+        pulse_velocities(state, 1.0001 * top, (0.0, 1.0), branches="longitudinal")
+    with pytest.raises(UnreachableFrequencyError, match=f"ends at {top:.6g} Hz"):
+        fit_width(BALLS, [4.0, 9.0], [500.0, 600.0], frequency=1.0001 * top)
+
+
+def test_the_top_of_each_load_with_finite_overlap():
+    force = np.array([2.0, 18.0])
+    waves = Waves("transverse", np.array([0.0, 1.0]), None, True)
+    soft = changed(BALLS, {"young_modulus": 1e8})
+    tops = waves.tops(gp.AveragedLattice(soft).at_force(force, finite_overlap=True))
+    for top, one in zip(tops, force, strict=True):
+        state = gp.AveragedLattice(soft).at_force(one, finite_overlap=True)
+        pulse_velocities(state, 0.9999 * top, (0.0, 1.0), branches="transverse")
+        with pytest.raises(UnreachableFrequencyError):
+            pulse_velocities(state, 1.0001 * top, (0.0, 1.0), branches="transverse")
+
+
+def test_a_frequency_too_high_for_the_velocities_is_blamed_and_not_the_material():
+    # long waves of the balls, taken for pulses near the top of the branch, are faster than such pulses can be
+    words = r"above those of pulses of equal balls. They are not above those of long waves. Datum 1 has 22000 Hz at 2 N"
+    with pytest.raises(InputError, match=words) as error:
+        fit_width(BALLS, FORCE, EXACT["ema"], 3.0, frequency=22e3)
+    assert "modulus" not in str(error.value)
+    with pytest.raises(InputError, match="Check the Young modulus"):  # too fast for long waves as well
+        fit_width(BALLS, FORCE, 1.1 * IDEAL, 3.0, frequency=6.5e3)
 
 
 # -- data that do not say -------------------------------------------------------------------------------------------
 
 IDEAL = velocities(BALLS)
+NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
 
 
 @pytest.mark.parametrize(
@@ -339,7 +380,7 @@ def test_loads_outside_the_range_of_the_medium_are_counted():
     force = np.append(FORCE, [0.5, 1.0])
     fit = fit_width(BALLS, force, velocities(TRUE, force=force))
     assert any("worst of 2 loads out of 14" in warning for warning in fit.warnings)
-    assert fit_width(BALLS, FORCE, EXACT["ema"]).warnings == ()
+    assert fit_width(BALLS, FORCE, NOISY, 4.0).warnings == fit_width(BALLS, FORCE, NOISY).warnings == ()
 
 
 def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
@@ -349,6 +390,141 @@ def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
     force = FORCE * 1e-2
     heavy = velocities(spread_over(100e-6, packing=soft), force=force)
     assert any("contact radius" in warning for warning in fit_width(soft, force, heavy).warnings)
+
+
+# -- how far a fit is to be trusted ---------------------------------------------------------------------------------
+
+
+def test_with_no_degrees_of_freedom_nothing_is_said_of_the_fit():
+    fit = fit_width(BALLS, 4.0, 550.0, 5.0)
+    assert fit.dof == 0
+    assert np.isnan(fit.p)
+    assert any("0 degrees of freedom: nothing can be said of how well" in warning for warning in fit.warnings)
+    assert not any("times what sigma says" in warning for warning in fit.warnings)
+    assert_allclose(fit.velocities, 550.0, rtol=1e-9)
+    # the derivative of the velocity takes the error of the datum to that of the width
+    near = [velocities(spread_over(fit.width + step), force=4.0) for step in (-1e-9, 1e-9)]
+    assert_allclose(fit.stderr, 5.0 * 2e-9 / (near[0] - near[1]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_residuals_too_large_or_too_small_for_sigma_are_said_with_p(factor):
+    fit = fit_width(BALLS, FORCE, NOISY, 4.0 * factor)
+    p = chi2_distribution(11).sf(fit.chi2)
+    assert_allclose(fit.p, p, rtol=1e-9)
+    assert not 1e-3 < p < 0.999
+    words = "the model does not fit, or sigma is too small" if factor < 1.0 else "sigma is too large"
+    (warning,) = fit.warnings
+    assert f"p = {p:.2g}" in warning
+    assert words in warning
+    assert np.isnan(fit_width(BALLS, FORCE, NOISY).p)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found(seed):
+    noisy = EXACT["ema"] + 20.0 * np.random.default_rng(seed).normal(size=12)
+    fit, plain = (fit_width(BALLS, FORCE, noisy, sigma) for sigma in (1e-9, None))
+    assert_allclose(fit.width, plain.width, rtol=1e-6)
+    assert any("p = 0" in warning for warning in fit.warnings)
+    with pytest.raises(InputError, match=r"sigma is as little as .* right to 1e-12 of themselves"):
+        fit_width(BALLS, FORCE, noisy, 1e-10)
+    with pytest.raises(InputError, match=r"sigma is as much as .* No measurement has such an error"):
+        fit_width(BALLS, FORCE, noisy, 1e16)
+
+
+@pytest.mark.parametrize("speeds", [[480.0] * 3, [480.123456] * 3, [480.0, 480.0, 480.0 + 1e-12]])
+def test_errors_that_rest_on_rounding_are_not_known(speeds, tmp_path):
+    fit = fit_width(BALLS, [4.0] * 3, speeds)
+    assert np.isnan(fit.stderr)
+    assert np.isnan(fit.std_stderr)
+    assert not fit.errors_are_known
+    assert any("below the rounding of the data" in warning for warning in fit.warnings)
+    assert WidthFit.from_dict(fit.to_dict()) == fit
+    fit.write(tmp_path)
+    assert "stderr: .nan\n" in (tmp_path / "fit.yaml").read_text(encoding="utf-8")
+    known = fit_width(BALLS, [4.0] * 3, speeds, 5.0)
+    assert np.isfinite(known.stderr)
+    assert_allclose(known.width, fit.width, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "unit"),
+    [
+        ([480.0, 490.0], 10.0),
+        ([480.1, 500.0], 0.1),
+        ([1000.0, 2000.0], 1000.0),
+        ([480.12, 480.1], 0.01),
+        ([1.5e-3, 2e-3], 1e-4),
+        ([0.3048 * 1601, 0.3048 * 1603], 1e-4),
+        ([np.pi, 3.0], 1e-11 * np.pi),
+    ],
+)
+def test_the_unit_of_the_last_decimal(values, unit):
+    assert_allclose(rounding(np.array(values)), unit, rtol=1e-12)
+
+
+def test_leverages_are_the_diagonal_of_the_projection():
+    matrix = np.random.default_rng(4).normal(size=(9, 2)) * [1.0, 1e6]
+    projection = matrix @ np.linalg.inv(matrix.T @ matrix) @ matrix.T
+    assert_allclose(leverages(matrix), np.diag(projection), rtol=1e-9)
+    assert_allclose(leverages(np.array([[3.0], [4.0]])), [0.36, 0.64], rtol=1e-14)
+
+
+def test_one_far_load_decides_alone():
+    """Of loads so high that hardly a width is heard, and one low: its leverage is its part of the squares of derivatives."""
+    force = np.append(np.linspace(400.0, 500.0, 6), 3.0)
+    noise = np.array([1.0, -0.5, 0.7, -1.1, 0.3, -0.4, 0.0])
+    fit = fit_width(BALLS, force, velocities(TRUE, force=force) + 2.0 * noise, 2.0)
+    low, high = (velocities(spread_over(fit.width * factor), force=force) for factor in (0.999, 1.001))
+    leverage = ((high - low) ** 2 / np.sum((high - low) ** 2))[-1]
+    assert leverage > 0.9
+    assert [w for w in fit.warnings if w.startswith("datum 7") and f"its leverage is {leverage:.4g}"[:-1] in w]
+    several = fit_width(BALLS, FORCE, NOISY, 4.0)
+    assert not any("leverage" in warning for warning in several.warnings)
+
+
+def test_one_tiny_sigma_decides_alone():
+    sigma = np.full(12, 4.0)
+    sigma[4] = 1e-9
+    fit = fit_width(BALLS, FORCE, NOISY, sigma)
+    assert_allclose(fit.velocities[4], NOISY[4], rtol=1e-9)
+    assert any(w.startswith("datum 5") and "its leverage is 1," in w for w in fit.warnings)
+
+
+def test_a_wild_datum_is_named_and_an_error_as_large_as_the_width_said():
+    wild = NOISY.copy()
+    wild[5] *= 0.95
+    fit = fit_width(BALLS, FORCE, wild)
+    (warning,) = [w for w in fit.warnings if "off the fit of the others" in w]
+    assert warning.startswith("datum 6")
+    # its t is the distance from a fit that leaves it out, over the standard error of that distance
+    others = np.arange(12) != 5
+    left = fit_width(BALLS, FORCE[others], wild[others])
+    slope = np.ptp([velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]) / 2e-9
+    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(left.sigma[0], slope * left.stderr)
+    assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=0.02)
+    far = EXACT["ema"] * (1.0 + 0.15 * np.array([1.0, -1.0] * 6))
+    large = fit_width(BALLS, FORCE, far)
+    part = large.stderr / large.width
+    assert part > 0.5
+    assert any(f"the standard error of width is {part:.2g} of its value" in warning for warning in large.warnings)
+
+
+@pytest.mark.usefixtures("remembered")
+def test_a_datum_is_seldom_called_wild_by_chance():
+    fits = [
+        fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), medium="afa")
+        for s in range(100)
+    ]
+    assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
+
+
+@pytest.mark.parametrize("spread", [None, gp.Uniform(1e-6), gp.Normal(1e-6), KINDS])
+def test_the_standard_deviation_is_that_of_the_fitted_spread(spread):
+    packing = BALLS if spread is None else replace(BALLS, spread=spread, diameter=spread.mean or 8e-3)
+    fit = fit_width(packing, FORCE, NOISY, 4.0, medium="afa")
+    assert_allclose([fit.std, fit.std_stderr], np.array([fit.width, fit.stderr]) / np.sqrt(12.0), rtol=1e-14)
+    assert_allclose(fit.packing.spread.rms, fit.std, rtol=1e-9)
 
 
 # -- the result -----------------------------------------------------------------------------------------------------
@@ -366,7 +542,8 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     np.testing.assert_array_equal(again.velocity, fit.velocity)
     np.testing.assert_array_equal(again.sigma, fit.sigma)
     text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
-    assert re.search(rf"^width: {fit.width!r}$", text, re.MULTILINE)
+    for name in ("width", "stderr", "std", "std_stderr", "p"):
+        assert re.search(rf"^{name}: {getattr(fit, name)!r}$".replace("+", r"\+"), text, re.MULTILINE)
     assert '  values: "m, Pa"\n  covariance: "m^2, m Pa; Pa m, Pa^2"\n' in text
 
 
@@ -459,6 +636,8 @@ def folder(tmp_path, monkeypatch):
     ):  # fmt: skip
         text = f"{material}packing: {{diameter: 8 mm{spread}}}\nload: {load}\n"
         (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
+    swept = (tmp_path / "scene.yaml").read_text(encoding="utf-8") + "sweep: {width: [1 um, 2 um]}\n"
+    (tmp_path / "swept.yaml").write_text(swept, encoding="utf-8")
     rows = list(zip(FORCE.tolist(), EXACT["ema"].tolist(), strict=True))
     table = "\n".join(["force (N),velocity (km/s)", *(f"{f!r},{v / 1e3!r}" for f, v in rows)])
     flight = "\n".join(["F [kN];t (us)", *(f"{f * 31 * 3**0.5 / 1e3!r};{0.43e6 / v!r}" for f, v in rows)])
@@ -501,7 +680,8 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.png", "fit.yaml"]
     printed = capsys.readouterr().out
-    assert "width                 2.04 um +/-" in printed
+    assert "width                 2.04 um, error not known" in printed
+    assert "standard deviation    588.9 nm, error not known" in printed
     assert f"(from the scatter, {len(FORCE) - 1} degrees of freedom)" in printed
     assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
@@ -509,7 +689,43 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out", "--force", "--sigma", "2 m/s") == 0
     printed = capsys.readouterr().out
     assert "each +/- 2 m/s (given)" in printed
-    assert re.search(rf"chi\^2 .* for {len(FORCE) - 1} degrees of freedom", printed)
+    assert "width                 2.04 um +/-" in printed
+    assert "standard deviation    588.9 nm +/-" in printed
+    assert re.search(rf"chi\^2 .* for {len(FORCE) - 1} degrees of freedom, p = 1", printed)
+
+
+def test_the_range_of_errors_is_said_and_none_of_one_datum(folder, capsys):
+    assert command("scene.yaml", "data.csv", "--sigma", "1 %") == 0
+    least, most = EXACT["ema"].min() / 100.0, EXACT["ema"].max() / 100.0
+    assert f"each +/- {least:.3g} to {most:.3g} m/s (given)" in capsys.readouterr().out
+    (folder / "one.csv").write_text("force (N),velocity (ft/s),sigma (%)\n4,1800,1\n", encoding="utf-8")
+    assert command("scene.yaml", "one.csv") == 0
+    printed = capsys.readouterr()
+    assert "each +/- 5.49 m/s (given)" in printed.out
+    assert "chi^2                 none: as many are fitted as were measured" in printed.out
+    assert "nothing can be said of how well the model fits" in printed.err
+
+
+@pytest.mark.parametrize("finite", [False, True])
+def test_pressures_are_contact_forces_of_the_packing(folder, capsys, finite):
+    scene = folder / "pressed.yaml"
+    scene.write_text(
+        "material: {young_modulus: 1 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        f"packing: {{diameter: 8 mm, spread: {{uniform: 20 um}}, finite_overlap: {str(finite).lower()}}}\n"
+        "load: {force: 10 N}\n",
+        encoding="utf-8",
+    )
+    packing = changed(spread_over(20e-6), {"young_modulus": 1e9})
+    pressure = np.geomspace(600.0, 4000.0, 6)
+    state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=finite)
+    speeds = sound_velocities(state, (0.0, 1.0)).longitudinal
+    rows = "".join(f"{p!r},{v!r}\n" for p, v in zip(pressure.tolist(), speeds.tolist(), strict=True))
+    (folder / "pressures.csv").write_text("pressure (N/m),velocity (m/s)\n" + rows, encoding="utf-8")
+    assert command("pressed.yaml", "pressures.csv", "--sigma", "0.1 %", "-o", "out") == 0
+    assert "width                 20 um +/-" in capsys.readouterr().out
+    np.testing.assert_allclose(Measurements.read(folder / "out" / "fit.csv").force, state.force, rtol=1e-12)
+    assert command("pressed.yaml", "pressures.csv", "--parameter", "diameter") == 2
+    assert "the diameter is fitted, and pressures are given" in capsys.readouterr().err
 
 
 def test_the_command_fits_a_simulated_medium(folder, capsys):
@@ -544,6 +760,8 @@ def test_side_forces_and_times_of_flight(folder, capsys):
         (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
         (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
+        (("scene.yaml", "data.csv", "--sigma", "1 N"), "--sigma: found '1 N', whose unit is not one of velocity"),
+        (("swept.yaml", "data.csv"), "swept.yaml sweeps width. A fit is that of one packing. Leave the block 'sweep' out."),
         (("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"), "times those of equal balls"),
     ],
 )
