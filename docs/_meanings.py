@@ -155,7 +155,11 @@ FIELDS = {
     "displacements": "from the site of the lattice",
     "rotations": "angle; zero in the statics",
     "contacts": "how many contacts carry load",
-    "stderr": "standard error of the width",
+    "stderr": "standard error of the width; nan where it would rest on a scatter below the rounding of the data",
+    "std": "standard deviation of the diameters, W/√12",
+    "std_stderr": "standard error of the standard deviation",
+    "p": "probability of a larger `chi2`; nan with sigma from the scatter, or no degrees of freedom",
+    "sigma_given": "whether `sigma` was given",
     "class": "of the Python object; `WidthFit.from_dict` makes it again",
     "parameters": "what was fitted",
     "values": "of these parameters; `units` has that of each, parted by commas",
@@ -173,7 +177,7 @@ FIELDS = {
 FIELD_UNITS = {
     "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
     "relative_overlap": "1", "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
-    "diameter_deviations": "d", "displacements": "d", "rotations": "rad", "chi2": "1",
+    "diameter_deviations": "d", "displacements": "d", "rotations": "rad", "chi2": "1", "p": "1",
 }  # fmt: skip
 #: of fit.yaml
 FITTED = {

@@ -75,9 +75,12 @@ class Waves(Result):
 
     def tops(self, state: ContactState) -> Array:
         """Highest frequency of a pulse on the branch at each load, Hz, of the lattice that carries it."""
-        each = [state[n] for n in range(len(state.force))] if self.finite_overlap else [state]
-        tops = [acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each]
-        return np.asarray(tops * np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass) / (2.0 * np.pi))
+        # in the paper's limit one dispersion relation serves all loads
+        several = state.finite_overlap and bool(state.shape)
+        each = [state[n] for n in range(len(state.force))] if several else [state]
+        reduced = np.array([acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
+        rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
+        return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""

@@ -199,6 +199,12 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
 # -- fits -----------------------------------------------------------------------------------------------------------
 
 
+def test_a_fit_whose_error_is_not_known_is_drawn_without_one():
+    unknown = fit_width(PACKING, [4.0] * 3, [480.0] * 3)
+    figure = charts.fit_figure(unknown)
+    assert f"ema: W = {unknown.width * 1e6:.5g} µm" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+
+
 def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
     below = Figure().subplots()
     assert charts.plot_fit(fit, ax, below) == (ax, below)

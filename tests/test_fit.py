@@ -277,7 +277,7 @@ def test_a_frequency_above_the_band_is_named():
     # just below the top that is named a pulse goes, and just above it none
     waves = Waves("longitudinal", np.array([0.0, 1.0]), None, False)
     top = float(waves.tops(state))
-    pulse_velocities(state, 0.9999 * top, (0.0, 1.0))
+    pulse_velocities(state, 0.9999 * top, (0.0, 1.0), branches="longitudinal")
     with pytest.raises(UnreachableFrequencyError):
         pulse_velocities(state, 1.0001 * top, (0.0, 1.0), branches="longitudinal")
     with pytest.raises(UnreachableFrequencyError, match=f"ends at {top:.6g} Hz"):
