@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.arguments import real_array
 from granphon.errors import InputError, brief, message
 
 __all__ = ["HertzLaw", "Material", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction", "positive"]
@@ -158,10 +159,7 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
     """
     mu = positive("friction_coefficient", friction_coefficient)
-    try:
-        tangential, normal = np.abs(np.asarray(tangential_load, float)), np.asarray(normal_load, float)
-    except OverflowError:
-        raise InputError(message("a load on the contact is too large")) from None
+    tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
     if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
         raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
     mobilised = tangential / (mu * normal)
@@ -177,13 +175,13 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """d* of two balls, 1/d* = (1/d_i + 1/d_j)/2, m (equation 3)."""
-    one, two = np.asarray(first, float), np.asarray(second, float)
+    one, two = real_array("diameter", first), real_array("diameter", second)
     return (2.0 * one / (one + two) * two)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
     """Radius of the contact circle over the radius of equal balls, (delta/d)^(1/2)."""
-    return np.sqrt(np.asarray(overlap, float) / np.asarray(diameter, float))[()]
+    return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
 
 @dataclass(frozen=True)
@@ -213,26 +211,26 @@ class HertzLaw:
 
     def energy(self, overlap: ArrayLike) -> Any:
         """(2/5) c delta_+^(5/2), J."""
-        delta = np.maximum(np.asarray(overlap, float), 0.0)
+        delta = np.maximum(real_array("overlap", overlap), 0.0)
         return (0.4 * self.coefficient * delta * np.sqrt(delta) * delta)[()]
 
     def force(self, overlap: ArrayLike) -> Any:
         """c delta_+^(3/2), N (equation 22, the inverse of 1)."""
-        delta = np.maximum(np.asarray(overlap, float), 0.0)
+        delta = np.maximum(real_array("overlap", overlap), 0.0)
         return (self.coefficient * delta * np.sqrt(delta))[()]
 
     def stiffness(self, overlap: ArrayLike) -> Any:
         """(3/2) c delta_+^(1/2), N/m (equation 2)."""
-        return (1.5 * self.coefficient * np.sqrt(np.maximum(np.asarray(overlap, float), 0.0)))[()]
+        return (1.5 * self.coefficient * np.sqrt(np.maximum(real_array("overlap", overlap), 0.0)))[()]
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
         """(3/4) c delta^(-1/2), N/m^2, the derivative of the stiffness; zero where the balls are apart."""
-        root = np.sqrt(np.maximum(np.asarray(overlap, float), 0.0))
+        root = np.sqrt(np.maximum(real_array("overlap", overlap), 0.0))
         return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """delta = (f/c)^(2/3), m, of a compressive force (equation 1); :class:`InputError` if one is negative."""
-        load = np.asarray(force, float)
+        load = real_array("force", force)
         if not np.all(load >= 0.0):
             raise InputError(
                 message("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
@@ -241,7 +239,7 @@ class HertzLaw:
 
     def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
         """delta = (2 k / 3 c)^2, m, of a normal stiffness (the inverse of equation 2)."""
-        value = np.asarray(stiffness, float)
+        value = real_array("stiffness", stiffness)
         if not np.all(value >= 0.0):
             raise InputError(message("the stiffness of a contact is negative"))
         return ((value / (1.5 * self.coefficient)) ** 2)[()]
@@ -252,4 +250,4 @@ class HertzLaw:
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """The part of the contacts that carries load."""
-        return np.asarray(np.asarray(overlap, float) > 0.0, float)[()]
+        return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]

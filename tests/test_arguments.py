@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.arguments import real_array
+from granphon.contact import harmonic_diameter, mindlin_reduction
 from granphon.cost import estimate
 from granphon.errors import InputError
 
@@ -116,6 +117,10 @@ BORDERS = {
     "fit, sigma": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, pair), (2.0, 3.0)),
     "fit, frequency": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, 5.0, pair), (10.0, 20.0)),
     "fit.velocity_at": (lambda pair: FIT.velocity_at(pair), FORCE),
+    "harmonic_diameter": (lambda pair: harmonic_diameter(pair, 1.0), (1.0, 2.0)),
+    "mindlin_reduction": (lambda pair: mindlin_reduction(pair, 10.0, 0.5), (1.0, 2.0)),
+    "law.overlap": (BALLS.law.overlap, FORCE),
+    "law.force": (BALLS.law.force, (1e-6, 2e-6)),
     "cell": (lambda pair: gp.Lattice("own", (pair, (0.0, 1.0))), (1.0, 0.0)),
 }
 FIT = gp.fit_width(BALLS, FORCE, SPEED)
