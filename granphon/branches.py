@@ -143,11 +143,12 @@ def acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str
     _, polarisations = lattice.sound_velocities(along)
     start = lattice.modes([1e-6 * grid[0] * along], along)
     first = np.argmax(np.abs(np.einsum("ma,mb->ab", start.eigenvectors[0].conj(), modes.eigenvectors[0])), axis=1)
-    # of the two lowest at Gamma, the longitudinal one moves along the polarisation of the long longitudinal wave
-    motion = start.eigenvectors[0].reshape(lattice.n_balls, lattice.dofs_per_ball, -1)[:, :2, :2].sum(axis=0)
-    longitudinal = int(np.argmax(np.abs(polarisations[:, 0] @ motion)))
+    # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
+    motion = start.eigenvectors[0].reshape(lattice.n_balls, lattice.dofs_per_ball, -1)[:, :2]
+    drift = np.abs(polarisations.T @ np.einsum("i,iab->ab", np.sqrt(lattice.masses), motion))
+    longitudinal, transverse = np.argmax(drift, axis=1).tolist()
     branches = {}
-    for name, column in (("longitudinal", longitudinal), ("transverse", 1 - longitudinal)):
+    for name, column in (("longitudinal", longitudinal), ("transverse", transverse)):
         pick = order[:, int(first[column])][:, None]
         values = np.take_along_axis(modes.frequencies, pick, 1)[:, 0]
         slopes = np.take_along_axis(modes.group_velocities @ along, pick, 1)[:, 0]

@@ -16,6 +16,8 @@ __all__ = ["cholesky_factor", "jacobi_svd"]
 
 _SWEEPS = 40
 _NOTHING = 1e-100
+#: part of the trace of a singular matrix by which rounding may take an eigenvalue below zero
+_ROUNDING = 16.0 * np.finfo(np.float64).eps
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[Any]]:
@@ -91,7 +93,7 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     """L^H of a stack of Hermitian positive semidefinite matrices D = L L^H, for :func:`jacobi_svd`.
 
     The matrix is brought to a unit diagonal first, so that a graded one keeps its small eigenvalues; rows that are zero
-    stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix has a negative eigenvalue.
+    stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix has an eigenvalue below zero by more than rounding.
     """
     diagonal = np.einsum("...ii->...i", matrices).real
     if np.any(diagonal < 0.0):
@@ -101,5 +103,18 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     unit = matrices * inverse[..., :, None] * inverse[..., None, :]
     index = np.arange(matrices.shape[-1])
     unit[..., index, index] = 1.0
-    lower = np.linalg.cholesky(unit)
+    lower = _lower(unit)
     return np.asarray((root[..., :, None] * lower).swapaxes(-1, -2).conj())
+
+
+def _lower(matrices: NDArray[Any]) -> NDArray[Any]:
+    """L of a stack of matrices L L^H of unit diagonal; not a triangle where one is singular."""
+    try:
+        return np.asarray(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        if matrices.ndim > 2:  # what the others get does not depend on the singular one
+            return np.stack([_lower(matrix) for matrix in matrices])
+        values, vectors = np.linalg.eigh(matrices)
+        if values[0] < -_ROUNDING * len(values):
+            raise
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -146,7 +146,7 @@ class AutoMedium:
     def _serving(self, kind: str, loads: ArrayLike, finite_overlap: bool | None) -> ContactState:
         if overlap_flag(finite_overlap)[0]:
             raise no_finite_overlap(self.name)
-        at = getattr(self.serving(kind, loads).of(self.packing), f"at_{kind}")
+        at: Callable[..., ContactState] = getattr(self.serving(kind, loads).of(self.packing), f"at_{kind}")
         return replace(at(loads, finite_overlap=finite_overlap), chosen=True)
 
 

@@ -22,6 +22,8 @@ __all__ = ["LongWaves"]
 Array = NDArray[np.float64]
 #: softest over stiffest strain, below which a lattice is called a mechanism
 _SOFT = 1e-12
+#: coupling of free inner motions with sound, over the largest that it could be, above which there is one
+_COUPLED = 1e-9
 #: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
 _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
 
@@ -55,34 +57,75 @@ class LongWaves(Compatibility):
         return np.concatenate(blocks), inner, affine(table.tangent), across.reshape(count, -1)[:, 2:]
 
     @cached_property
-    def _relaxed_rows(self) -> Array:
-        """(n_rows, 4): deformations under a displacement gradient once the inner motions (rotations, and the shifts of
-        several balls in the cell) have relaxed: the part of each row orthogonal to what they can do."""
-        affine, inner, _, _ = self._strain_rows
+    def _inner_modes(self) -> tuple[Array, Array]:
+        """What the inner motions (rotations, and the shifts of several balls in the cell) do to the contacts.
+
+        Returns an orthonormal basis (n_rows, n_stiff) of the deformations that they can make, and the inner motions
+        (n_inner, n_free) that deform no contact.
+        """
+        _, inner, _, _ = self._strain_rows
+        count = inner.shape[1]
+        if not count:
+            return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = np.linalg.norm(inner, axis=0)
-        inner = inner[:, size > 0.0] / size[size > 0.0]
-        if not inner.shape[1]:
-            return affine
-        left, values, _ = np.linalg.svd(inner, full_matrices=False)
-        left = left[:, values > 1e-10 * values[0]]
-        return np.asarray(affine - left @ (left.T @ affine))
+        # a column that is rounding alone, against those of its kind, is a motion that deforms nothing
+        turns = np.arange(2, 2 + count) % self.dofs_per_ball == 2
+        of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
+        still = size <= _SOFT * of_kind
+        scale = np.where(still, 1.0, size)
+        # fewer contacts than motions leave free ones: a row of zeros for each
+        columns = np.pad(np.where(still, 0.0, inner / scale), ((0, max(0, count - len(inner))), (0, 0)))
+        left, values, right = np.linalg.svd(columns, full_matrices=False)
+        free = values <= _SOFT * values[0]
+        return np.asarray(left[: len(inner), ~free]), np.asarray(right[free].T / scale[:, None])
+
+    def _relaxed(self, rows: Array) -> Array:
+        """What is left of deformations (n_rows, ...) once the inner motions have relaxed."""
+        left, _ = self._inner_modes
+        return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
+
+    @cached_property
+    def _relaxed_rows(self) -> Array:
+        """(n_rows, 4): deformations under a displacement gradient once the inner motions have relaxed."""
+        return self._relaxed(self._strain_rows[0])
+
+    @cached_property
+    def _free_motions_couple(self) -> bool:
+        """Whether inner motions that cost no energy at Gamma take part in sound.
+
+        Of a wave their cost is of second order in q, as that of sound is. Where they do not couple with it to that order,
+        as antiphase motions of a cell that holds several smaller ones never do, they are waves of their own.
+        """
+        _, free = self._inner_modes
+        if not free.shape[1]:
+            return False
+        gamma = np.zeros((1, 2))
+        slope = self._rows(gamma, derivative=True)
+        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
+        # to first order in q deformations are i times a real number, for sound and for the inner motions
+        change = (slope[0] * to_real).imag[:, 2:] @ free
+        waves = self._relaxed(self._half_vectors(slope)[:, :, None] * change[:, None, :])
+        sound = self._relaxed_rows.reshape(-1, 2, 2)
+        coupling = np.einsum("rij,rlm->ijlm", sound, waves)
+        coupling = coupling + coupling.swapaxes(1, 2)
+        return bool(np.max(np.abs(coupling)) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
 
     def require_rigid(self, name: str = "of these contacts") -> None:
-        """Raise :class:`~granphon.errors.MechanismError` if a strain, or a motion inside the cell, costs no energy."""
+        """Raise :class:`~granphon.errors.MechanismError` if long waves meet a motion that costs no energy.
+
+        It is a uniform strain, or a motion inside the cell that couples with sound. One that does not, such as turns of
+        opposite sense in a cell that holds several smaller ones, belongs to another wave vector of the smaller cell.
+        """
         mend = "Use a lattice with more contacts" if self.rotates else "Use friction, or a lattice with more contacts"
-        _, inner, _, _ = self._strain_rows
-        if inner.shape[1]:
-            size = np.linalg.norm(inner, axis=0)
-            values, _, _ = jacobi_svd(inner / np.where(size > 0.0, size, 1.0))
-            if values[0] <= _SOFT * values[-1]:
-                raise MechanismError(
-                    message(
-                        f"the lattice {name} is a mechanism",
-                        "The balls of a cell can shift or turn against each other at no cost"
-                        + (" (as gears do, on a lattice without odd rings)" if self.rotates else ""),
-                        mend,
-                    )
+        if self._free_motions_couple:
+            raise MechanismError(
+                message(
+                    f"the lattice {name} is a mechanism",
+                    "The balls of a cell can shift or turn against each other at no cost"
+                    + (" (as gears do, on a lattice without odd rings)" if self.rotates else ""),
+                    mend,
                 )
+            )
         values, right, _ = jacobi_svd(self._relaxed_rows @ _STRAINS)
         if values[0] <= _SOFT * values[-1]:
             strain = right[:, 0] * [1.0, 1.0, np.sqrt(2.0)]

@@ -359,3 +359,68 @@ def test_modes_at_copies_of_gamma_are_those_at_gamma(hexagonal):
     along = (0.6, 0.8)
     home, copy = (hexagonal.modes([q], along) for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1]))
     assert_allclose(copy.group_velocities, home.group_velocities, atol=1e-8)
+
+
+# -- one lattice in several cells ---------------------------------------------------------------------------------------
+
+#: the square lattice, and the triangular one, in their own cells and in larger ones
+CELLS = {
+    "square": {
+        "1": gp.Lattice("1", ((1, 0), (0, 1))),
+        "2x1": gp.Lattice("2x1", ((2, 0), (0, 1)), ((0, 0), (0.5, 0))),
+        "sqrt2": gp.Lattice("sqrt2", ((1, 1), (-1, 1)), ((0, 0), (0.5, 0.5))),
+        "2x2": gp.Lattice("2x2", ((2, 0), (0, 2)), ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))),
+    },
+    "triangular": {
+        "1": gp.Lattice("1", ((1, 0), (-0.5, 3**0.5 / 2))),
+        "sqrt3": gp.Lattice("sqrt3", ((1.5, 3**0.5 / 2), (-1.5, 3**0.5 / 2)), ((0, 0), (1 / 3, 2 / 3), (2 / 3, 1 / 3))),
+        "2x2": gp.Lattice("2x2", ((2, 0), (-1, 3**0.5)), ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))),
+    },
+}
+LARGER = [(lattice, cell) for lattice, cells in CELLS.items() for cell in cells if cell != "1"]
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize(("name", "cell"), LARGER)
+def test_a_lattice_is_the_same_in_every_cell(steel, name, cell, finite):
+    one, other = (
+        gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=CELLS[name][which])).at_overlap(8e-5, finite_overlap=finite)
+        for which in ("1", cell)
+    )
+    tensors = gp.moduli(one).tensor, gp.moduli(other).tensor
+    np.testing.assert_allclose(tensors[1], tensors[0], rtol=0.0, atol=1e-12 * tensors[0].max())
+    for direction in ((1.0, 0.0), (0.6, 0.8), (1.0, 1.0)):
+        here, there = (gp.sound_velocities(state, direction) for state in (one, other))
+        for branch in ("longitudinal", "transverse"):
+            assert getattr(there, branch) == pytest.approx(getattr(here, branch), rel=1e-12)
+    if cell in ("sqrt2", "sqrt3"):
+        here, there = (gp.pulse_velocities(state, 3000.0, (0.6, 0.8)) for state in (one, other))
+        np.testing.assert_allclose(there.group, here.group, rtol=1e-8 if finite else 1e-11)
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize(("name", "cell"), LARGER)
+def test_bands_of_a_larger_cell_are_folded(name, cell, finite):
+    terms = (0.99, 2 / 3 * 0.01 / 0.99) if finite else (1.0, 0.0)
+    small, large = (gp.ContactLattice.of(CELLS[name][which], 0.84, *terms) for which in ("1", cell))
+    # the copies of Gamma of the larger cell that differ in the smaller one
+    steps = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 2), axis=-1).reshape(-1, 2)
+    parts = np.round((steps @ large.reciprocal) @ small.cell.T / (2 * np.pi) % 1.0, 9) % 1.0
+    _, first = np.unique(parts, axis=0, return_index=True)
+    assert len(first) == large.n_balls
+    for q in ([0.0, 0.0], [0.21, -0.13], [1e-5, 2e-5]):
+        expected = np.sort(small.frequencies(np.asarray(q) + steps[first] @ large.reciprocal).ravel())
+        # rounding of D, whose roots these are, where prestress leaves no C
+        np.testing.assert_allclose(large.frequencies([q])[0], expected, rtol=0.0, atol=1e-7 if finite else 1e-13)
+
+
+def test_what_decouples_in_a_larger_cell_is_no_mechanism_and_what_couples_is():
+    gears = CELLS["square"]["sqrt2"]
+    assert np.sum(gp.ContactLattice.of(gears, 0.84).frequencies([[0.0, 0.0]]) < 1e-14) == 3
+    for cell in CELLS["square"].values():
+        with pytest.raises(MechanismError, match=r"\(0, 0, 1\)"):
+            gp.ContactLattice.of(cell, 0.0)
+    double = ((2 * 3**0.5, 0.0), (-(3**0.5) / 2, 1.5))
+    honeycomb = gp.Lattice("double", double, ((1 / 6, 2 / 3), (2 / 3, 2 / 3), (1 / 3, 1 / 3), (5 / 6, 1 / 3)))
+    with pytest.raises(MechanismError, match="gears"):
+        gp.ContactLattice.of(honeycomb, 0.84)
