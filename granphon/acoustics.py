@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
 from granphon.packing import Packing
 from granphon.simulation import SimulatedState
@@ -20,6 +21,7 @@ __all__ = [
     "ideal_lattice",
     "is_isotropic",
     "long_waves",
+    "over_directions",
     "prestress",
     "shears",
     "velocity_scale",
@@ -59,10 +61,10 @@ def velocity_scale(state: ContactState) -> Array:
 
 
 def branch_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-    """d (k/M)^1/2 of each branch: of a simulation, such that long waves have the velocities of its samples."""
-    if not isinstance(state, SimulatedState):
-        return [velocity_scale(state)] * len(names)
+    """d (k/M)^1/2 of each branch, (..., directions): of a simulation, such that long waves have its samples' velocities."""
     found = long_waves(state, direction)
+    if not isinstance(state, SimulatedState):
+        return [np.broadcast_to(_over_directions(velocity_scale(state), direction)[..., 0], found.shape[:-1])] * len(names)
     ideal, _ = ideal_lattice(state.packing).sound_velocities(direction)
     return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
 
@@ -74,17 +76,30 @@ def is_isotropic(lattice: ContactLattice) -> bool:
     return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
 
 
+def _over_directions(values: Array, direction: ArrayLike) -> Array:
+    """Values of each load, with an axis of length one for each of ``direction``: directions, if many, and branches."""
+    return values.reshape(*values.shape, *(1,) * np.ndim(direction))
+
+
 def long_waves(state: ContactState, direction: ArrayLike) -> Array:
-    """(..., 2) longitudinal and transverse, m/s."""
+    """(..., 2) longitudinal and transverse, m/s; (..., n, 2) for directions (n, 2)."""
     if isinstance(state, SimulatedState):
-        return from_moduli(bulk_and_shear(state.elastic_tensor), state.effective_density)
+        velocities = from_moduli(bulk_and_shear(state.elastic_tensor), state.effective_density)
+        return over_directions(velocities, as_direction(direction))
     lattice, scale = ideal_lattice(state.packing), velocity_scale(state)
     if not state.finite_overlap:
         velocities, _ = lattice.sound_velocities(direction)
-        return scale[..., None] * velocities
+        return _over_directions(scale, direction) * velocities
     # every length scales with the spacing; the prestress alone enters the shape of the tensor
     velocities, _ = lattice.sound_velocities(direction, prestress(state))
-    return np.asarray((scale * (1.0 - state.relative_overlap))[..., None] * velocities)
+    return _over_directions(scale * (1.0 - np.asarray(state.relative_overlap)), direction) * velocities
+
+
+def over_directions(velocities: Array, along: Array) -> Array:
+    """Isotropic values (..., 2), the same in each direction: (..., n, 2) for directions (n, 2)."""
+    if along.ndim == 1:
+        return velocities
+    return np.repeat(velocities[..., None, :], len(along), axis=-2)
 
 
 def bulk_and_shear(tensor: Array) -> Array:

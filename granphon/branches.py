@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.arguments import real_array
-from granphon.errors import GranphonError, InputError, UnreachableFrequencyError, message
-from granphon.geometry import as_direction
+from granphon.errors import GranphonError, UnreachableFrequencyError, message
+from granphon.geometry import as_direction, one_direction
 from granphon.lattice import ContactLattice
 
-__all__ = ["AcousticBranch", "acoustic_branches", "connect_branches", "zone_boundary"]
+__all__ = ["AcousticBranch", "AcousticBranches", "acoustic_branches", "connect_branches", "zone_boundary"]
 
 Array = NDArray[np.float64]
 #: points along the path on which the branches are told apart
 _POINTS = 128
+#: of them that are looked at together, before those that have gone far enough are left
+_BLOCK = 16
+_NAMES = ("longitudinal", "transverse")
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
@@ -35,27 +39,20 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
-    # where each branch has a continuation of its own that overlaps most, that is the best assignment
-    best = np.argmax(overlap, axis=2)
-    clear = np.all(np.sort(best, axis=1) == order[0], axis=1)
-    for point, matrix in enumerate(overlap):
-        columns = best[point]
-        if not clear[point]:
-            from scipy.optimize import linear_sum_assignment
-
-            _, columns = linear_sum_assignment(matrix, maximize=True)
+    for point, columns in enumerate(_continuations(overlap)):
         order[point + 1] = columns[order[point]]
     return order
 
 
-def zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> float:
-    """Distance from Gamma to the edge of the Brillouin zone in ``direction``, 1/d."""
+def zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
+    """Distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
     along = as_direction(direction)
     steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     vectors = steps[np.any(steps != 0, axis=1)] @ lattice.reciprocal
-    ahead = vectors @ along
-    forward = ahead > 1e-9 * np.linalg.norm(vectors, axis=1)
-    return float(np.min(np.sum(vectors[forward] ** 2, axis=1) / (2.0 * ahead[forward])))
+    squared = np.sum(vectors**2, axis=1)
+    ahead = along @ vectors.T
+    forward = ahead > 1e-9 * np.sqrt(squared)
+    return np.min(np.where(forward, squared / np.where(forward, 2.0 * ahead, 1.0), np.inf), axis=-1)[()]
 
 
 @dataclass(frozen=True)
@@ -83,14 +80,16 @@ class AcousticBranch:
 
     def at(self, wavenumbers: Array, references: NDArray[np.complex128]) -> tuple[Array, Array]:
         """Frequency and group velocity along the direction of the branch nearest to the reference eigenvectors."""
-        modes = self.lattice.modes(wavenumbers[:, None] * self.direction, self.direction)
-        overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
-        pick = np.argmax(overlap, axis=1)[:, None]
-        ahead = modes.group_velocities @ self.direction
-        return np.take_along_axis(modes.frequencies, pick, 1)[:, 0], np.take_along_axis(ahead, pick, 1)[:, 0]
+        values, vectors = _at(self.lattice, wavenumbers, self.direction, references)
+        return values, vectors @ self.direction
 
     def wavenumber(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Wavenumber (1/d) and group velocity at each angular frequency (n,), to rounding.
+        """Wavenumber (1/d) and group velocity along the direction at each angular frequency (n,); as :meth:`pulse`."""
+        x, vectors = self.pulse(frequency)
+        return x, vectors @ self.direction
+
+    def pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Wavenumber (1/d) and group velocity (n, 2), a vector, at each angular frequency (n,), to rounding.
 
         Raises :class:`~granphon.errors.UnreachableFrequencyError` above the top of the branch.
         """
@@ -100,65 +99,172 @@ class AcousticBranch:
                 message(f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}")
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        low = np.where(right > 0, self.wavenumbers[right - 1], 0.0)
-        low_f = np.where(right > 0, self.frequencies[right - 1], 0.0)
-        high = np.array(self.wavenumbers[right])
-        reference = self.vectors[right]
-        # the branch is nearly straight below the first point, so that interpolation starts close at any scale
-        x = low + (high - low) * (target - low_f) / (self.frequencies[right] - low_f)
-        value, slope = self.at(x, reference)
-        going = np.arange(x.size)
-        for _ in range(200):
-            goal, here, at = target[going], x[going], value[going]
-            high[going] = np.where(at >= goal, here, high[going])
-            low[going] = np.where(at <= goal, here, low[going])
-            step = np.divide(at - goal, slope[going], out=np.full_like(here, np.inf), where=slope[going] > 0.0)
-            inside = (here - step >= low[going]) & (here - step <= high[going])
-            x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
-            value[going], slope[going] = self.at(x[going], reference[going])
-            # Newton's steps halve their exponents: after one as small as this only rounding is left
-            going = going[np.abs(x[going] - here) > 1e-13 * here]
+        ends = [
+            np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
+            for values in (self.wavenumbers, self.frequencies)
+        ]
+        along = np.broadcast_to(self.direction, (target.size, 2))
+        return _solved(self.lattice, along, target, *ends, self.vectors[right], self.name)
+
+
+def _at(
+    lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
+) -> tuple[Array, Array]:
+    """Frequency (n,) and group velocity (n, 2) of the branches nearest to the reference eigenvectors (n, n_dof)."""
+    modes = lattice.modes(wavenumbers[:, None] * along, along)
+    overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
+    row, pick = np.arange(len(wavenumbers)), np.argmax(overlap, axis=1)
+    return modes.frequencies[row, pick], modes.group_velocities[row, pick]
+
+
+def _solved(
+    lattice: ContactLattice,
+    along: Array,
+    target: Array,
+    wavenumbers: Array,
+    frequencies: Array,
+    references: NDArray[np.complex128],
+    name: str,
+) -> tuple[Array, Array]:
+    """Wavenumber (n,) and group velocity (n, 2) at ``target`` (n,), between two ends (2, n) of each branch."""
+    (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
+    # the branch is nearly straight below the first point, so that interpolation starts close at any scale
+    x = low + (high - low) * (target - low_f) / (high_f - low_f)
+    value, vector = _at(lattice, x, along, references)
+    going = np.arange(x.size)
+    for _ in range(200):
+        goal, here, at = target[going], x[going], value[going]
+        high[going] = np.where(at >= goal, here, high[going])
+        low[going] = np.where(at <= goal, here, low[going])
+        slope = np.sum(vector[going] * along[going], axis=1)
+        step = np.divide(at - goal, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
+        inside = (here - step >= low[going]) & (here - step <= high[going])
+        x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
+        value[going], vector[going] = _at(lattice, x[going], along[going], references[going])
+        # Newton's steps halve their exponents: after one as small as this only rounding is left
+        going = going[np.abs(x[going] - here) > 1e-13 * here]
+        if not going.size:
+            break
+    lost = np.abs(value - target) > 1e-11 * target
+    if np.any(lost):
+        raise GranphonError(
+            message(
+                f"the {name} branch could not be followed along {along[np.argmax(lost)]}",
+                "It changes its character too fast, at an avoided crossing",
+                "Choose another direction",
+            )
+        )
+    return x, vector
+
+
+@dataclass(frozen=True, eq=False)
+class AcousticBranches:
+    """Both acoustic branches along many directions, longitudinal first, followed from Gamma as far as is asked.
+
+    Attributes
+    ----------
+    directions : (n, 2) unit vectors.
+    wavenumbers : (n, n_points), 1/d.
+    frequencies : (2, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
+    rising : (2, n), how many points there are before the first maximum, among those that were followed.
+    falls : (2, n), whether there is a maximum after them.
+    vectors : (2, n, n_points, n_dof), eigenvectors.
+    """
+
+    lattice: ContactLattice
+    directions: Array
+    wavenumbers: Array
+    frequencies: Array
+    rising: NDArray[np.intp]
+    falls: NDArray[np.bool_]
+    vectors: NDArray[np.complex128]
+
+    @classmethod
+    def along(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
+        """Followed through crossings, each (branch, direction) until it reaches its target (2, n), falls or ends."""
+        count, size = len(directions), lattice.n_branches
+        wanted = np.broadcast_to(np.asarray(targets, float), (2, count))
+        grid = zone_boundary(lattice, directions)[:, None] * np.arange(1, _POINTS + 1) / _POINTS
+        frequencies = np.full((2, count, _POINTS), np.inf)
+        vectors = np.zeros((2, count, _POINTS, size), complex)
+        rising, falls = np.zeros((2, count), int), np.zeros((2, count), bool)
+        _, polarisations = lattice.sound_velocities(directions)
+        start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
+        # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
+        motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.dofs_per_ball, size)[:, :, :2]
+        drift = np.einsum("i,niab,nak->nkb", np.sqrt(lattice.masses), motion, polarisations)
+        column, last = np.argmax(np.abs(drift), axis=2).T, start.eigenvectors
+        going = np.arange(count)
+        for first in range(0, _POINTS, _BLOCK):
+            part = slice(first, first + _BLOCK)
+            q, along = grid[going, part], directions[going]
+            at = (q[..., None] * along[:, None]).reshape(-1, 2)
+            modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
+            values, here = modes.frequencies.reshape(*q.shape, size), modes.eigenvectors.reshape(*q.shape, size, size)
+            ahead = np.einsum("npba,na->npb", modes.group_velocities.reshape(*q.shape, size, 2), along)
+            chain = np.concatenate([last[:, None], here], axis=1)
+            overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
+            row = np.arange(len(going))
+            for point in range(q.shape[1]):
+                onward = _continuations(overlap[:, point])
+                column = np.stack([onward[row, one] for one in column])
+                place = first + point
+                climbs = ~falls[:, going] & (ahead[row, point, column] > 0.0)
+                falls[:, going] |= ~climbs
+                frequencies[:, going, place] = np.where(climbs, values[row, point, column], np.inf)
+                rising[:, going] += climbs
+                vectors[:, going, place] = here[row, point, :, column]
+            reached = frequencies[:, going, :][np.arange(2)[:, None], row, np.maximum(rising[:, going] - 1, 0)]
+            left = np.any(~falls[:, going] & (reached < wanted[:, going]), axis=0)
+            going, column, last = going[left], column[:, left], here[left, -1]
             if not going.size:
                 break
-        if np.any(np.abs(value - target) > 1e-11 * target):
-            raise GranphonError(
-                message(
-                    f"the {self.name} branch could not be followed along {self.direction}",
-                    "It changes its character too fast, at an avoided crossing",
-                    "Choose another direction",
-                )
-            )
-        return x, slope
+        return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
+
+    def branch(self, which: int, direction: int) -> AcousticBranch:
+        """One of them (0: longitudinal, 1: transverse), cut at its first maximum."""
+        count = int(self.rising[which, direction])
+        fallen = bool(self.falls[which, direction])
+        part = slice(0, count + fallen)
+        found = AcousticBranch(
+            self.lattice, self.directions[direction], _NAMES[which], self.wavenumbers[direction, part],
+            self.frequencies[which, direction, part], self.vectors[which, direction, part],
+        )  # fmt: skip
+        return _cut_at_maximum(found, count) if fallen else found
+
+    def wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
+        """Wavenumber (m,) and group velocity (m, 2) at ``target`` (m,) of one branch in the directions of these indices.
+
+        ``target`` must not be above the last point before the maximum.
+        """
+        known = self.frequencies[which, direction]
+        right = np.sum(known < target[:, None], axis=1)
+        row = np.arange(len(target))
+        ends = [
+            np.stack([np.where(right > 0, values[row, right - 1], 0.0), values[row, right]])
+            for values in (self.wavenumbers[direction], known)
+        ]
+        references = self.vectors[which, direction, right]
+        return _solved(self.lattice, self.directions[direction], target, *ends, references, _NAMES[which])
+
+
+def _continuations(overlap: Array) -> NDArray[np.intp]:
+    """(n, n_branches): to which column each branch goes on, from the overlaps (n, n_branches, n_branches)."""
+    # where each branch has a continuation of its own that overlaps most, that is the best assignment
+    best = np.argmax(overlap, axis=2)
+    clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
+    for row in np.flatnonzero(~clear).tolist():
+        from scipy.optimize import linear_sum_assignment
+
+        _, best[row] = linear_sum_assignment(overlap[row], maximize=True)
+    return best
 
 
 def acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
     """The longitudinal and the transverse branch along ``direction``, followed through crossings."""
-    along = as_direction(direction)
-    if along.shape != (2,):
-        raise InputError(message("a branch is followed in one direction", mend="Give two numbers (x, y)"))
-    edge = zone_boundary(lattice, along)
-    grid = np.linspace(0.0, edge, _POINTS + 1)[1:]
-    modes = lattice.modes(grid[:, None] * along, along)
-    order = connect_branches(modes.eigenvectors)
-    _, polarisations = lattice.sound_velocities(along)
-    start = lattice.modes([1e-6 * grid[0] * along], along)
-    first = np.argmax(np.abs(np.einsum("ma,mb->ab", start.eigenvectors[0].conj(), modes.eigenvectors[0])), axis=1)
-    # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
-    motion = start.eigenvectors[0].reshape(lattice.n_balls, lattice.dofs_per_ball, -1)[:, :2]
-    drift = np.abs(polarisations.T @ np.einsum("i,iab->ab", np.sqrt(lattice.masses), motion))
-    longitudinal, transverse = np.argmax(drift, axis=1).tolist()
-    branches = {}
-    for name, column in (("longitudinal", longitudinal), ("transverse", transverse)):
-        pick = order[:, int(first[column])][:, None]
-        values = np.take_along_axis(modes.frequencies, pick, 1)[:, 0]
-        slopes = np.take_along_axis(modes.group_velocities @ along, pick, 1)[:, 0]
-        vectors = np.take_along_axis(modes.eigenvectors, pick[:, None], 2)[:, :, 0]
-        branch = AcousticBranch(lattice, along, name, grid, values, vectors)
-        falling = np.flatnonzero(slopes <= 0.0)
-        if falling.size:
-            branch = _cut_at_maximum(branch, int(falling[0]))
-        branches[name] = branch
-    return branches
+    along = one_direction(direction)
+    both = AcousticBranches.along(lattice, along[None])
+    return {name: both.branch(which, 0) for which, name in enumerate(_NAMES)}
 
 
 def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:

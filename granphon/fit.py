@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.arguments import real_array
 from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
-from granphon.geometry import as_direction
+from granphon.geometry import one_direction
 from granphon.goodness import Goodness, leverages, probability
 from granphon.ladder import MediumChoice
 from granphon.limits import validity
@@ -218,7 +218,7 @@ def fit_width(
         balls or above); loads or a frequency that the medium cannot carry; the medium "auto".
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
-    waves = Waves(branch, as_direction(direction), data.frequency, finite_overlap)
+    waves = Waves(branch, one_direction(direction), data.frequency, finite_overlap)
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     choice = MediumChoice.parse(medium)
     if choice.is_automatic:

@@ -18,7 +18,10 @@ from granphon.arguments import real_array
 from granphon.errors import InputError, brief, message
 from granphon.results import read_only
 
-__all__ = ["BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "lattice_named"]
+__all__ = [
+    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "as_direction", "contacts_apart",
+    "lattice_named", "one_direction",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
@@ -213,15 +216,30 @@ def lattice_named(lattice: str | Lattice) -> Lattice:
 
 
 def as_direction(direction: ArrayLike) -> Array:
-    """``direction`` as unit vector(s), last axis x and y; :class:`InputError` if it has no length."""
+    """``direction`` as a unit vector (2,), or as one for each row of (n, 2), Cartesian.
+
+    :class:`InputError` for another shape, a number that is not finite, or a direction (0, 0).
+    """
     vector: Any = real_array("direction", direction)
-    if vector.shape[-1:] != (2,) or not np.all(np.isfinite(vector)):
-        raise InputError(message(f"a direction is two finite numbers (x, y), not {brief(direction)}"))
-    largest = np.max(np.abs(vector), axis=-1, keepdims=True)
-    if np.any(largest == 0.0):
-        raise InputError(message("a direction has no length"))
+    largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
+    if vector.shape[-1:] != (2,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
+        raise InputError(
+            message(
+                f"direction is {brief(direction)}",
+                "A direction is two finite numbers, x and y, not both zero",
+                "Give (x, y), or an array (n, 2) of directions",
+            )
+        )
     vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+
+
+def one_direction(direction: ArrayLike) -> Array:
+    """``direction`` as one unit vector (2,); :class:`InputError` for what :func:`as_direction` refuses, and for several."""
+    along = as_direction(direction)
+    if along.ndim > 1:
+        raise InputError(message(f"direction is {direction!r:.80}", "This is found in one direction", "Give (x, y)"))
+    return along
 
 
 def contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:

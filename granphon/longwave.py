@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.arguments import real_array
 from granphon.compatibility import Compatibility
 from granphon.errors import InputError, InstabilityError, MechanismError, message
-from granphon.geometry import as_direction
+from granphon.geometry import as_direction, one_direction
 from granphon.jacobi import cholesky_factor, jacobi_svd
 
 __all__ = ["LongWaves"]
@@ -167,28 +167,29 @@ class LongWaves(Compatibility):
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """A(q^), the small-q limit of D/q^2 with rotations eliminated, (..., 2, 2), in units of k d^2/M.
 
-        Its eigenvalues are the squared sound velocities. ``direction`` (2,); ``prestress`` as in
-        :meth:`gradient_stiffness`.
+        Its eigenvalues are the squared sound velocities. ``direction`` (2,), or (n, 2) for an axis of directions after those
+        of the ``prestress``, which is as in :meth:`gradient_stiffness`.
         """
-        along = _one_direction(direction)
-        tensor = np.einsum("...ijkl,j,l->...ik", self.gradient_stiffness(prestress), along, along)
-        return np.asarray(tensor / self.masses.sum())
+        along = as_direction(direction)
+        many = along.reshape(-1, 2)
+        tensor = np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many) / self.masses.sum()
+        return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
     def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Velocities of long waves along ``direction``: (quasi-)longitudinal first, then transverse.
+        """Velocities of long waves along ``direction`` (2,) or (n, 2): (quasi-)longitudinal first, then transverse.
 
         Returns
         -------
-        velocities : (..., 2), d (k/M)^1/2.
-        polarisations : (..., 2, 2), unit vectors as columns.
+        velocities : (..., 2), d (k/M)^1/2; (..., n, 2) for directions (n, 2).
+        polarisations : (..., 2, 2), or (..., n, 2, 2), unit vectors as columns.
 
         Raises
         ------
         InstabilityError : the prestress makes a squared velocity negative.
         """
-        along = _one_direction(direction)
+        along = as_direction(direction)
         if prestress is None and not self.is_prestressed:
-            factor = self._relaxed_rows.reshape(-1, 2, 2) @ along / np.sqrt(self.masses.sum())
+            factor = np.einsum("rij,...j->...ri", self._relaxed_rows.reshape(-1, 2, 2), along) / np.sqrt(self.masses.sum())
         else:
             try:
                 factor = cholesky_factor(self.acoustic_tensor(along, prestress))
@@ -197,7 +198,7 @@ class LongWaves(Compatibility):
                     message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
                 ) from None
         values, right, _ = jacobi_svd(factor)
-        ahead = np.abs(np.einsum("i,...ib->...b", along, right))
+        ahead = np.abs(np.einsum("...i,...ib->...b", along, right))
         first = np.where(ahead[..., 0] > ahead[..., 1], 0, 1)[..., None]
         order = np.concatenate([first, 1 - first], axis=-1)
         return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
@@ -236,7 +237,7 @@ class LongWaves(Compatibility):
         """
         if self.n_balls != 1 or not self.rotates:
             raise InputError(message("there is no single rotational branch", "It takes friction and one ball in the cell"))
-        along, table = as_direction(direction), self.contacts
+        along, table = one_direction(direction), self.contacts
         ahead = table.vector @ along
         weight = self.mindlin_ratio * self.stiffness / self.masses[0]
         lever = (table.arm_i + table.arm_j) / self.gyration[0]
@@ -245,10 +246,3 @@ class LongWaves(Compatibility):
         narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
         coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
-
-
-def _one_direction(direction: ArrayLike) -> Array:
-    along = as_direction(direction)
-    if along.shape != (2,):
-        raise InputError(message("sound goes in one direction", mend="Give two numbers (x, y)"))
-    return along

@@ -17,13 +17,15 @@ from granphon.acoustics import (
     ideal_lattice,
     is_isotropic,
     long_waves,
+    over_directions,
     prestress,
     shears,
 )
 from granphon.arguments import real_array
-from granphon.branches import AcousticBranch, acoustic_branches
+from granphon.branches import AcousticBranch, AcousticBranches
 from granphon.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.geometry import as_direction
+from granphon.lattice import ContactLattice
 from granphon.limits import validity
 from granphon.results import Result
 from granphon.samples import standard_error
@@ -63,7 +65,7 @@ def local_exponent(state: ContactState) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
-    """Velocities of long waves, m/s, with the shape of the load, and the warnings that go with them.
+    """Velocities of long waves, m/s, with the shape of the load, then that of the directions, and their warnings.
 
     ``longitudinal_error`` and ``transverse_error`` are standard errors over the samples of a simulation; else None.
     """
@@ -86,14 +88,15 @@ def sound_velocities(
     Parameters
     ----------
     state : at one load or many.
-    direction : of propagation, Cartesian; may be left out where sound is isotropic, as on the triangular lattice.
-        Elsewhere the two are the quasi-longitudinal and quasi-transverse waves. Of a simulation, isotropic on average,
-        velocities are those of its mean bulk and shear modulus.
+    direction : of propagation, Cartesian, (2,), or (n, 2) for many at once, whose axis follows those of the load. It may be
+        left out where sound is isotropic, as on the triangular lattice. Elsewhere the two are the quasi-longitudinal and
+        quasi-transverse waves. Of a simulation, isotropic on average, velocities are those of its mean bulk and shear
+        modulus.
     finite_overlap : deprecated; the state has it.
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it.
+    InputError : no direction is given and velocities depend on it; a direction is not two finite numbers, or has no length.
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = with_keyword(state, finite_overlap)
@@ -106,13 +109,14 @@ def sound_velocities(
                 )
             )
         direction = (1.0, 0.0)
-    v = long_waves(state, direction)
+    along = as_direction(direction)
+    v = long_waves(state, along)
     errors: tuple[Any, ...] = (None, None)
     if isinstance(state, SimulatedState) and state.n_samples > 1:
         every = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
         velocities = from_moduli(every, np.asarray(state.effective_density)[..., None])
-        errors = tuple(np.moveaxis(standard_error(velocities, -2), -1, 0))
-    return SoundVelocities(v[..., 0], v[..., 1], as_direction(direction), validity(state).warnings, *errors)
+        errors = tuple(np.moveaxis(over_directions(standard_error(velocities, -2), along), -1, 0))
+    return SoundVelocities(v[..., 0], v[..., 1], along, validity(state).warnings, *errors)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,20 +181,49 @@ def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
     return Moduli(scale[..., None, None] * tensor, is_isotropic(lattice), validity(state).warnings)
 
 
-def _on_branch(branch: AcousticBranch, target: Array, scale: Array) -> tuple[Array, Array]:
-    """Wavenumber and group velocity (reduced) at angular frequencies in units of ``scale``, rad/s."""
-    if np.any(target > branch.top):
-        wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
-        raise UnreachableFrequencyError(
-            message(
-                f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz in direction"
-                f" ({branch.direction[0]:.6g}, {branch.direction[1]:.6g})",
-                f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else ""),
-                "Lower the frequency, or name the branches that reach it",
-            )
+def _on_branches(
+    lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
+) -> tuple[Array, Array]:
+    """Wavenumber (b, m, n) and group velocity (b, m, n, 2), reduced, in directions ``along`` (n, 2).
+
+    ``target`` (b, m, n) are angular frequencies in units of ``scale``, rad/s.
+    """
+    places = [("longitudinal", "transverse").index(name) for name in names]
+    wanted = np.full((2, len(along)), -np.inf)
+    wanted[places] = target.max(axis=1)
+    both = AcousticBranches.along(lattice, along, wanted)
+    q, group = np.empty(target.shape), np.empty((*target.shape, 2))
+    row = np.arange(len(along))
+    for one, which in enumerate(places):
+        last = np.where(both.rising[which] > 0, both.frequencies[which, row, both.rising[which] - 1], 0.0)
+        beyond = wanted[which] > last
+        # up to the last point before a maximum all directions together; to the maximum itself one by one
+        inside = np.flatnonzero(~beyond)
+        if inside.size:
+            flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
+            found = both.wavenumber(which, flat, target[one][:, inside].ravel())
+            q[one][:, inside] = found[0].reshape(-1, len(inside))
+            group[one][:, inside] = found[1].reshape(-1, len(inside), 2)
+        for place in np.flatnonzero(beyond).tolist():
+            goal, unit = target[one, :, place], scale[one, :, place]
+            branch = both.branch(which, place)
+            if np.any(goal > branch.top):
+                raise _unreachable(branch, goal, unit)
+            q[one, :, place], group[one, :, place] = branch.pulse(goal)
+    return q, group
+
+
+def _unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
+    """What to say of angular frequencies, in units of ``scale``, rad/s, above the top of a branch."""
+    wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
+    return UnreachableFrequencyError(
+        message(
+            f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz in direction"
+            f" ({branch.direction[0]:.6g}, {branch.direction[1]:.6g})",
+            f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else ""),
+            "Lower the frequency, or name the branches that reach it",
         )
-    q, slope = branch.wavenumber(target.ravel())
-    return q.reshape(target.shape), slope.reshape(target.shape)
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,18 +232,21 @@ class PulseVelocities(Result):
 
     Attributes
     ----------
-    branches : names of the branches, along the first axis of the arrays.
-    phase, group : (n_branches, ...) m/s; the group velocity is the derivative of the frequency along the direction.
+    branches : names of the branches, along the first axis of the arrays; then come loads and frequencies, then directions.
+    phase : (n_branches, ...) m/s.
+    group : (n_branches, ...) m/s, the component of the group velocity along the wave vector, d omega/dq in its direction.
+    group_vector : (n_branches, ..., 2) m/s, the group velocity itself: where energy goes, and how fast.
     wavenumber : (n_branches, ...) rad/m.
     frequency : Hz.
-    direction : unit vector.
+    direction : unit vector of the wave vector, (2,) or (n, 2).
     """
 
-    units = {"phase": "m/s", "group": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
+    units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
 
     branches: tuple[str, ...]
     phase: Array
     group: Array
+    group_vector: Array
     wavenumber: Array
     frequency: Any
     direction: Array
@@ -230,7 +266,9 @@ def pulse_velocities(
     ----------
     state : at one load or many.
     frequency : Hz; a scalar or an array that broadcasts against the load.
-    direction : of propagation, Cartesian; (1, 0) is Gamma-K, (0, 1) Gamma-M.
+    direction : of the wave vector, Cartesian, (2,), or (n, 2) for many at once. (1, 0) is along a row of touching balls of
+        the named lattices: Gamma-K of the triangular and kagome lattices, where (0, 1) is Gamma-M, and Gamma-X of the
+        square one.
     finite_overlap : deprecated; the state has it.
     branches : those wanted, in the order wanted.
 
@@ -238,12 +276,14 @@ def pulse_velocities(
 
     Returns
     -------
-    :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding.
+    :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding. Its ``group`` is the component of
+    the group velocity along the wave vector; the vector itself, which points elsewhere off the axes of symmetry, is
+    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions.
 
     Raises
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
-    InputError : a frequency that is not finite and above zero, an unknown branch.
+    InputError : a frequency that is not finite and above zero, an unknown branch, a direction that is none.
     """
     state = with_keyword(state, finite_overlap)
     hertz = real_array("frequency", frequency)
@@ -253,32 +293,34 @@ def pulse_velocities(
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:
         raise InputError(message(f"unknown branch {unknown}", mend="Use longitudinal, transverse or both"))
-    d = state.packing.diameter
+    d, along = state.packing.diameter, as_direction(direction)
+    scales = branch_scales(state, along, names)
+    axes = along.ndim - 1
     try:
-        pairs = [
-            np.broadcast_arrays(2.0 * np.pi * hertz * d / scale, scale) for scale in branch_scales(state, direction, names)
-        ]
+        shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
         raise InputError(
             message(f"frequencies of shape {hertz.shape} do not go with loads of shape {state.shape}")
         ) from None
-    target, scale = (np.stack(rows) for rows in zip(*pairs, strict=True))
-    wavenumber, group = np.empty((2, *target.shape))
+    scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
+    target = 2.0 * np.pi * hertz.reshape(hertz.shape + (1,) * axes) * d / scale
+    # one row of loads and frequencies, one of directions
+    flat = (len(names), -1, len(along.reshape(-1, 2)))
+    target, units = target.reshape(flat), scale.reshape(flat) / d
     # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
-    parts: list[tuple[ContactState, tuple[Any, ...]]] = [(state, (...,))]
+    parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
     if state.finite_overlap and state.shape:
-        force, overlap, stiffness = (
-            np.broadcast_to(x, target.shape[1:]) for x in (state.force, state.overlap, state.normal_stiffness)
+        names_of_load = ("force", "overlap", "normal_stiffness")
+        every = replace(state, **{name: np.broadcast_to(getattr(state, name), shape).ravel() for name in names_of_load})
+        parts = [(every[index], slice(index, index + 1)) for index in range(target.shape[1])]
+    wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, 2))
+    for part, here in parts:
+        wavenumber[:, here], vector[:, here] = _on_branches(
+            contact_lattice(part), along.reshape(-1, 2), names, target[:, here], units[:, here]
         )
-        every = replace(state, force=force, overlap=overlap, normal_stiffness=stiffness)
-        parts = [(every[index], index) for index in np.ndindex(target.shape[1:])]
-    for part, index in parts:
-        found = acoustic_branches(contact_lattice(part), direction)
-        for row, name in enumerate(names):
-            here = (row, *index)
-            q, slope = _on_branch(found[name], np.asarray(target[here]), np.asarray(scale[here] / d))
-            wavenumber[here], group[here] = q, slope
+    group = np.sum(vector * along.reshape(-1, 2), axis=-1)
+    phase = (target / wavenumber).reshape(scale.shape) * scale
     return PulseVelocities(
-        names, target / wavenumber * scale, group * scale, wavenumber / d, hertz, as_direction(direction),
-        validity(state).warnings,
+        names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, 2) * scale[..., None],
+        wavenumber.reshape(scale.shape) / d, hertz, along, validity(state).warnings,
     )  # fmt: skip

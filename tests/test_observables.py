@@ -260,3 +260,70 @@ def test_a_wide_spread_is_warned_of():
     assert "spread" not in [
         check.name for check in gp.validity(gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(1.0)).checks
     ]
+
+
+# -- many directions ------------------------------------------------------------------------------------------------------
+
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 13)
+MANY = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "finite"),
+    [("triangular", False), ("triangular", True), ("square", False), ("square", True), ("kagome", False)],
+)
+def test_many_directions_are_each_of_them(steel, lattice, finite):
+    medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice))
+    loads, frequencies = np.array([[18.446], [2000.0]]), np.array([900.0, 3000.0, 5000.0])
+    state = medium.at_force(loads, finite_overlap=finite)
+    many, pulses = gp.sound_velocities(state, 7.0 * MANY), gp.pulse_velocities(state, frequencies, 7.0 * MANY)
+    assert many.longitudinal.shape == many.transverse.shape == (2, 1, 13)
+    assert pulses.group.shape == pulses.phase.shape == pulses.wavenumber.shape == (2, 2, 3, 13)
+    assert pulses.group_vector.shape == (2, 2, 3, 13, 2)
+    assert_allclose(many.direction, MANY, atol=1e-15)
+    for place in (0, 2, 5, 9):
+        direction = MANY[place]
+        one, pulse = gp.sound_velocities(state, direction), gp.pulse_velocities(state, frequencies, direction)
+        for name in NAMES:
+            assert getattr(one, name).shape == (2, 1)
+            assert_allclose(getattr(many, name)[..., place], getattr(one, name), rtol=1e-13)
+        for name in ("phase", "group", "wavenumber"):
+            assert_allclose(getattr(pulses, name)[..., place], getattr(pulse, name), rtol=1e-12)
+        assert_allclose(pulses.group_vector[..., place, :], pulse.group_vector, rtol=1e-9, atol=1e-9 * pulse.group.max())
+        assert_allclose(pulse.group_vector @ pulse.direction, pulse.group, rtol=1e-13)
+
+
+def test_many_directions_of_a_simulation(steel):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, (6, 6), samples=2).at_force([5.0, 18.0])
+    one, many = gp.sound_velocities(state), gp.sound_velocities(state, MANY)
+    for name in (*NAMES, "longitudinal_error", "transverse_error"):
+        assert_allclose(getattr(many, name), np.repeat(getattr(one, name)[:, None], 13, axis=1), rtol=1e-15)
+    pulses = gp.pulse_velocities(state, 3000.0, MANY)
+    assert_allclose(pulses.group[:, 1, 3], gp.pulse_velocities(state[1], 3000.0, MANY[3]).group, rtol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.3), (0.2, 1.0), (1.0, 0.0)])
+def test_the_group_velocity_is_the_gradient_of_the_frequency(steel, direction):
+    """By differences of the bands across the wave vector; on the square lattice it points elsewhere."""
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="square")).at_force(18.446)
+    pulse = gp.pulse_velocities(state, 6000.0, direction)
+    lattice, d = gp.ContactLattice.of("square", state.packing.mindlin_ratio), 8e-3
+    for row, branch in enumerate((1, 0)):
+        q, step = pulse.wavenumber[row] * pulse.direction * d, 1e-4
+        ends = np.array([q + sign * step * axis for axis in np.eye(2) for sign in (1.0, -1.0)])
+        omega = lattice.frequencies(ends)[:, branch] * state.scales.frequency * 2.0 * np.pi
+        expected = (omega[::2] - omega[1::2]) / (2.0 * step / d)
+        assert_allclose(pulse.group_vector[row], expected, rtol=1e-6, atol=1e-6 * pulse.group[row])
+    across = np.abs(pulse.group_vector @ [-pulse.direction[1], pulse.direction[0]]) / pulse.group
+    assert np.all(across < 1e-12) if direction[1] == 0.0 else np.all(across > 0.02)
+
+
+@pytest.mark.parametrize(
+    "direction", [(0.0, 0.0), [(1, 0), (0, 0)], (np.nan, 1.0), (np.inf, 1.0), (1, 0, 0), 3.0, "x", np.zeros((0, 2)),
+                  np.ones((2, 2, 2)), [(1, 0), (1,)]],
+)  # fmt: skip
+def test_a_direction_that_is_none_is_one_error(state, direction):
+    for find in (gp.sound_velocities, lambda state, along: gp.pulse_velocities(state, 6500.0, along)):
+        with pytest.raises(InputError, match="A direction is two finite numbers, x and y, not both zero"):
+            find(state, direction)

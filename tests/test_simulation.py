@@ -612,3 +612,34 @@ def test_an_error_in_another_process_is_the_same(spread):
     with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match="carries no load"):
         gp.DirectSimulation(spread, (8, 8), executor=pool).at_overlap(-0.2 * WIDTH)
     assert not issubclass(InputError, ConvergenceError)
+
+
+def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
+    """G lacks 3 % at a* = 0.5, 5 to 6 % at 0.45, 16 to 18 % at 0.4 and 0.03 % from 0.7 on, at W/d = 2.55e-4 (K 0.4, 0.9, 2 %)."""
+    overlaps = np.array([[0.38, 0.4, 0.45], [0.5, 0.7, 2.0]]) - 0.5
+
+    def expected(width, friction=True):
+        packing = gp.Packing(steel, D, gp.Uniform(width), friction=friction)
+        return gp.validity(gp.DirectSimulation(packing, (12, 12), seed=1).at_overlap(overlaps * width))
+
+    report = expected(2.04e-6)
+    np.testing.assert_allclose(report["shear"].value, [[0.17, 0.17, 0.055], [0.03, 3e-4, 3e-4]], rtol=1e-12)
+    assert report["shear"].ok.tolist() == [[False, False, False], [False, True, True]]
+    (text,) = report.warnings
+    assert text.startswith(
+        "part by which the shear modulus of a simulation with friction is expected to be too small is 0.17"
+    )
+    assert "(worst of 4 loads out of 6), 17 times the limit of 0.01" in text
+    assert "the transverse velocity lacks half of that part" in text
+    # the limit of no width is reached as (W/d)^0.31
+    np.testing.assert_allclose(expected(2.04e-9)["shear"].value / report["shear"].value, 1e-3**0.31, rtol=1e-12)
+    # between them it falls with the load
+    packing = gp.Packing(steel, D, gp.Uniform(2.04e-6))
+    value = gp.validity(gp.DirectSimulation(packing, (12, 12), seed=1).at_overlap(0.1 * 2.04e-6))["shear"].value
+    assert value == pytest.approx(math.sqrt(0.03 * 3e-4), rel=1e-12)
+    for without in (
+        expected(2.04e-6, friction=False),
+        gp.validity(gp.DirectSimulation(gp.Packing(steel, D), (3, 3)).at_force(1.0)),
+        gp.validity(gp.EffectiveMedium(packing).at_force(0.1)),
+    ):
+        assert "shear" not in [check.name for check in without.checks]

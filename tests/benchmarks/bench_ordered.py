@@ -164,7 +164,32 @@ def command(repeats: int) -> list[Row]:
     ]  # fmt: skip
 
 
-PARTS: dict[str, Part] = {"bands": bands, "command": command}
+def directions(repeats: int) -> list[Row]:
+    """A polar plot of 543 directions: one call against a call for each."""
+    import granphon as gp
+
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+    angle = np.linspace(0.0, 2.0 * np.pi, 543)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    found = []
+    finders: dict[str, Callable[[NDArray[np.float64]], object]] = {
+        "sound velocities": lambda way: gp.sound_velocities(state, way),
+        "pulse velocities at 6.5 kHz": lambda way: gp.pulse_velocities(state, 6500.0, way),
+    }
+    for name, find in finders.items():
+        seconds = alternate(
+            min(repeats, 3),
+            at_once=lambda find=find: find(along),  # type: ignore[misc]
+            each=lambda find=find: [find(way) for way in along],  # type: ignore[misc]
+        )
+        found.append(
+            Row(f"{name} in 543 directions: a call for each over one call", seconds["each"] / seconds["at_once"], "", 20.0,
+                True, against(seconds, "each", "at_once"))
+        )  # fmt: skip
+    return found
+
+
+PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the ordered lattice", PARTS))
