@@ -91,10 +91,10 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: part by which simulated shear moduli with friction are too small at these a*, as seen at this W/d against a code of discrete
-#: elements and a response with true directions of contacts, and the power of W/d with which it falls. The simulation is that
-#: of no width; in true directions loose balls lean on their neighbours with a trace of the mean force, 1e-6 to 1e-3, and the
-#: shear springs there go as its cube root
+#: part by which simulated shear moduli with friction are too small at these a*, as seen at this W/d against a code of
+#: discrete elements and a response with true directions of contacts, and the power of W/d with which it falls. The
+#: simulation is that of no width; in true directions loose balls lean on their neighbours with a trace of the mean force,
+#: 1e-6 to 1e-3, and the shear springs there go as its cube root
 _SPACINGS, _DEFICITS = (0.4, 0.45, 0.5, 0.7), (0.17, 0.055, 0.03, 3e-4)
 _SEEN, _POWER = 2.55e-4, 0.31
 

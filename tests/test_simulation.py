@@ -615,7 +615,7 @@ def test_an_error_in_another_process_is_the_same(spread):
 
 
 def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
-    """G lacks 3 % at a* = 0.5, 5 to 6 % at 0.45, 16 to 18 % at 0.4 and 0.03 % from 0.7 on, at W/d = 2.55e-4 (K 0.4, 0.9, 2 %)."""
+    """G lacks 3 % at a* = 0.5, 5 to 6 % at 0.45, 16 to 18 % at 0.4, 0.03 % at 0.7, at W/d = 2.55e-4 (K 0.4, 0.9, 2 %)."""
     overlaps = np.array([[0.38, 0.4, 0.45], [0.5, 0.7, 2.0]]) - 0.5
 
     def expected(width, friction=True):
