@@ -99,12 +99,12 @@ class AcousticBranch:
                 message(f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}")
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        ends = [
+        q, omega = (
             np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
             for values in (self.wavenumbers, self.frequencies)
-        ]
+        )
         along = np.broadcast_to(self.direction, (target.size, 2))
-        return _solved(self.lattice, along, target, *ends, self.vectors[right], self.name)
+        return _solved(self.lattice, along, target, q, omega, self.vectors[right], self.name)
 
 
 def _at(
@@ -240,18 +240,18 @@ class AcousticBranches:
         known = self.frequencies[which, direction]
         right = np.sum(known < target[:, None], axis=1)
         row = np.arange(len(target))
-        ends = [
+        q, omega = (
             np.stack([np.where(right > 0, values[row, right - 1], 0.0), values[row, right]])
             for values in (self.wavenumbers[direction], known)
-        ]
+        )
         references = self.vectors[which, direction, right]
-        return _solved(self.lattice, self.directions[direction], target, *ends, references, _NAMES[which])
+        return _solved(self.lattice, self.directions[direction], target, q, omega, references, _NAMES[which])
 
 
 def _continuations(overlap: Array) -> NDArray[np.intp]:
     """(n, n_branches): to which column each branch goes on, from the overlaps (n, n_branches, n_branches)."""
     # where each branch has a continuation of its own that overlaps most, that is the best assignment
-    best = np.argmax(overlap, axis=2)
+    best: NDArray[np.intp] = np.argmax(overlap, axis=2)
     clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
     for row in np.flatnonzero(~clear).tolist():
         from scipy.optimize import linear_sum_assignment

@@ -310,8 +310,10 @@ def pulse_velocities(
     # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
     if state.finite_overlap and state.shape:
-        names_of_load = ("force", "overlap", "normal_stiffness")
-        every = replace(state, **{name: np.broadcast_to(getattr(state, name), shape).ravel() for name in names_of_load})
+        force, overlap, stiffness = (
+            np.broadcast_to(values, shape).ravel() for values in (state.force, state.overlap, state.normal_stiffness)
+        )
+        every = replace(state, force=force, overlap=overlap, normal_stiffness=stiffness)
         parts = [(every[index], slice(index, index + 1)) for index in range(target.shape[1])]
     wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, 2))
     for part, here in parts:

@@ -100,7 +100,7 @@ def test_results_are_frozen_and_their_arrays_read_only(results, name):
     [
         (SoundVelocities, dict.fromkeys(["longitudinal", "transverse", "longitudinal_error", "transverse_error"], "m/s")),
         (Moduli, dict.fromkeys(["tensor", "bulk", "shear", "shears", "bulk_error", "shear_error"], "Pa")),
-        (PulseVelocities, {"phase": "m/s", "group": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}),
+        (PulseVelocities, {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}),
         (Modes, {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}),
     ],
 )
