@@ -153,6 +153,9 @@ FIELDS = {
     "radius": "of the ball; OVITO draws it",
     "diameter_deviations": "diameter less the mean",
     "displacements": "from the site of the lattice",
+    "slip_origin": "displacements at which contacts do not slip",
+    "granphon_scales": "logarithms of the three units below, which some programs lose",
+    "granphon_kind": "2, as of a sample",
     "rotations": "angle; zero in the statics",
     "contacts": "how many contacts carry load",
     "stderr": "standard error of the width; nan where it would rest on a scatter below the rounding of the data",
@@ -177,7 +180,7 @@ FIELDS = {
 FIELD_UNITS = {
     "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
     "relative_overlap": "1", "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
-    "diameter_deviations": "d", "displacements": "d", "rotations": "rad", "chi2": "1", "p": "1",
+    "diameter_deviations": "d", "displacements": "d", "slip_origin": "d", "rotations": "rad", "chi2": "1", "p": "1",
 }  # fmt: skip
 #: of fit.yaml
 FITTED = {
@@ -203,7 +206,7 @@ MEASURED = {
     "failure": "why it was not run; empty if it was",
 }
 #: of a sample, the mean force of a ball's contacts
-SAMPLE = {"force": ("mean force of its contacts, over that of all", "1")}
+SAMPLE = {"contact_force": ("mean force of its contacts, over that of all", "1")}
 #: variables of a sweep that say nothing of themselves
 SWEPT = {
     "medium": "the medium, with its options",

@@ -49,6 +49,7 @@ _HOME = {
     "sweep": "sweeps",
     "tradeoff": "tradeoffs",
     "validity": "limits",
+    "write_extxyz": "balls",
 }
 
 __all__ = [
@@ -90,10 +91,12 @@ __all__ = [
     "sweep",
     "tradeoff",
     "validity",
+    "write_extxyz",
 ]
 
 if TYPE_CHECKING:
     from granphon.archive import load_sweep
+    from granphon.balls import write_extxyz
     from granphon.bridge import load_phonopy
     from granphon.calculator import HertzMindlin, atoms
     from granphon.contact import HertzLaw, Material, mindlin_reduction

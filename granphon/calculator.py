@@ -1,32 +1,26 @@
-"""Balls as an ``ase.Atoms``, and the calculator of their contacts.
+"""The calculator of the contacts of balls that are an ``ase.Atoms``, and the Atoms of one cell of a lattice.
 
-Atoms are in reduced units (d = k = M = 1); the scales are in ``atoms.info`` (see :class:`granphon.units.Units`). Arrays on
-the Atoms, all optional and zero (radius: 1/2) when absent:
-
-``diameter_deviations``  (N,) d_i - <d>.
-``displacements``        (N, 3) from the reference site; the part of the state that force constants use.
-``rotations``            (N,) angle phi about z, rad.
-``radius``               (N,) d_i/2, for programs that draw balls.
-
-A contact's reference direction is the nearest contact vector of the lattice, so nothing else needs to be stored: slip,
-which is measured from the reference sites, does not depend on where the lattice as a whole is.
+Atoms are in reduced units, with the arrays of :mod:`granphon.balls`. A contact's reference direction is the nearest contact
+vector of the lattice, so nothing else needs to be stored: slip does not depend on where the lattice as a whole is.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
+from granphon.balls import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, kind_of, take_arrays
 from granphon.compatibility import GYRATION
 from granphon.errors import InputError, PrecisionError, message
 from granphon.geometry import BALL, ContactTable
 from granphon.lattice import ContactLattice
+from granphon.pairs import PairList, Pairs
 from granphon.results import read_only
-from granphon.state import ContactState, with_keyword
+from granphon.state import ContactState, Law, with_keyword
 from granphon.units import Units
 
 if TYPE_CHECKING:
@@ -39,10 +33,9 @@ Array = NDArray[np.float64]
 _LEAST_OVERLAP = 1e-10
 #: how far, in spacings, a pair may be from the lattice's contact vector
 _CATCH = 0.25
-#: entry of ``Atoms.info``: whether the cell is that of finite overlap
-_FINITE = "granphon_finite_overlap"
-#: arrays of its own that the energy depends on; what is absent is zero
-_WATCHED = ("diameter_deviations", "rotations", "displacements")
+#: how far the lattice may be turned as a whole: the overlap that this adds to contacts of fixed direction, over their own;
+#: and, where positions only tell which balls touch, the same over the spacing
+_TURNED, _ASKEW = 1e-2, 1e-4
 
 
 def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
@@ -65,13 +58,8 @@ def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
         positions=positions,
         cell=cell,
         pbc=(True, True, False),
-        masses=np.ones(lattice.n_balls),
     )
-    balls.info.update(scales.to_info(), **{_FINITE: state.finite_overlap})
-    balls.set_array("diameter_deviations", np.zeros(lattice.n_balls))
-    balls.set_array("displacements", np.zeros((lattice.n_balls, 3)))
-    balls.set_array("rotations", np.zeros(lattice.n_balls))
-    balls.set_array("radius", np.full(lattice.n_balls, 0.5))
+    take_arrays(balls, scales, FINITE if state.finite_overlap else LATTICE)
     balls.calc = HertzMindlin(state)
     return balls
 
@@ -84,10 +72,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     are apart exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
 
     By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed;
-    with finite overlap, which the state has or has not, it is ``d - |r|``.
+    with finite overlap, which the state has or has not, it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
 
     Force constants come from the state (and the arrays ``displacements`` and ``diameter_deviations``), never from positions:
     these only tell which balls touch.
+
+    The state of one simulated sample serves that sample's own ``sample.atoms()``, whose contacts have the law of two balls,
+    and ``gp.atoms(state)``, whose contacts have the mean law.
 
     Parameters
     ----------
@@ -96,7 +87,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     Raises
     ------
-    InputError : unknown keywords, several loads; on use, balls that are periodic across the plane or not on a lattice.
+    InputError : unknown keywords, several loads; on use, Atoms without masses or an array of :mod:`granphon.balls`, or of
+        another state (:meth:`adopt` gives what is missing); balls that are periodic across the plane, or that touch in other
+        directions than the lattice's, as when it is turned (with ``finite_overlap`` and no friction they may).
     PrecisionError : on use, delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -117,6 +110,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         table = state.packing.structure.contacts
         self._directions = np.concatenate([table.normal, -table.normal])
+        # without friction contacts of finite overlap have no direction but that in which the balls are
+        self._is_free = self.finite_overlap and not self._eta
+        self._near = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Refuse parameters: what this calculator needs is its state."""
@@ -131,12 +127,24 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is not None:
             old = self.atoms
-            changes += [
-                name
-                for name in _WATCHED
-                if len(old) != len(atoms) or np.any(old.arrays.get(name, 0.0) != atoms.arrays.get(name, 0.0))
-            ]
+            changes += [name for name in ARRAYS if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
+            changes += ["masses"] * (has_masses(old) != has_masses(atoms))
         return changes
+
+    def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
+        """A copy of Atoms from elsewhere as balls of this state, with this calculator.
+
+        What is there is kept, be it set by hand. Masses, scales and the arrays of :mod:`granphon.balls` that are missing are
+        those of ``like``, ball by ball; without it, those of balls of the state on the sites of its lattice, with masses
+        (1 + deviation)^3. Positions and cell are taken to be in mean diameters.
+
+        Raises :class:`~granphon.errors.InputError` if ``like`` has another number of balls, or the Atoms are of another
+        state.
+        """
+        balls = adopted(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like)
+        kind_of(balls, self.scales, self.finite_overlap)
+        balls.calc = self
+        return balls
 
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
@@ -154,13 +162,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         contacts = self._deformations(balls)
         i, j, pull, arm_i, arm_j = contacts.i, contacts.j, contacts.force_on_j, contacts.arm_i, contacts.arm_j
-        forces = np.zeros((len(balls), 3))
-        np.add.at(forces[:, :2], j, pull)
-        np.add.at(forces[:, :2], i, -pull)
-        torques = np.zeros(len(balls))
-        np.add.at(torques, i, arm_i * contacts.shear)
-        np.add.at(torques, j, arm_j * contacts.shear)
-        self._torques = torques
+        n, forces = len(balls), np.zeros((len(balls), 3))
+        for axis in (0, 1):
+            forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
+        self._torques: Array = np.bincount(i, arm_i * contacts.shear, n) + np.bincount(j, arm_j * contacts.shear, n)
         energy = float(contacts.energy.sum())
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
@@ -181,78 +186,75 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     # -- contacts ---------------------------------------------------------------------------------------------------
 
-    def _check_scales(self, balls: Atoms) -> None:
-        for key, value in self.scales.to_info().items():
-            given = balls.info.get(key, value)
-            if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
-                raise InputError(
-                    message(
-                        f"the Atoms have {key} = {given}, the state {value}",
-                        "They are in the reduced units of another state",
-                        "Use the state they were made from, or gp.atoms of this one",
-                    )
-                )
-
-    def _check_overlap_mode(self, balls: Atoms) -> None:
-        if bool(balls.info.get(_FINITE, self.finite_overlap)) != self.finite_overlap:
-            ours, theirs = ("with", "without") if self.finite_overlap else ("without", "with")
-            raise InputError(
-                message(
-                    f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
-                    "Their cells differ by the overlap",
-                    f"Make the state with finite_overlap={not self.finite_overlap}, or make the Atoms anew",
-                )
-            )
-
-    def _pairs(self, balls: Atoms) -> tuple[Any, Any, Any, Array]:
-        """Each neighbouring pair once: i, j, shift (n, 2), vector (n, 2)."""
-        self._check_scales(balls)
-        self._check_overlap_mode(balls)
-        cell = np.asarray(balls.cell)
-        own = (balls.arrays[name] for name in _WATCHED if name in balls.arrays)
-        if self._apart < 0.0 and np.any(_scalar(balls, "diameter_deviations")):
-            raise InputError(
-                message(
-                    f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all",
-                    "Their spread would count twice",
-                    "Use a state of AveragedLattice, whose law is that of two balls",
-                )
-            )
-        if not all(np.all(np.isfinite(values)) for values in (balls.positions, cell, *own)):
+    def _law(self, balls: Atoms) -> Law:
+        """The law of these balls' contacts; :class:`InputError` for balls that cannot be."""
+        kind = kind_of(balls, self.scales, self.finite_overlap)
+        own = (balls.arrays[name] for name in ARRAYS)
+        if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
             raise InputError(message("the Atoms hold a number that is not finite, in positions, cell or an array of ours"))
-        if np.any(np.abs(cell[:2, 2]) > 1e-3):
+        if np.any(np.abs(np.asarray(balls.cell)[:2, 2]) > 1e-3):
             raise InputError(message("the cell is tilted out of the plane", "The array is one layer in x and y"))
         if balls.pbc[2]:
             raise InputError(
                 message("the balls are periodic across the plane", "The array is one layer", "Set pbc = (True, True, False)")
             )
-        deviations = _scalar(balls, "diameter_deviations")
-        largest = 1.0 + float(np.max(deviations, initial=0.0)) + _CATCH
-        flat = balls.copy()
-        flat.positions[:, 2] = 0.0
-        # brings much of scipy along, and the cells of the lattice itself do not need it
-        from ase.neighborlist import neighbor_list
+        if kind == SAMPLE:
+            return self.state.packing.law
+        if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
+            raise InputError(
+                message(
+                    f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all",
+                    "Their spread would count twice",
+                    "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of a sample",
+                )
+            )
+        return self.state.law
 
-        i, j, vector, shift = neighbor_list("ijDS", flat, largest)
-        once = (i < j) | ((i == j) & ((shift[:, 0] > 0) | ((shift[:, 0] == 0) & (shift[:, 1] > 0))))
-        return i[once], j[once], shift[once][:, :2], vector[once][:, :2]
+    def _pairs(self, balls: Atoms, positions: Array) -> Pairs:
+        """Each pair that might touch, once."""
+        largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
+        periodic = bool(balls.pbc[0]), bool(balls.pbc[1])
+        return self._near.near(positions, np.asarray(balls.cell)[:2, :2], periodic, largest)
 
-    def _reference(self, vector: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Normal of the lattice nearest to each pair's vector, and whether it is near enough to be that contact."""
+    def _normals(self, vector: Array, extra: Array, turned: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Direction of each pair's contact in the lattice, and whether the pair is near enough to be that contact.
+
+        :class:`InputError` if balls touch in another direction, or the lattice is turned so that contacts of fixed direction
+        would overlap by ``turned`` more.
+        """
+        distance = np.linalg.norm(vector, axis=1)
+        if self._is_free:
+            return vector / distance[:, None], np.abs(distance - self._spacing) < _CATCH
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
-        return normal, np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
+        near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
+        reach = self._spacing + self._overlap + extra - self._apart
+        astray = ~near & (distance < reach)
+        touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
+        across = (normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0])[touching] / distance[touching]
+        turn = float(np.mean(across)) if len(across) else 0.0
+        if np.any(astray) or 0.5 * turn**2 > turned:
+            what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
+            if np.any(astray):
+                what = "balls touch in directions that are not those of the lattice"
+            raise InputError(
+                message(
+                    what,
+                    "With friction, and in the paper's limit, contacts have the fixed directions of the lattice;"
+                    " these balls are turned against the lattice, or were moved among each other",
+                    "Leave them in the orientation of gp.atoms(state), or use a state with finite_overlap=True, without friction",
+                )
+            )
+        return normal, near
 
     def _deformations(self, balls: Atoms) -> _Deformations:
         """The contacts that are closed at the balls' positions."""
-        i, j, _, vector = self._pairs(balls)
-        deviations, angles = _scalar(balls, "diameter_deviations"), _scalar(balls, "rotations")
+        law = self._law(balls)
+        apart = law.least_overlap / self.scales.length
+        i, j, _, vector = self._pairs(balls, balls.positions[:, :2])
+        deviations, angles = balls.arrays["diameter_deviations"], balls.arrays["rotations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        if self.finite_overlap and not self._eta:
-            near = np.ones(len(i), bool)
-            normal = vector / np.linalg.norm(vector, axis=1)[:, None]
-        else:
-            normal, near = self._reference(vector)
+        normal, near = self._normals(vector, extra, _TURNED * (self._overlap - self._apart))
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             axis = vector / distance[:, None]
@@ -260,10 +262,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         else:
             axis = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
-        closed = near & (overlap > self._apart)
+        closed = near & (overlap > apart)
         i, j, vector, normal, axis = i[closed], j[closed], vector[closed], normal[closed], axis[closed]
-        # the law is that of the medium; reduced energy, force and stiffness are in units of k d^2, k d and k
-        d, k, law = self.scales.length, self.scales.stiffness, self.state.law
+        # reduced energy, force and stiffness are in units of k d^2, k d and k
+        d, k = self.scales.length, self.scales.stiffness
         depth = overlap[closed] * d
         compression = law.force(depth) / (k * d)
         energy = law.energy(depth) / (k * d * d)
@@ -271,54 +273,71 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         pull = compression[:, None] * axis
         shear = np.zeros(len(i))
         if self._eta:
-            tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-            slip = np.einsum("ca,ca->c", vector, tangent) - arm_i * angles[i] - arm_j * angles[j]
+            rest = self._at_rest(balls, i, j, normal)
+            tangent = np.stack([-rest.axis[:, 1], rest.axis[:, 0]], axis=1)
+            origin = balls.arrays["slip_origin"][:, :2]
+            vector_of_slip = vector - self._spacing * normal - (origin[j] - origin[i])
+            slip = np.einsum("ca,ca->c", vector_of_slip, tangent) - arm_i * angles[i] - arm_j * angles[j]
             # kappa is that of the reference: the energy is incremental
-            shear = self._eta * self._stiffness(self._state_overlap(balls, i, j, normal)) * slip
+            shear = self._eta * self._stiffness(law, rest.overlap) * slip
             energy = energy + 0.5 * shear * slip
             pull = pull - shear[:, None] * tangent
         return _Deformations(i, j, vector, energy, pull, shear, arm_i, arm_j)
 
-    def _state_overlap(self, balls: Atoms, i: Any, j: Any, normal: Array) -> Array:
-        """Reduced overlap of pairs in the reference state: the state's, plus deviations, less displacements."""
-        deviations, displacements = _scalar(balls, "diameter_deviations"), _displacements(balls)
-        approach = np.einsum("ca,ca->c", normal, displacements[j] - displacements[i])
-        return np.asarray(self._overlap + 0.5 * (deviations[i] + deviations[j]) - approach)
+    def _at_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
+        """Contacts in the reference state, where balls are displaced from sites in the direction ``normal``.
 
-    def _stiffness(self, overlap: Array) -> Array:
-        """Reduced normal stiffness: exactly one at the state's own overlap."""
-        stiffness, other = np.ones(overlap.shape), overlap != self._overlap
+        In the paper's limit their direction is that of the sites. Differences of displacements are not added to the spacing,
+        which would take the digits of the overlap.
+        """
+        deviations, displacements = balls.arrays["diameter_deviations"], balls.arrays["displacements"][:, :2]
+        moved = displacements[j] - displacements[i]
+        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
+        along = np.einsum("ca,ca->c", normal, moved)
+        if not self.finite_overlap:
+            return _Rest(normal, overlap - along, np.full(len(normal), self._spacing))
+        vector = self._spacing * normal + moved
+        distance = np.linalg.norm(vector, axis=1)
+        # |r| - a of r = a n + u
+        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
+        return _Rest(vector / distance[:, None], overlap - farther, distance)
+
+    def _stiffness(self, law: Law, overlap: Array) -> Array:
+        """Reduced normal stiffness: of the state's law, exactly one at the state's own overlap."""
+        stiffness, other = np.ones(overlap.shape), (overlap != self._overlap) | (law is not self.state.law)
         if np.any(other):  # where the law is that of a simulation, each overlap is an equilibrium
-            stiffness[other] = self.state.law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
+            stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
         return stiffness
 
     def contact_lattice(self, atoms: Atoms) -> ContactLattice:
         """The :class:`~granphon.lattice.ContactLattice` of any cell of these balls: harmonic about the state.
 
         Contacts are those of the lattice between balls that are there; their overlap is the state's, plus the deviations of
-        the diameters, less the ``displacements``. Masses are those of the Atoms.
+        the diameters, less the ``displacements``. With ``finite_overlap`` these turn the contacts too. Masses are those of
+        the Atoms.
         """
-        sites = atoms.copy()
-        sites.positions[:, :2] -= _displacements(atoms)
-        i, j, shift, vector = self._pairs(sites)
-        normal, near = self._reference(vector)
-        overlap = self._state_overlap(atoms, i, j, normal)
-        closed = near & (overlap > self._apart)
-        i, j, shift, normal, overlap = i[closed], j[closed], shift[closed], normal[closed], overlap[closed]
-        d, k, law = self.scales.length, self.scales.stiffness, self.state.law
-        stiffness = self._stiffness(overlap)
+        law = self._law(atoms)
+        deviations = atoms.arrays["diameter_deviations"]
+        sites = atoms.positions[:, :2] - atoms.arrays["displacements"][:, :2]
+        i, j, shift, vector = self._pairs(atoms, sites)
+        normal, near = self._normals(vector, 0.5 * (deviations[i] + deviations[j]), _ASKEW)
+        rest = self._at_rest(atoms, i, j, normal)
+        closed = near & (rest.overlap > law.least_overlap / self.scales.length)
+        i, j, shift, vector = i[closed], j[closed], shift[closed], vector[closed]
+        axis, overlap, distance = (values[closed] for values in rest)
+        d, k = self.scales.length, self.scales.stiffness
         prestress = np.zeros(len(i))
         if self.finite_overlap:
-            prestress = law.force(overlap * d) / (k * d) / self._spacing
-        diameters = 1.0 + _scalar(atoms, "diameter_deviations")
+            prestress = law.force(overlap * d) / (k * d) / distance
+        diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
         table = ContactTable(
-            read_only(i), read_only(j), read_only(shift), read_only(normal), read_only(vector[closed]),
+            read_only(i), read_only(j), read_only(shift), read_only(axis), read_only(vector),
             read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
         return ContactLattice(
-            np.asarray(atoms.cell)[:2, :2], sites.positions[:, :2], table, self._eta,
-            stiffness=stiffness, prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
+            np.asarray(atoms.cell)[:2, :2], sites, table, self._eta, stiffness=self._stiffness(law, overlap),
+            prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
         )  # fmt: skip
 
     @overload
@@ -391,11 +410,9 @@ class _Deformations:
         self.force_on_j, self.shear, self.arm_i, self.arm_j = force_on_j, shear, arm_i, arm_j
 
 
-def _scalar(balls: Atoms, name: str) -> Array:
-    """An array of one number per ball; zero where the Atoms have none."""
-    return np.asarray(balls.arrays.get(name, np.zeros(len(balls))), float)
+class _Rest(NamedTuple):
+    """Contacts in the reference state: directions (n, 2), overlaps, and distances of the centres."""
 
-
-def _displacements(balls: Atoms) -> Array:
-    """(N, 2) displacements from the reference sites; zero where the Atoms have none."""
-    return np.asarray(balls.arrays.get("displacements", np.zeros((len(balls), 3))), float)[:, :2]
+    axis: Array
+    overlap: Array
+    distance: Array

@@ -59,7 +59,8 @@ class Phonons:
 
     Raises
     ------
-    InputError : several loads; atoms of other scales; a ``dim`` so small that contacts would be confused.
+    InputError : several loads; atoms without masses, of other scales, or otherwise refused by :class:`HertzMindlin`; a
+        ``dim`` so small that contacts would be confused.
     MechanismError : the state's own lattice is a mechanism (atoms that are given may be one).
     """
 
@@ -76,6 +77,8 @@ class Phonons:
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
+        if not self.atoms.cell[2].any():
+            self.atoms.cell[2, 2] = 1.0  # phonopy wants a cell; the layer is one diameter thick
         # one cell of the lattice has the contacts of the state: they need not be looked for
         self.lattice: ContactLattice = (
             contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)

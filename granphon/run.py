@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from granphon.balls import write_extxyz
 from granphon.files import dump_yaml, versions
 from granphon.jobs import LATTICE_BANDS, has_pressure, sampling_errors
 from granphon.ladder import Rung
@@ -134,9 +135,7 @@ class RunResult:
     def write(self, place: Path, step: Step) -> None:
         """Write the files of the spectra, and of a sample, into a folder that is there."""
         if isinstance(self.state, SimulatedState):
-            from ase.io import write
-
-            write(place / "sample.extxyz", self.state.sample.atoms(), format="extxyz")
+            write_extxyz(place / "sample.extxyz", self.state.sample.atoms())
             step.advance()
         if self.bands is not None and self.phonons is not None:
             self.bands.write(place / "band.yaml")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls import SAMPLE, take_arrays
 from granphon.equilibrium import Equilibrium
 from granphon.geometry import BALL, TRIANGULAR
 from granphon.packing import Packing
@@ -150,14 +151,14 @@ class Sample(Result):
     def atoms(self) -> Atoms:
         """The sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
-        Balls are at their displaced places; arrays as in :mod:`granphon.calculator`, and ``force`` (the mean force of a
-        ball's six contacts over the mean of all) and ``contacts`` (how many carry load). The scales are in ``info``.
+        Balls are at their displaced places, where contacts have no slip; arrays as in :mod:`granphon.balls`, and
+        ``contact_force`` (the mean force of a ball's six contacts over the mean of all) and ``contacts`` (how many carry
+        load). ``granphon.HertzMindlin`` of this sample's state finds them at rest.
         """
         from ase import Atoms
 
         packing, (rows, columns) = self.packing, self.equilibrium.deviations.shape
         d = packing.diameter
-        scales = Units(d, self.normal_stiffness, packing.mass)
         cell = np.eye(3)
         cell[:2, :2] = TRIANGULAR.vectors * np.array([[rows], [columns]])
         moved = np.zeros((rows * columns, 3))
@@ -165,17 +166,16 @@ class Sample(Result):
         sites = np.zeros_like(moved)
         sites[:, :2] = self.sites.reshape(-1, 2)
         balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=(True, True, False))
-        deviations = self._length / d * self.equilibrium.deviations.ravel()
-        balls.set_masses((1.0 + deviations) ** 3)
+        own = {
+            "diameter_deviations": self._length / d * self.equilibrium.deviations.ravel(),
+            "displacements": moved, "slip_origin": moved.copy(),
+        }  # fmt: skip
+        take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own)
         forces = self.equilibrium.forces / self.equilibrium.force
         around = self.equilibrium.stencils.around
-        balls.set_array("radius", 0.5 * (1.0 + deviations))
-        balls.set_array("diameter_deviations", deviations)
-        balls.set_array("displacements", moved)
-        balls.set_array("rotations", np.zeros(len(sites)))
-        balls.set_array("force", around(forces).ravel() / 6.0)
+        balls.set_array("contact_force", around(forces).ravel() / 6.0)
         balls.set_array("contacts", around((forces > LEAST_CONTACT).astype(int)).ravel())
-        balls.info.update(scales.to_info(), relative_overlap=self.overlap / d)
+        balls.info["relative_overlap"] = self.overlap / d
         return balls
 
 

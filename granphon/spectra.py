@@ -163,7 +163,7 @@ class Bands(Result):
     Attributes
     ----------
     qpoints : (s, p, 3), fractions of the reciprocal cell.
-    distances : (s, p), along the path, in 1/d without 2 pi (the paper's units, as in phonopy).
+    distances : (s, p), along the path, in units of 1/d, without 2 pi, as in phonopy: numbers without a unit.
     frequencies : (s, p, b), Hz, ascending.
     group_velocities : (s, p, b, 2), m/s; at Gamma, and where branches touch, the limit along the path.
     eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; dofs (x, y, w) or (x, y) of each ball.
@@ -173,7 +173,7 @@ class Bands(Result):
     warnings : limits of the model that the state exceeds.
     """
 
-    units = {"distances": "1/d", "frequencies": "Hz", "group_velocities": "m/s"}
+    units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
 
     qpoints: Array
     distances: Array

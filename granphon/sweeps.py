@@ -296,13 +296,15 @@ def _attrs(name: str) -> dict[str, str]:
 
 
 def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
+    # "1/d" is one a day to readers of units, and the spacing is another at each load
     unit = "1/a" if finite_overlap else "1/d"
     return {
         "qpoints": (
             ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
         ),
         "distances": (
-            ("segment", "point"), way.distances, {"long_name": "distance along the path, without 2 pi", "units": unit},
+            ("segment", "point"), way.distances,
+            {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
         ),
         "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
     }  # fmt: skip

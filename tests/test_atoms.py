@@ -21,7 +21,7 @@ from granphon.errors import InputError
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-ARRAYS = ("diameter_deviations", "displacements", "rotations", "radius")
+ARRAYS = ("diameter_deviations", "displacements", "slip_origin", "rotations", "radius", "granphon_scales", "granphon_kind")
 SCALES = ("granphon_length_m", "granphon_stiffness_N_per_m", "granphon_mass_kg")
 
 
@@ -40,6 +40,7 @@ def marked(state, shape=(3, 2, 1)):
     shift = np.zeros((n, 3))
     shift[:, :2] = 1e-4 * rng.normal(size=(n, 2))
     balls.set_array("displacements", shift)
+    balls.set_array("slip_origin", 0.5 * shift)
     balls.set_array("radius", 0.5 * (1.0 + balls.arrays["diameter_deviations"]))
     balls.positions += shift
     balls.set_masses(1.0 + 0.1 * rng.uniform(size=n))
@@ -69,7 +70,7 @@ def test_one_cell_of_the_triangular_lattice(finite_overlap):
     assert isinstance(balls.calc, gp.HertzMindlin)
     assert balls.calc.finite_overlap is finite_overlap
     for name in ARRAYS:
-        assert balls.arrays[name].dtype == float
+        assert balls.arrays[name].dtype == (int if name == "granphon_kind" else float)
     np.testing.assert_array_equal(balls.arrays["radius"], 0.5)
     assert [balls.info[key] for key in SCALES] == [
         pytest.approx(DIAMETER),
@@ -125,9 +126,9 @@ def test_copies_keep_everything_but_the_calculator(how):
 
 
 def test_make_supercell_keeps_the_arrays():
-    # ASE's make_supercell drops info: Phonons takes the scales from the state, and so does the calculator
+    # ASE's make_supercell drops info, and with it the scales; the arrays say to which state the balls belong
     state = at_overlap()
-    out = make_supercell(gp.atoms(state), [[2, 1, 0], [-1, 3, 0], [0, 0, 1]])
+    out = make_supercell(gp.atoms(state), SEVEN)
     assert len(out) == 7
     assert set(ARRAYS) <= set(out.arrays)
     assert out.info == {}
@@ -135,6 +136,98 @@ def test_make_supercell_keeps_the_arrays():
         gp.Units.from_info(out.info)
     out.calc = gp.HertzMindlin(state)
     assert out.get_potential_energy() == pytest.approx(7 * gp.atoms(state).get_potential_energy(), rel=1e-12)
+    assert gp.Units.from_info(gp.HertzMindlin(state).adopt(out).info) == state.scales
+
+
+SEVEN = [[2, 1, 0], [-1, 3, 0], [0, 0, 1]]
+GUARDED = {
+    "as made": lambda balls: balls,
+    "make_supercell": lambda balls: make_supercell(balls, SEVEN),
+    "repeat": lambda balls: balls.repeat((2, 2, 1)),
+    "slice": lambda balls: balls.repeat((2, 2, 1))[1:3],
+    "without info": lambda balls: (balls.info.clear(), balls)[1],
+}
+
+
+@pytest.mark.parametrize("how", GUARDED)
+def test_atoms_of_another_state_are_refused_wherever_they_went(how):
+    # twice the overlap is 2^(5/2) = 5.66 times the energy
+    state, finite = at_overlap(), at_overlap(finite_overlap=True)
+    cases = [
+        (state, at_overlap(0.04), "units of another state|granphon_stiffness"),
+        (state, finite, "made without finite overlap"), (finite, state, "made with finite overlap"),
+    ]  # fmt: skip
+    for theirs, other, words in cases:
+        balls = GUARDED[how](gp.atoms(theirs))
+        balls.calc = calc = gp.HertzMindlin(other)
+        for ask in (
+            Atoms.get_potential_energy, calc.get_force_constants, calc.adopt, lambda one, other=other: gp.Phonons(other, one),
+        ):  # fmt: skip
+            with pytest.raises(InputError, match=words):
+                ask(balls)
+
+
+def test_balls_put_together():
+    state = at_overlap()
+    three = gp.atoms(state).repeat((3, 1, 1))
+    three.pbc = False
+    three.calc = gp.HertzMindlin(state)
+    more = three[:2] + three[2:]
+    more.calc = gp.HertzMindlin(state)
+    assert more.get_potential_energy() == three.get_potential_energy()
+    # an atom without arrays gets zeros from ASE, and the mass of iron
+    more = three[:2] + Atoms("Fe", positions=[[2, 0, 0]])
+    more.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match=r"no masses\."):
+        more.get_potential_energy()
+    more.set_masses(np.ones(3))
+    more.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match=r"ball 2 .*added without any"):
+        more.get_potential_energy()
+    mixed = gp.atoms(state).repeat((2, 1, 1))
+    mixed.arrays["granphon_kind"][0] = gp.atoms(at_overlap(finite_overlap=True)).arrays["granphon_kind"][0]
+    with pytest.raises(InputError, match="different lattices"):
+        gp.HertzMindlin(state).get_force_constants(mixed)
+
+
+# -- atoms from elsewhere -----------------------------------------------------------------------------------------------
+
+
+def bare(state):
+    one = gp.atoms(state)
+    return Atoms("Fe", positions=one.positions, cell=one.cell, pbc=one.pbc)
+
+
+def test_iron_is_not_taken_for_a_ball():
+    state = at_overlap()
+    with pytest.raises(InputError, match=r"no masses, granphon_scales, .*adopt\(atoms\)"):
+        gp.Phonons(state, bare(state))
+    expected = gp.Phonons(state).frequencies([[0.1, 0.0]])
+    adopted = gp.HertzMindlin(state).adopt(bare(state))
+    np.testing.assert_allclose(gp.Phonons(state, adopted).frequencies([[0.1, 0.0]]), expected, rtol=1e-12)
+    assert gp.Units.from_info(adopted.info) == state.scales
+
+
+def test_adopted_balls_keep_what_they_have():
+    state = at_overlap()
+    balls = bare(state).repeat((2, 1, 1))
+    balls.set_array("diameter_deviations", np.array([1e-3, -1e-3]))
+    adopted = gp.HertzMindlin(state).adopt(balls)
+    np.testing.assert_array_equal(adopted.arrays["diameter_deviations"], [1e-3, -1e-3])
+    np.testing.assert_allclose(adopted.get_masses(), [1.001**3, 0.999**3], rtol=1e-15)
+    np.testing.assert_array_equal(adopted.arrays["radius"], [0.5005, 0.4995])
+    assert isinstance(adopted.calc, gp.HertzMindlin)
+    assert adopted.get_potential_energy() > 0.0
+    assert not balls.has("masses")
+    assert balls.info == {}
+    heavy = bare(state)
+    heavy.set_masses([2.0])
+    assert gp.HertzMindlin(state).adopt(heavy).get_masses() == [2.0]
+    with pytest.raises(InputError, match="like has 1 balls, and the Atoms have 2"):
+        gp.HertzMindlin(state).adopt(balls, like=gp.atoms(state))
+    # like of another state
+    with pytest.raises(InputError, match="units of another state"):
+        gp.HertzMindlin(state).adopt(bare(state), like=gp.atoms(at_overlap(0.04)))
 
 
 def test_two_atoms_do_not_share_arrays():
@@ -200,19 +293,39 @@ def test_json_of_todict_keeps_every_digit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "keeps_info"), [("balls.traj", True), ("balls_json.json", False), ("balls.db", False), ("balls.bundle", False)]
-)
-def test_formats_that_keep_positions_only(tmp_path, name, keeps_info):
+    ("name", "keeps_info", "keeps_masses"),
+    [
+        ("balls.traj", True, True), ("balls_json.json", False, True), ("balls.db", False, True),
+        ("balls.bundle", False, True), ("balls.xsf", False, False), ("balls.vasp", False, False),
+        ("balls.dlp4", False, False), ("balls.nc", False, False),
+    ],
+)  # fmt: skip
+# ASE warns that the height of a cell that is not periodic has no place in netCDF
+@pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
+def test_formats_that_lose_arrays_are_refused_and_mended(tmp_path, name, keeps_info, keeps_masses):
     # ASE's own formats drop arrays they do not know; one that begins to keep them should be recommended
     state = at_overlap()
     balls = marked(state)
-    form = {"bundle": "bundletrajectory"}.get(name.rsplit(".", 1)[1])
+    form = {"bundle": "bundletrajectory", "nc": "netcdftrajectory"}.get(name.rsplit(".", 1)[1])
     ase.io.write(tmp_path / name, balls, format=form)
     back = ase.io.read(tmp_path / name, format=form)
-    np.testing.assert_array_equal(back.positions, balls.positions)
-    np.testing.assert_array_equal(back.get_masses(), balls.get_masses())
     assert not set(ARRAYS) & set(back.arrays)
     assert (set(SCALES) <= set(back.info)) is keeps_info
+    assert bool(np.all(back.get_masses() == balls.get_masses())) is keeps_masses
+    back.pbc = (True, True, False)  # not all keep this either
+    calc = gp.HertzMindlin(state)
+    for ask in (calc.get_force_constants, lambda one: calc.get_property("forces", one), lambda one: gp.Phonons(state, one)):
+        with pytest.raises(InputError, match=r"lost .*like=other"):
+            ask(back)
+    again = calc.adopt(back, like=balls)
+    for array in (*ARRAYS, "masses"):
+        np.testing.assert_array_equal(again.arrays[array], balls.arrays[array])
+    np.testing.assert_allclose(calc.get_force_constants(again), calc.get_force_constants(balls), atol=1e-12)
+    # positions and cell keep what the format has of digits
+    exact = keeps_masses
+    np.testing.assert_allclose(
+        again.get_potential_energy(), calc.get_property("energy", balls), rtol=1e-12 if exact else 1e-3
+    )
 
 
 def test_database_rows_carry_the_arrays_as_data(tmp_path):
@@ -227,9 +340,10 @@ def test_database_rows_carry_the_arrays_as_data(tmp_path):
     for name in ARRAYS:
         np.testing.assert_array_equal(back.arrays[name], balls.arrays[name])
     assert gp.Units.from_info(row.data) == state.scales
+    assert gp.HertzMindlin(state).get_property("energy", back) == gp.HertzMindlin(state).get_property("energy", balls)
 
 
-@pytest.mark.parametrize("arrays", [("rotations", "diameter_deviations", "radius", "displacements")])
+@pytest.mark.parametrize("arrays", [ARRAYS])
 # ASE warns that the height of a cell that is not periodic has no place in this format
 @pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
 def test_netcdf_keeps_named_arrays(tmp_path, arrays):
@@ -245,6 +359,43 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
     # positions go through cell lengths and angles in single precision, and masses and scales are lost
     np.testing.assert_allclose(back.positions, balls.positions, atol=1e-6)
     assert not set(SCALES) & set(back.info)
+    # and the height of the cell: with the masses they are balls again
+    np.testing.assert_array_equal(back.cell[2], 0.0)
+    state = at_overlap()
+    with pytest.raises(InputError, match=r"no masses\."):
+        gp.Phonons(state, back)
+    again = gp.HertzMindlin(state).adopt(back, like=balls)
+    expected = gp.HertzMindlin(state).get_property("energy", balls)
+    assert again.get_potential_energy() == pytest.approx(expected, rel=1e-3)
+    q = [[0.1, 0.2]]
+    np.testing.assert_allclose(gp.Phonons(state, again).frequencies(q), gp.Phonons(state, balls).frequencies(q), rtol=1e-5)
+
+
+def test_write_extxyz_keeps_every_digit(tmp_path):
+    # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
+    packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))
+    state = gp.DirectSimulation(packing, (6, 5), seed=2).at_overlap(0.3e-9)
+    balls, path = state.sample.atoms(), tmp_path / "sample.extxyz"
+    gp.write_extxyz(path, balls)
+    back = ase.io.read(path)
+    assert set(back.arrays) == set(balls.arrays)
+    for name, values in balls.arrays.items():
+        np.testing.assert_array_equal(back.arrays[name], values, err_msg=name)
+    assert back.info == balls.info
+    np.testing.assert_array_equal(np.asarray(back.cell), np.asarray(balls.cell))
+    np.testing.assert_array_equal(back.pbc, balls.pbc)
+    back.calc = gp.HertzMindlin(state)
+    assert np.abs(back.get_forces()).max() * state.scales.force < 1e-6 * state.force
+    # what a viewer takes for a vector is not there, and what it takes for the size is
+    header = path.read_text().splitlines()[1]
+    assert ":radius:R:1:" in header
+    assert ":force:" not in header
+    assert ":contact_force:R:1:" in header
+    # ASE's own writer keeps the eight digits that the guard needs, and not those of forces
+    ase.io.write(tmp_path / "ase.extxyz", balls)
+    rough = ase.io.read(tmp_path / "ase.extxyz")
+    rough.calc = gp.HertzMindlin(state)
+    assert np.abs(rough.get_forces()).max() * state.scales.force > 1e-2 * state.force
 
 
 # -- optimisers, dynamics, vibrations -----------------------------------------------------------------------------------

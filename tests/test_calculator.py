@@ -14,11 +14,14 @@ from ase import Atoms
 from ase.build import make_supercell
 from ase.calculators.calculator import PropertyNotImplementedError
 from ase.calculators.fd import calculate_numerical_forces, calculate_numerical_stress
+from ase.optimize import BFGS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
+import granphon.pairs
 from granphon.errors import InputError, PrecisionError
+from granphon.pairs import PairList
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -351,6 +354,8 @@ def test_a_ball_displaced_out_of_reach_has_no_force_constants_there():
 def test_forces_only_push(seed, amplitude, friction, finite_overlap):
     # whatever the configuration, energy is not negative, and without friction every pair repels
     _state, balls, calc = make("cluster", friction, finite_overlap)
+    if friction or not finite_overlap:
+        amplitude = min(amplitude, 0.01)  # beyond it a pair is turned too far for contacts of fixed direction
     pair = shaken(balls, seed, amplitude)[[0, 3]]
     energy, forces = calc.get_property("energy", pair), calc.get_property("forces", pair)
     assert energy >= 0.0
@@ -641,11 +646,12 @@ def _set(name, value):
 
 
 CHANGES = {
-    "a position": lambda balls: balls.positions.__setitem__((2, 0), 0.5),
+    "a position": lambda balls: balls.positions.__setitem__((2, 0), balls.positions[2, 0] + 1e-3),
     "the cell": lambda balls: balls.set_cell(np.asarray(balls.cell) * 1.001, scale_atoms=True),
     "pbc": lambda balls: balls.set_pbc(False),
     "a diameter": _set("diameter_deviations", 1e-3),
     "a rotation": _set("rotations", 1e-3),
+    "an origin of slip": lambda balls: balls.arrays["slip_origin"].__setitem__((2, 0), 1e-3),
     "a displacement": lambda balls: balls.arrays["displacements"].__setitem__((2, 0), 1e-3),
     "new rotations": lambda balls: balls.set_array("rotations", np.full(len(balls), 1e-3)),
     "fewer balls": lambda balls: balls.__delitem__(4),
@@ -681,14 +687,32 @@ def test_what_does_not_change_the_energy_is_not():
     assert balls.calc.count == 1
 
 
-def test_arrays_that_are_absent_are_zero():
+@pytest.mark.parametrize("name", ["masses", "diameter_deviations", "rotations", "displacements", "slip_origin"])
+def test_what_is_absent_is_not_zero(name):
     balls = counted()
-    full = balls.get_potential_energy()
-    for name in ("diameter_deviations", "rotations", "displacements", "radius"):
-        balls.set_array(name, None)
-    assert balls.get_potential_energy() == full
-    assert balls.calc.count == 1, "absent and zero are the same state"
-    assert balls.calc.get_force_constants(balls).shape == (9, 9, 3, 3)
+    energy = balls.get_potential_energy()
+    balls.set_array(name, None)
+    for ask in (balls.get_potential_energy, lambda: balls.calc.get_force_constants(balls)):
+        with pytest.raises(InputError, match=rf"have no {name}\..*adopt\(atoms\)"):
+            ask()
+    assert balls.calc.adopt(balls).get_potential_energy() == energy
+    # the size that is drawn is not that of the contacts
+    balls = counted()
+    balls.set_array("radius", None)
+    assert balls.get_potential_energy() == energy
+
+
+@pytest.mark.parametrize("name", ["diameter_deviations", "displacements", "granphon_scales"])
+def test_an_array_of_another_shape_is_refused(name):
+    balls = counted()
+    values = balls.arrays[name]
+    balls.set_array(name, None)
+    balls.set_array(name, np.zeros((9, 2)))
+    with pytest.raises(InputError, match=rf"array {name} has the shape \(9, 2\)"):
+        balls.get_potential_energy()
+    balls.set_array(name, None)
+    balls.set_array(name, values)
+    assert balls.get_potential_energy() > 0.0
 
 
 def test_torques_follow_the_atoms_they_are_asked_for():
@@ -746,10 +770,12 @@ def test_balls_periodic_across_the_plane_are_refused():
         balls.calc.get_force_constants(balls)
 
 
+def pair_without_a_cell():
+    return gp.HertzMindlin(at_overlap()).adopt(Atoms("Fe2", positions=[[0, 0, 0], [1, 0, 0]]))
+
+
 def test_stress_needs_a_cell():
-    state = at_overlap()
-    pair = Atoms("Fe2", positions=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1.0])
-    pair.calc = gp.HertzMindlin(state)
+    pair = pair_without_a_cell()
     with pytest.raises(InputError, match="the cell has no area"):
         pair.get_stress()
     # force constants need none
@@ -757,11 +783,280 @@ def test_stress_needs_a_cell():
 
 
 def test_energy_and_forces_need_no_cell():
-    state = at_overlap()
-    pair = Atoms("Fe2", positions=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1.0])
-    pair.calc = gp.HertzMindlin(state)
+    pair = pair_without_a_cell()
     assert pair.get_potential_energy() == pytest.approx(4.0 / 15.0 * SOFT**2, rel=1e-12)
     assert pair.get_forces()[1, 0] == pytest.approx(2.0 / 3.0 * SOFT, rel=1e-12)
+
+
+@both_overlaps
+@both_frictions
+def test_a_cell_without_a_third_vector_is_one_of_any_height(friction, finite_overlap):
+    # as ASE's reader of netCDF leaves it
+    _, balls, calc = make("3x3", friction, finite_overlap)
+    balls = shaken(balls, seed=11)
+    flat = balls.copy()
+    flat.cell[2] = 0.0
+    for name in ("energy", "forces", "stress"):
+        np.testing.assert_array_equal(calc.get_property(name, flat), calc.get_property(name, balls))
+    np.testing.assert_array_equal(calc.get_force_constants(flat), calc.get_force_constants(balls))
+    state, q = calc.state, [[0.1, 0.2]]
+    padded, lying = (gp.Phonons(state, one) for one in (balls, flat))
+    np.testing.assert_array_equal(lying.frequencies(q), padded.frequencies(q))
+    assert lying.bands(npoints=3).frequencies.shape == (3, 3, 9 * (3 if friction else 2))
+
+
+def test_a_period_of_no_length_is_refused():
+    _, balls, calc = make("3x3")
+    balls.cell[1] = 0.0
+    with pytest.raises(InputError, match="cell vector of no length"):
+        calc.get_property("energy", balls)
+
+
+# -- a lattice that is turned -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [30.0, 10.0, -5.0])
+@pytest.mark.parametrize(("friction", "finite_overlap"), [(False, False), (True, False), (True, True)])
+@pytest.mark.parametrize("name", ["3x3", "cluster", "kagome 2x2"])
+def test_contacts_of_fixed_direction_are_not_turned(name, angle, friction, finite_overlap):
+    # at 30 degrees no pair would be a contact, and the energy zero; at 10 all would be, with overlaps of 1 - cos 10
+    state, balls, calc = make(name, friction, finite_overlap)
+    balls.rotate(angle, "z", rotate_cell=True)
+    with pytest.raises(InputError, match="turned against the lattice"):
+        calc.get_property("energy", balls)
+    with pytest.raises(InputError, match="turned against the lattice"):
+        calc.get_force_constants(balls)
+    with pytest.raises(InputError, match="turned against the lattice"):
+        gp.Phonons(state, balls)
+
+
+def test_balls_moved_among_each_other_are_refused():
+    # a ball in the hollow between others touches them in directions that are no contact's
+    _, balls, calc = make("3x3")
+    balls.positions[4, :2] += [0.0, -np.sqrt(1.0 / 3.0)]
+    with pytest.raises(InputError, match="not those of the lattice"):
+        calc.get_property("energy", balls)
+
+
+@pytest.mark.parametrize("angle", [30.0, 10.0, 211.0])
+@pytest.mark.parametrize("name", ["3x3", "vacancy", "kagome 2x2"])
+def test_smooth_balls_of_finite_overlap_turn_with_their_lattice(name, angle):
+    state, balls, calc = make(name, False, True)
+    balls = shaken(balls, seed=12)
+    balls.set_array("displacements", balls.positions - make(name, False, True)[1].positions)
+    energy, forces = calc.get_property("energy", balls), calc.get_property("forces", balls).copy()
+    constants = calc.get_force_constants(balls)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = balls.copy()
+    turned.rotate(angle, "z", rotate_cell=True)
+    turned.set_array("displacements", balls.arrays["displacements"] @ turn.T)
+    assert calc.get_property("energy", turned) == pytest.approx(energy, rel=1e-12)
+    np.testing.assert_allclose(calc.get_property("forces", turned), forces @ turn.T, atol=1e-14)
+    np.testing.assert_allclose(calc.get_force_constants(turned), turn @ constants @ turn.T, atol=1e-12)
+    if name == "kagome 2x2":
+        return  # without friction it has no vibrations
+    q = [[0.1, 0.3]]
+    expected = gp.Phonons(state, balls).frequencies(q)
+    np.testing.assert_allclose(gp.Phonons(state, turned).frequencies(q), expected, rtol=1e-9)
+
+
+# -- force constants of balls that are displaced, with finite overlap -----------------------------------------------------
+
+
+@both_frictions
+def test_force_constants_of_finite_overlap_know_where_balls_are(friction):
+    # directions and distances of contacts change with displacements of the order of the overlap
+    _, balls, calc = make("vacancy", friction, True)
+    balls.arrays["diameter_deviations"][:] = 0.1 * SOFT * np.random.default_rng(13).uniform(-1, 1, len(balls))
+    shift = np.zeros((len(balls), 3))
+    shift[:, :2] = 0.2 * SOFT * np.random.default_rng(14).uniform(-1, 1, (len(balls), 2))
+    balls.positions += shift
+    balls.set_array("displacements", shift)
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced_force_constants(calc, balls, SOFT / m) for m in (40.0, 80.0))
+    wide, narrow = np.abs(coarse - exact).max(), np.abs(fine - exact).max()
+    assert wide / narrow == pytest.approx(4.0, rel=0.02), "the central difference is of second order"
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=2e-6)
+
+
+def test_force_constants_around_a_relaxed_vacancy():
+    state = at_overlap(5e-3, friction=False, finite_overlap=True)
+    balls = gp.atoms(state).repeat((5, 5, 1))
+    del balls[12]
+    balls.calc = calc = gp.HertzMindlin(state)
+    sites = balls.positions.copy()
+    with BFGS(balls, alpha=6.0, maxstep=0.01, logfile=None) as search:
+        assert search.run(fmax=1e-9 * state.force / state.scales.force, steps=500)
+    balls.set_array("displacements", balls.positions - sites)
+    assert np.abs(balls.arrays["displacements"]).max() > 0.1 * 5e-3
+    exact = calc.get_force_constants(balls)
+    n = 24
+    errors, found = [], []
+    for step in (5e-3 / 40.0, 5e-3 / 80.0):
+        difference = np.zeros((n, n, 3, 3))
+        for ball, axis in itertools.product((0, 6, 12, 17), range(2)):
+            up, down = (calc.get_property("forces", moved(balls, ball, axis, s * step)).copy() for s in (1, -1))
+            difference[:, ball, :, axis] = -(up - down) / (2.0 * step)
+        chosen = difference[:, [0, 6, 12, 17]]
+        found.append(chosen)
+        errors.append(np.abs(chosen - exact[:, [0, 6, 12, 17]]).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.02)
+    np.testing.assert_allclose((4.0 * found[1] - found[0]) / 3.0, exact[:, [0, 6, 12, 17]], atol=2e-6)
+
+
+def test_the_origin_of_slip_is_where_there_is_no_torque():
+    _, balls, calc = make("3x3")
+    balls = shaken(balls, seed=15)
+    balls.set_array("rotations", np.zeros(9))
+    assert np.abs(calc.get_torques(balls)).max() > 1e-4
+    stiff = differenced_force_constants(calc, balls, 1e-4)
+    balls.set_array("slip_origin", balls.positions - make("3x3")[1].positions)
+    np.testing.assert_allclose(calc.get_torques(balls), 0.0, atol=1e-16)
+    # what is counted from it is as stiff
+    np.testing.assert_allclose(differenced_force_constants(calc, balls, 1e-4), stiff, atol=1e-8)
+
+
+# -- samples of a simulation --------------------------------------------------------------------------------------------
+
+
+def simulated(friction, overlap=0.05, width=2.04e-6, **more):
+    spread = gp.Uniform(width)
+    simulation = gp.DirectSimulation(gp.Packing(STEEL, DIAMETER, spread, friction=friction), (9, 8), seed=3, **more)
+    return simulation.at_overlap(np.asarray(overlap) * width)
+
+
+@both_frictions
+@pytest.mark.parametrize("overlap", [0.5, 0.05, -0.05])
+def test_a_sample_comes_back_at_rest(friction, overlap):
+    state = simulated(friction, overlap)
+    balls, sample, scales = state.sample.atoms(), state.sample, state.scales
+    balls.calc = gp.HertzMindlin(state)
+    # the equilibrium's own residual, and what is left of overlaps when they are differences of positions
+    least = (1e-10 + 72 * 2e-16 * DIAMETER / sample.overlap) if overlap > 0.0 else 1e-8
+    assert np.abs(balls.get_forces()).max() * scales.force < least * sample.force
+    assert np.abs(balls.calc.get_torques(balls)).max() * scales.energy < least * sample.force * DIAMETER
+    assert balls.get_potential_energy() * scales.energy == pytest.approx(sample.energy * 3 * 72, rel=1e-9)
+    pressure = -np.mean(balls.get_stress()[:2]) * scales.modulus
+    assert pressure == pytest.approx(np.sqrt(3.0) * sample.force / DIAMETER**2, rel=1e-9)
+    # the mean lattice of the same state is still its own
+    assert -np.mean(gp.atoms(state).get_stress()[:2]) * scales.modulus == pytest.approx(pressure, rel=1e-9)
+
+
+@both_frictions
+def test_force_constants_of_a_sample(friction):
+    state = simulated(friction, 0.3)
+    balls, calc = state.sample.atoms(), gp.HertzMindlin(state)
+    lattice = calc.contact_lattice(balls)
+    tensor = lattice.elastic_tensor() * state.scales.modulus
+    np.testing.assert_allclose(tensor, state.sample.elasticity.tensor, rtol=0.0, atol=1e-9 * tensor.max())
+    exact, delta = calc.get_force_constants(balls), state.relative_overlap
+    errors = []
+    for step in (delta / 200.0, delta / 400.0):
+        rows = []
+        for ball, axis in itertools.product((0, 37), range(3)):
+            sides = []
+            for sign in (1.0, -1.0):
+                other = moved(balls, ball, axis, sign * step)
+                pull = calc.get_property("forces", other)[:, :2]
+                sides.append(np.column_stack([pull, calc.get_torques(other) / gyrations(balls)]))
+            rows.append(-(sides[0] - sides[1]) / (2.0 * step) - exact[:, ball, :, axis])
+        errors.append(np.abs(rows).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+    assert errors[1] < 1e-3
+
+
+def test_samples_of_several_loads_by_index():
+    states = simulated(True, [0.5, 0.05])
+    for index in range(2):
+        balls = states[index].sample.atoms()
+        balls.calc = gp.HertzMindlin(states[index])
+        assert np.abs(balls.get_forces()).max() * states[index].scales.force < 1e-8 * states[index].force
+    with pytest.raises(InputError, match="reduced units of another state"):
+        gp.HertzMindlin(states[0]).get_force_constants(balls)
+
+
+def test_a_sample_of_several_is_not_their_mean():
+    state = simulated(True, 0.05, samples=2)
+    with pytest.raises(InputError, match="reduced units of another state"):
+        gp.HertzMindlin(state).get_force_constants(state.sample.atoms())
+
+
+def test_a_slice_of_a_sample_keeps_the_law_of_two_balls():
+    # even of balls that happen to be alike
+    state = simulated(False, 0.5)
+    pair = state.sample.atoms()[[0, 8]]
+    pair.calc = gp.HertzMindlin(state)
+    pair.arrays["diameter_deviations"][:] = 0.0
+    pair.positions[1] = pair.positions[0] + [1.0, 0.0, 0.0]
+    pair.pbc = False
+    expected = state.packing.law.energy(state.overlap) / state.scales.energy
+    assert pair.get_potential_energy() == pytest.approx(expected, rel=1e-9)
+
+
+# -- the list of neighbours ---------------------------------------------------------------------------------------------
+
+
+def all_pairs(positions, cell, periodic, cutoff):
+    """Every pair nearer than the cutoff, by trying all images."""
+    steps = [np.arange(-4, 5) if axis else np.zeros(1, int) for axis in periodic]
+    found = set()
+    for i, j in itertools.product(range(len(positions)), repeat=2):
+        for m, n in itertools.product(*steps):
+            near = np.linalg.norm(positions[j] - positions[i] + np.array([m, n]) @ cell) < cutoff
+            if near and (i < j or (i == j and (m, n) > (0, 0))):
+                found.add((i, j, int(m), int(n)))
+    return found
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_a_kept_list_is_a_fresh_one(seed):
+    rng = np.random.default_rng(seed)
+    cell = np.array([[2.0, 0.0], [-1.0, np.sqrt(3.0)]]) + 0.1 * rng.normal(size=(2, 2))
+    positions = rng.uniform(-1.0, 3.0, (6, 2))
+    periodic = tuple(bool(axis) for axis in rng.integers(0, 2, 2))
+    kept = PairList()
+    for _ in range(12):
+        cutoff = 1.25 + 0.05 * rng.uniform()
+        found = kept.near(positions, cell, periodic, cutoff)
+        fresh = PairList().near(positions, cell, periodic, cutoff)
+        for one, other in zip(found, fresh, strict=True):
+            np.testing.assert_array_equal(one, other)
+        listed = set(zip(*(x.tolist() for x in (found.i, found.j, *found.shift.T)), strict=True))
+        assert listed == all_pairs(positions, cell, periodic, cutoff)
+        change = rng.integers(0, 5)
+        if change == 0 and len(positions) > 2:
+            positions = np.delete(positions, rng.integers(len(positions)), axis=0)
+        elif change == 1:  # strained with all that is in it
+            strain = np.eye(2) + 0.03 * rng.normal(size=(2, 2))
+            positions, cell = positions @ strain, cell @ strain
+        elif change == 2:
+            cell = cell + 0.01 * rng.normal(size=(2, 2))
+        elif change == 3 and len(positions) > 2:  # as many balls, and not the same
+            positions = np.roll(positions, 1, axis=0)
+        else:
+            positions = positions + rng.choice([0.01, 0.1, 1.0]) * rng.normal(size=positions.shape)
+
+
+def test_small_moves_search_once(monkeypatch):
+    searched = []
+
+    def counting(*args):
+        searched.append(len(args[0]))
+        return real(*args)
+
+    real = granphon.pairs._search
+    monkeypatch.setattr(granphon.pairs, "_search", counting)
+    _, balls, calc = make("3x5")
+    for seed in range(5):
+        calc.get_property("energy", shaken(balls, seed))
+        balls.set_cell(np.asarray(balls.cell) * 1.0001, scale_atoms=True)
+    calc.get_force_constants(balls)
+    assert searched == [15]
+    balls.positions[0, 0] += 0.2
+    calc.get_property("energy", balls)
+    assert searched == [15, 15]
 
 
 def test_separated_balls_have_zero_force_constants():

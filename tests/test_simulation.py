@@ -490,7 +490,16 @@ def test_atoms_are_read_back(spread, tmp_path):
     assert again.get_global_number_of_atoms() == 20
     assert again.pbc.tolist() == [True, True, False]
     np.testing.assert_allclose(again.cell, atoms.cell, atol=1e-8)
-    for name in ("radius", "diameter_deviations", "displacements", "rotations", "force", "contacts", "masses", "positions"):
+    for name in (
+        "radius",
+        "diameter_deviations",
+        "displacements",
+        "rotations",
+        "contact_force",
+        "contacts",
+        "masses",
+        "positions",
+    ):
         np.testing.assert_allclose(again.arrays[name], atoms.arrays[name], rtol=0.0, atol=1e-8)
     assert again.info["relative_overlap"] == pytest.approx(state.relative_overlap)
     for key, value in atoms.info.items():
@@ -499,8 +508,8 @@ def test_atoms_are_read_back(spread, tmp_path):
     np.testing.assert_allclose(2.0 * D * atoms.arrays["radius"], sample.diameters.ravel(), rtol=1e-14)
     np.testing.assert_allclose(atoms.get_masses(), (sample.diameters.ravel() / D) ** 3, rtol=1e-14)
     np.testing.assert_allclose(D * atoms.arrays["displacements"][:, :2], sample.displacements.reshape(-1, 2), atol=1e-20)
-    assert np.mean(atoms.arrays["force"]) == pytest.approx(1.0, rel=1e-12)
-    assert np.std(atoms.arrays["force"]) == pytest.approx(sample.force_fluctuation, rel=1e-9)
+    assert np.mean(atoms.arrays["contact_force"]) == pytest.approx(1.0, rel=1e-12)
+    assert np.std(atoms.arrays["contact_force"]) == pytest.approx(sample.force_fluctuation, rel=1e-9)
     assert np.sum(atoms.arrays["contacts"]) == 2 * np.count_nonzero(sample.contact_forces > 1e-6 * sample.force)
     # neighbours sit a diameter apart, but for displacements
     sites = atoms.positions - atoms.arrays["displacements"]

@@ -18,9 +18,9 @@ ORDER = [
     "errors", "arguments", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "state", "medium",
-    "stencils", "equilibrium", "response", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
+    "stencils", "equilibrium", "response", "balls", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
     "acoustics", "limits", "observables", "ensemble",
-    "calculator", "spectra", "bridge", "phonons", "references",
+    "pairs", "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "goodness", "fit", "studies", "tradeoffs",
     "rules", "schema", "load", "scene", "style", "plot", "charts", "diagrams", "redraw", "run", "wording", "cli", "__main__",
 ]  # fmt: skip
