@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 __all__ = [
-    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopted", "has_masses", "kind_of", "take_arrays", "write_extxyz",
+    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopted", "has_masses", "has_sampled", "kind_of", "take_arrays",
+    "write_extxyz",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -57,6 +58,11 @@ def has_masses(balls: Atoms) -> bool:
     from ase.data import atomic_masses
 
     return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
+
+
+def has_sampled(balls: Atoms) -> bool:
+    """Whether there are balls of a simulated sample."""
+    return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
 
 
 def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None) -> None:

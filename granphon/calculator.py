@@ -13,13 +13,14 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
-from granphon.balls import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, kind_of, take_arrays
+from granphon.balls import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, has_sampled, kind_of, take_arrays
 from granphon.compatibility import GYRATION
 from granphon.errors import InputError, PrecisionError, message
 from granphon.geometry import BALL, ContactTable
 from granphon.lattice import ContactLattice
 from granphon.pairs import PairList, Pairs
 from granphon.results import read_only
+from granphon.simulation import SimulatedState
 from granphon.state import ContactState, Law, with_keyword
 from granphon.units import Units
 
@@ -165,7 +166,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         n, forces = len(balls), np.zeros((len(balls), 3))
         for axis in (0, 1):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
-        self._torques: Array = np.bincount(i, arm_i * contacts.shear, n) + np.bincount(j, arm_j * contacts.shear, n)
+        at_i, at_j = np.bincount(i, arm_i * contacts.shear, n), np.bincount(j, arm_j * contacts.shear, n)
+        self._torques: Array = np.asarray(at_i + at_j, float)
         energy = float(contacts.energy.sum())
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
@@ -188,6 +190,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def _law(self, balls: Atoms) -> Law:
         """The law of these balls' contacts; :class:`InputError` for balls that cannot be."""
+        if isinstance(self.state, SimulatedState) and self.state.n_samples > 1 and has_sampled(balls):
+            raise InputError(
+                message(
+                    f"the Atoms are of one sample, and the state is the mean over {self.state.n_samples}",
+                    "Each sample has an overlap and a stiffness of its own",
+                    "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
+                )
+            )
         kind = kind_of(balls, self.scales, self.finite_overlap)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
@@ -242,7 +252,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     what,
                     "With friction, and in the paper's limit, contacts have the fixed directions of the lattice;"
                     " these balls are turned against the lattice, or were moved among each other",
-                    "Leave them in the orientation of gp.atoms(state), or use a state with finite_overlap=True, without friction",
+                    "Leave them in the orientation of gp.atoms(state), or use a state of finite overlap without friction",
                 )
             )
         return normal, near

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 #: how much farther than asked, in spacings, a list reaches: it is good while no ball has moved by half of this. The second
 #: neighbours of the lattices are not reached.
 _SKIN = 0.3
+#: area of a cell that has none
+_FLAT = 1e-12
 
 
 class Pairs(NamedTuple):
@@ -58,7 +60,7 @@ class PairList:
             return False
         stretch = 1.0
         if not np.array_equal(cell, last):
-            if abs(np.linalg.det(last)) < 1e-12:
+            if abs(np.linalg.det(last)) < _FLAT:
                 return False
             change = np.linalg.solve(last, cell)
             stretch, old = float(np.linalg.svd(change, compute_uv=False)[-1]), old @ change
@@ -74,6 +76,8 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: 
 
     if any(axis and not np.any(vector) for axis, vector in zip(periodic, cell, strict=True)):
         raise InputError(message("the balls are periodic along a cell vector of no length", "Nothing says the period"))
+    if all(periodic) and abs(np.linalg.det(cell)) < _FLAT:
+        raise InputError(message("the balls are periodic in a cell without an area", "Its vectors are parallel"))
     flat, box = np.zeros((len(positions), 3)), np.zeros((3, 3))
     flat[:, :2], box[:2, :2] = positions, cell
     i, j, shift = primitive_neighbor_list("ijS", (*periodic, False), complete_cell(box), flat, cutoff)

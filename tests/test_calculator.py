@@ -810,6 +810,9 @@ def test_a_period_of_no_length_is_refused():
     balls.cell[1] = 0.0
     with pytest.raises(InputError, match="cell vector of no length"):
         calc.get_property("energy", balls)
+    balls.cell[1] = 2.0 * balls.cell[0]
+    with pytest.raises(InputError, match="cell without an area"):
+        calc.get_property("energy", balls)
 
 
 # -- a lattice that is turned -------------------------------------------------------------------------------------------
@@ -978,7 +981,7 @@ def test_samples_of_several_loads_by_index():
 
 def test_a_sample_of_several_is_not_their_mean():
     state = simulated(True, 0.05, samples=2)
-    with pytest.raises(InputError, match="reduced units of another state"):
+    with pytest.raises(InputError, match="of one sample, and the state is the mean over 2"):
         gp.HertzMindlin(state).get_force_constants(state.sample.atoms())
 
 
