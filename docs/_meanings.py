@@ -184,6 +184,7 @@ FIELD_UNITS = {
 }  # fmt: skip
 #: of fit.yaml
 FITTED = {
+    "digest": "sha256 of the fields from `class` on; `from_dict` compares it",
     "choice": "the medium, and its options",
     "packing": "with the fitted parameters",
     "waves": "which waves were measured: branch, direction, frequency of the pulses",

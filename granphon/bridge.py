@@ -8,7 +8,6 @@ translation of the lattice, so whatever symmetrises force constants, or enforces
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,12 +16,13 @@ from phonopy import Phonopy
 from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
+from granphon.digests import own_file, read_sealed, sealed, warn_unverified
 from granphon.errors import InputError, UnsupportedError, message
 from granphon.files import versions
 from granphon.geometry import BALL
-from granphon.spectra import file_header
+from granphon.reading import plain_yaml
 from granphon.staging import write_text
-from granphon.units import HertzPrefix, Units
+from granphon.units import HertzPrefix, Units, file_header, read_header
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
 
@@ -145,7 +145,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
     text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
-    write_text(path, text)
+    write_text(path, sealed(text))
 
 
 def _with_auxiliary(own: Array, export: Phonopy) -> Array:
@@ -168,33 +168,58 @@ def _with_auxiliary(own: Array, export: Phonopy) -> Array:
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
 
-    Raises :class:`~granphon.errors.InputError` if the file is not granphon's.
-    """
-    import phonopy
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
+    Only the named file is read, as plain data, and phonopy's own loader has no part in it.
 
-    text = Path(path).read_text(encoding="utf-8")
-    try:
-        own = YAML(typ="safe").load(text.split("\nphonopy:", 1)[0])["granphon"]
-        scales, scale = Units.from_info(own), float(own["force_constants_scale"])
-        masses = [float(m) for m in own["masses"]]
-        loaded = phonopy.load(path, is_nac=False, log_level=0, produce_fc=False)
-    except (YAMLError, TypeError, KeyError, ValueError, RuntimeError) as error:
-        raise InputError(
-            message(f"{path} is not a phonopy_params.yaml written by granphon", f"{type(error).__name__}: {error}")
-        ) from None
-    n = len(loaded.primitive) - 1
-    matrix = np.asarray(loaded.supercell_matrix)
-    cells = len(loaded.supercell) // len(loaded.unitcell)
-    cell = PhonopyAtoms(
-        symbols=[BALL] * n, cell=loaded.unitcell.cell, masses=masses,
-        scaled_positions=loaded.unitcell.scaled_positions[:n],
-    )  # fmt: skip
-    bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
-    bridge.unit_conversion_factor = 1.0
-    constants = loaded.force_constants
-    if constants.shape[0] != n + 1:
-        constants = constants[loaded.primitive.p2s_map]
-    bridge.give_force_constants(constants[:n, : n * cells] / scale)
+    Raises
+    ------
+    MissingFileError : there is no such file.
+    InputError : the file is not granphon's, was damaged, or edited after granphon had written it.
+
+    Warns
+    -----
+    UnverifiedFileWarning : the file carries no digest.
+    """
+    text, verified = read_sealed(path)
+    with own_file(path, "phonopy_params.yaml"):
+        data = plain_yaml(text, path)
+        own = data["granphon"]
+        _, scales = read_header(own)
+        masses, scale = _finite(own["masses"], (-1,)), float(_finite(own["force_constants_scale"], ()))
+        n = len(masses)
+        points = data["unit_cell"]["points"]
+        matrix = np.array(data["supercell_matrix"])
+        if matrix.shape != (3, 3) or matrix.dtype.kind != "i" or len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
+            raise InputError("its cell is not one of balls and the auxiliary atom")
+        if masses.min() <= 0.0 or scale <= 0.0:
+            raise InputError("its masses and scales are not above zero")
+        constants = _read_force_constants(data["force_constants"], n + 1, round(abs(np.linalg.det(matrix))))
+        cell = PhonopyAtoms(
+            symbols=[BALL] * n, cell=_finite(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
+            scaled_positions=_finite([point["coordinates"] for point in points[:n]], (n, 3)),
+        )  # fmt: skip
+        bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+        bridge.unit_conversion_factor = 1.0
+        bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+    if not verified:
+        warn_unverified(path)
     return bridge, scales
+
+
+def _finite(values: Any, shape: tuple[int, ...]) -> Array:
+    """Numbers of a file as an array of this shape, where -1 is any length."""
+    found = np.array(values)
+    if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
+        raise InputError("it has something else where finite numbers belong")
+    if any(wanted not in (-1, length) for wanted, length in zip(shape, found.shape, strict=True)):
+        raise InputError(f"it has numbers of shape {found.shape} where {shape} belongs")
+    return found.astype(float)
+
+
+def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Array:
+    """(atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
+    rows, columns = block["shape"]
+    if columns != atoms * cells or rows not in (atoms, columns):
+        raise InputError(f"its force constants of shape {block['shape']} do not belong to {cells} cells of {atoms} atoms")
+    found = _finite(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
+    # phonopy orders a supercell by atom, then by cell
+    return found if rows == atoms else found[::cells]

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granphon.errors import GranphonError, InputError, message
+from granphon.errors import GranphonError, InputError, UnverifiedFileWarning, message
 from granphon.wording import announced, described, fitted, results
 
 if TYPE_CHECKING:
@@ -432,10 +433,29 @@ def _terminated_like_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+@contextmanager
+def _unverified_files_told() -> Iterator[None]:
+    """Say in one line of a file that carries no digest that it does; other warnings stay as they are."""
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def tell(
+            message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+        ) -> None:
+            if issubclass(category, UnverifiedFileWarning):
+                _warn([str(message)])
+            else:
+                show(message, category, filename, lineno, file, line)
+
+        warnings.simplefilter("always", UnverifiedFileWarning)
+        warnings.showwarning = tell
+        yield
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code, listed in ``granphon --help``. Raises nothing but bugs."""
     try:
-        with _terminated_like_interrupted():
+        with _terminated_like_interrupted(), _unverified_files_told():
             code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
         if sys.stdout is not None:  # closed before we started
             sys.stdout.flush()

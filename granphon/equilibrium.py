@@ -72,6 +72,8 @@ class Equilibrium(Result):
     newton, conjugate : steps of the two methods that it took.
     """
 
+    shapes = {"deviations": "i j", "balls": "2 i j"}
+
     deviations: Array
     overlap: float
     balls: Array

@@ -1,6 +1,6 @@
-"""The errors that granphon raises.
+"""The errors that granphon raises, and its one warning.
 
-Every one is a :class:`GranphonError` and also the built-in exception that a caller would expect,
+Every error is a :class:`GranphonError` and also the built-in exception that a caller would expect,
 so that both ``except gp.GranphonError`` and ``except ValueError`` work. A message says what is wrong,
 why it matters, and how to mend it.
 """
@@ -15,11 +15,14 @@ __all__ = [
     "InputError",
     "InstabilityError",
     "MechanismError",
+    "MissingFileError",
+    "MissingSceneError",
     "OutputError",
     "PrecisionError",
     "SceneError",
     "UnreachableFrequencyError",
     "UnsupportedError",
+    "UnverifiedFileWarning",
     "brief",
     "message",
 ]
@@ -38,6 +41,14 @@ class InputError(GranphonError, ValueError):
 
 class SceneError(InputError):
     """A scene file that cannot be carried out; names file, line and key."""
+
+
+class MissingFileError(InputError, FileNotFoundError):
+    """A file that is to be read is not there."""
+
+
+class MissingSceneError(SceneError, MissingFileError):
+    """A scene file that is not there."""
 
 
 class MechanismError(InputError):
@@ -76,14 +87,14 @@ class FileExistsInRunError(OutputError):
     """A result is already there, and overwriting was not asked for."""
 
 
+class UnverifiedFileWarning(UserWarning):
+    """A file was read that carries no digest: whether it is as granphon wrote it cannot be told."""
+
+
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Join the three parts of an error message: what is wrong, why, and how to mend it."""
-    parts = [what.rstrip(". ") + "."]
-    if why:
-        parts.append(why.rstrip(". ") + ".")
-    if mend:
-        parts.append(mend.rstrip(". ") + ".")
-    return " ".join(parts)
+    sentences = [part.rstrip(". ") for part in (what, why, mend) if part]
+    return " ".join(one if one.endswith("?") else f"{one}." for one in sentences)
 
 
 def brief(value: object, most: int = 80) -> str:

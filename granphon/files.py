@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from granphon.errors import SceneError, brief, message
+from granphon.errors import InputError, MissingFileError, MissingSceneError, SceneError, brief, message
+from granphon.reading import plain_scalar, read_bytes
 
 __all__ = [
     "Document",
@@ -71,20 +72,11 @@ class Document:
 def read_text(path: str | os.PathLike[str]) -> str:
     """The text of a file; :class:`~granphon.errors.SceneError` if there is none to be had (or more than 100 kB)."""
     try:
-        if os.path.isdir(path):
-            raise SceneError(message(f"{path} is a folder", mend="Give the scene file itself"))
-        with open(path, "rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise SceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
-    except (OSError, ValueError) as error:
-        raise SceneError(message(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}")) from None
-    if len(raw) > MAX_BYTES:
-        raise SceneError(
-            message(
-                f"{path} holds more than {MAX_BYTES // 1000} kB", mend="A scene is a short text; is this the right file?"
-            )
-        )
+        raw = read_bytes(path, MAX_BYTES)
+    except MissingFileError:
+        raise MissingSceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
+    except InputError as error:
+        raise SceneError(str(error)) from None
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -161,7 +153,7 @@ class _Builder:
         if kind == "ScalarEvent":
             if odd := _ODD.search(event.value):
                 raise self._broken(f"{where}found the character {odd[0]!r}", "printable text")
-            return _plain(event.value) if event.implicit[0] else event.value
+            return plain_scalar(event.value) if event.implicit[0] else event.value
         if kind == "SequenceStartEvent":
             items: list[Any] = []
             while type(event := next(self.events)).__name__ != "SequenceEndEvent":
@@ -188,21 +180,6 @@ def _hint(problem: str) -> str:
     if "mapping values are not allowed" in problem:
         return "Check the indentation, and that each key has a line of its own"
     return ""
-
-
-def _plain(text: str) -> Any:
-    """A value written without quotes, by the core schema of YAML 1.2."""
-    if text in ("", "~", "null", "Null", "NULL"):
-        return None
-    if text.lower() in ("true", "false") and text in (text.lower(), text.upper(), text.title()):
-        return text.lower() == "true"
-    if re.fullmatch(r"[-+]?[0-9]{1,300}", text):
-        return int(text)
-    if re.fullmatch(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", text):
-        return float(text)
-    if re.fullmatch(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", text):
-        return float(text.replace(".", "", 1))
-    return text
 
 
 def shown(value: Any) -> str:

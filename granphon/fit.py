@@ -44,6 +44,8 @@ _NEAR_TOP = 0.98
 _LEAST_RATIO = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
 _SAME = 1e-6
+#: what stands in fit.yaml before the fields
+_HEAD = ("versions", "medium", "width", "stderr", "std", "std_stderr", "p")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,6 +70,10 @@ class WidthFit(Result):
     units = {
         "width": "m", "stderr": "m", "std": "m", "std_stderr": "m", "p": "1",
         "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s",
+    }  # fmt: skip
+    shapes = {
+        "parameters": "p", "values": "p", "covariance": "p p", "force": "n", "velocity": "n", "sigma": "n",
+        "velocities": "n",
     }  # fmt: skip
 
     packing: Packing
@@ -147,18 +153,28 @@ class WidthFit(Result):
             return model(model.start(self.width))[0].reshape(forces.shape)[()]
         return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
 
-    def to_dict(self) -> dict[str, Any]:
+    def said_units(self) -> dict[str, str]:
         """As of any result; units of ``values`` are parted by commas, those of ``covariance`` by semicolons between rows."""
         each = [PARAMETERS[name] or "1" for name in self.parameters]
         rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        data = super().to_dict()
-        return data | {"units": data["units"] | {"values": ", ".join(each), "covariance": "; ".join(rows)}}
+        return super().said_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """As of any result; what heads fit.yaml besides is told again by the fields."""
+        mapping = isinstance(data, Mapping)
+        return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
+
+    def check(self) -> None:
+        """Also that the parameters are some that can be fitted."""
+        super().check()
+        if unknown := set(self.parameters) - set(VARIABLE):
+            raise InputError(message(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE)))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, everything, and fit.csv, data and fit, into a folder that is there."""
-        used = versions("numpy", "scipy")
-        numbers = {name: getattr(self, name) for name in ("width", "stderr", "std", "std_stderr", "p")}
-        head = {"versions": used, "medium": self.medium, **numbers}
+        numbers = {name: getattr(self, name) for name in _HEAD[2:]}
+        head = {"versions": versions("numpy", "scipy"), "medium": self.medium, **numbers}
         (Path(folder) / "fit.yaml").write_text(dump_yaml(head | self.to_dict()), encoding="utf-8")
         columns = {
             "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,

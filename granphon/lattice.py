@@ -53,6 +53,10 @@ class Modes(Result):
     """
 
     units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
+    shapes = {
+        "wavevectors": "q 2", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b 2",
+        "rotational_fraction": "q b", "longitudinal_fraction": "q b",
+    }  # fmt: skip
 
     wavevectors: Array
     frequencies: Array

@@ -42,6 +42,8 @@ class Check(Result):
     ``meaning`` says what the value is, ``reason`` why it is limited.
     """
 
+    shapes = {"value": "..."}
+
     name: str
     meaning: str
     value: Any

@@ -71,6 +71,10 @@ class SoundVelocities(Result):
     """
 
     units = {"longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s"}
+    shapes = {
+        "longitudinal": "...", "transverse": "...", "direction": "2|n 2", "longitudinal_error": "...?",
+        "transverse_error": "...?",
+    }  # fmt: skip
 
     longitudinal: Any
     transverse: Any
@@ -130,6 +134,7 @@ class Moduli(Result):
     units = {
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
     }  # fmt: skip
+    shapes = {"tensor": "... 3 3", "bulk_error": "...?", "shear_error": "...?"}
 
     tensor: Array
     isotropic: bool
@@ -242,6 +247,7 @@ class PulseVelocities(Result):
     """
 
     units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
+    shapes = {"branches": "b", "direction": "2|n 2"}
 
     branches: tuple[str, ...]
     phase: Array

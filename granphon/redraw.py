@@ -88,11 +88,8 @@ def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> An
     from granphon.phonons import Bands, DensityOfStates
     from granphon.plot import bands_figure
 
-    try:
-        bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
-        dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
-    except OSError as error:
-        raise InputError(message(f"{error.filename} cannot be read: {error.strerror}")) from None
+    bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
+    dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
     lattice = None
     if asymptotes and bands is not None:
         scene = Scene.from_yaml(source / "scene.yaml")

@@ -6,10 +6,10 @@ import itertools
 import json
 import operator
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.arguments import real_array
 from granphon.branches import connect_branches
+from granphon.digests import own_file, read_sealed, sealed, warn_unverified
 from granphon.errors import InputError, brief, message
 from granphon.geometry import BALL
 from granphon.lattice import Modes
+from granphon.reading import plain_yaml
 from granphon.results import Result
 from granphon.staging import write_text
-from granphon.units import HertzPrefix, Units
+from granphon.units import HertzPrefix, Units, file_header, read_header
 
 __all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
 
@@ -174,6 +176,10 @@ class Bands(Result):
     """
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
+    shapes = {
+        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b 2",
+        "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n",
+    }  # fmt: skip
 
     qpoints: Array
     distances: Array
@@ -186,6 +192,15 @@ class Bands(Result):
     masses: Array
     scales: Units
     warnings: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Also that there are two or three components of each ball, and that all numbers are finite."""
+        super().check()
+        balls = len(self.masses)
+        if self.eigenvectors.shape[2] not in (2 * balls, 3 * balls):
+            what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
+            raise InputError(message(what, mend="There are two or three for each"))
+        _check_finite(self)
 
     @property
     def n_branches(self) -> int:
@@ -278,22 +293,23 @@ class Bands(Result):
                     lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
-        write_text(path, "\n".join(lines) + "\n")
+        write_text(path, sealed("\n".join(lines) + "\n"))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
-        """Read a band.yaml that granphon wrote; :class:`~granphon.errors.InputError` if it is another's or damaged."""
-        from ruamel.yaml import YAML
-        from ruamel.yaml.error import YAMLError
+        """Read a band.yaml that granphon wrote.
 
-        try:
-            data = YAML(typ="safe").load(Path(path).read_text(encoding="utf-8"))
-            own = data["granphon"]
-            hertz = float(own["hertz"])
-            phonon = data["phonon"]
+        :class:`~granphon.errors.InputError` if it is another's, damaged or edited,
+        :class:`~granphon.errors.MissingFileError` if there is none;
+        :class:`~granphon.errors.UnverifiedFileWarning` if it carries no digest, as another program's copy of it.
+        """
+        text, verified = read_sealed(path)
+        with own_file(path, "band.yaml"):
+            data = plain_yaml(text, path)
+            own, phonon = data["granphon"], data["phonon"]
+            hertz, scales = read_header(own)
             s = int(data["npath"])
             p = len(phonon) // s
-            scales = Units.from_info(own)
             masses = np.array([point["mass"] for point in data["points"]], float)
             n = len(masses)
             bands = [q["band"] for q in phonon]
@@ -306,7 +322,7 @@ class Bands(Result):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
             velocities = np.array([[mode["group_velocity"][:2] for mode in q] for q in bands], float)
-            return cls(
+            found = cls(
                 np.array([q["q-position"] for q in phonon], float).reshape(s, p, 3),
                 np.array([q["distance"] for q in phonon], float).reshape(s, p),
                 np.array([[mode["frequency"] for mode in q] for q in bands], float).reshape(s, p, b) * hertz,
@@ -315,24 +331,17 @@ class Bands(Result):
                 tuple(labels), np.array(data["lattice"], float),
                 np.array([point["coordinates"] for point in data["points"]], float), masses, scales, tuple(own["warnings"]),
             )  # fmt: skip
-        except (OSError, YAMLError, KeyError, IndexError, TypeError, ValueError, UnicodeDecodeError) as error:
-            if isinstance(error, OSError):
-                raise
-            raise InputError(
-                message(f"{path} is not a band.yaml written by granphon", f"{type(error).__name__}: {error}")
-            ) from None
+            found.check()
+        if not verified:
+            warn_unverified(path)
+        return found
 
 
-def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
-    """Lines of the block ``granphon`` at the head of files for phonopy: unit of frequency, coordinates, scales."""
-    return [
-        "granphon:",
-        "  schema: 1",
-        f"  frequency_unit: {unit.name}",
-        f"  hertz: {unit.hertz!r}",
-        "  coordinates: [x, y, w = R_g phi]",
-        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
-    ]
+def _check_finite(result: Result) -> None:
+    for name in result.shapes:
+        value = getattr(result, name)
+        if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
+            raise InputError(message(f"{name} of the {type(result).__name__} holds what is no finite number"))
 
 
 def _numbers(values: Any) -> str:
@@ -346,6 +355,10 @@ def _text(words: str) -> str:
 
 def _row(values: Any) -> str:
     return f"- [ {_numbers(values)} ]"
+
+
+_DOS_COLUMNS = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz"
+_DOS_SCHEMA = "# granphon density of states, schema {}, per ball"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -365,6 +378,7 @@ class DensityOfStates(Result):
     """
 
     units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
+    shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
 
     frequencies: Array
     translational: Array
@@ -373,31 +387,59 @@ class DensityOfStates(Result):
     mesh: tuple[int, int]
     warnings: tuple[str, ...] = ()
 
+    def check(self) -> None:
+        """Also that all numbers are finite."""
+        super().check()
+        _check_finite(self)
+
     @property
     def total(self) -> Array:
         """(n,), 1/Hz."""
         return self.translational + self.rotational
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns frequency, total, translational, rotational with all digits, and their units in the head."""
+        """Write the columns frequency, total, translational, rotational with all digits, their units in the heading.
+
+        The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path, delimiter=",", names=True)`` take
+        the names from it; below it are comments with the digest of the file, the method, the mesh and the warnings.
+        """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
         lines = [
-            f"# granphon density of states, schema {self.schema}, per ball",
+            _DOS_COLUMNS,
+            _DOS_SCHEMA.format(2),
             f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
             *(f"# warning: {warning}" for warning in self.warnings),
-            "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz",
             *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
         ]
-        write_text(path, "\n".join(lines) + "\n")
+        write_text(path, sealed("\n".join(lines) + "\n", 1))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Read what :meth:`write_csv` wrote; :class:`~granphon.errors.InputError` if it is another's or damaged."""
-        try:
-            lines = Path(path).read_text(encoding="utf-8").splitlines()
-            words = lines[1].replace(",", "").split()
-            warnings = tuple(line.removeprefix("# warning: ") for line in lines if line.startswith("# warning: "))
-            table = np.array([[float(x) for x in line.split(",")] for line in lines[3 + len(warnings) :]])
-            return cls(table[:, 0], table[:, 2], table[:, 3], words[2], (int(words[4]), int(words[5])), warnings)
-        except (IndexError, ValueError, UnicodeDecodeError) as error:
-            raise InputError(message(f"{path} is not a density of states written by granphon", str(error))) from None
+        """Read what :meth:`write_csv` wrote; errors and warning as :meth:`Bands.read`."""
+        text, verified = read_sealed(path)
+        with own_file(path, "density of states"):
+            head, comments, rows = "", [], []
+            for line in text.split("\n"):
+                if line.startswith("#"):
+                    comments.append(line)
+                elif not head:
+                    head = line
+                elif line:
+                    rows.append([float(x) for x in line.split(",")])
+            what, how = comments[:2]
+            words = re.fullmatch(r"# method (\w+), mesh (\d+) (\d+)", how)
+            # of schema 1, the heading stood below the comments
+            if head != _DOS_COLUMNS or what not in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2)) or words is None:
+                raise InputError("its head is not that of one")
+            warnings = [line.removeprefix("# warning: ") for line in comments[2:] if line.startswith("# warning: ")]
+            if len(warnings) != len(comments) - 2:
+                raise InputError("it has a comment that granphon does not write")
+            table = np.array(rows)
+            mesh = int(words[2]), int(words[3])
+            found = cls(table[:, 0], table[:, 2], table[:, 3], words[1], mesh, tuple(warnings))
+            found.check()
+            if table.shape[1] != 4 or not np.array_equal(found.total, table[:, 1]):
+                raise InputError("the total is not the sum of its parts")
+        if not verified:
+            warn_unverified(path)
+        return found

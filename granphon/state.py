@@ -94,6 +94,7 @@ class ContactState(Result):
         "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
         "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
     }  # fmt: skip
+    shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
 
     packing: Packing
     medium: str

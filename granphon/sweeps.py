@@ -311,6 +311,13 @@ def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
 
 
 def swept_packing(dataset: Dataset) -> Packing:
-    """The packing that a sweep was made of, before its parameters were changed."""
-    packing: Packing = restore(json.loads(dataset.attrs["packing"]), Packing)
+    """The packing that a sweep was made of, before its parameters were changed.
+
+    :class:`InputError` if the data set does not say it.
+    """
+    try:
+        data = json.loads(dataset.attrs["packing"])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(message("the data set does not say its packing", mend="Give one that sweep() has made")) from None
+    packing: Packing = restore(data, Packing, "packing")
     return packing

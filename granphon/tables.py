@@ -13,7 +13,6 @@ import csv
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -22,12 +21,11 @@ from numpy.typing import NDArray
 from granphon.errors import InputError, message
 from granphon.files import closest
 from granphon.quantities import NUMBER, Quantity
+from granphon.reading import read_bytes
 
 __all__ = ["Heading", "Table", "decoded"]
 
 
-#: the largest file that is read
-MAX_BYTES = 50_000_000
 _POINT = "Write decimals with a point"
 
 
@@ -73,19 +71,7 @@ class Table:
 
         ``quoted``: whether errors may quote what it holds, whatever that is; False for a file that a scene has named.
         """
-        try:
-            place = Path(path)
-            if place.exists() and not place.is_file():
-                raise InputError(message(f"{path} cannot be read: it is no file", mend="Give a table of numbers"))
-            if place.stat().st_size > MAX_BYTES:
-                what = f"{path} holds more than {MAX_BYTES // 1_000_000} MB"
-                raise InputError(message(what, mend="A table of measurements is shorter; is this the right file"))
-            raw = place.read_bytes()
-        except InputError:
-            raise
-        except (OSError, ValueError) as error:  # ValueError: a null character in the name
-            raise InputError(message(f"{path} cannot be read", getattr(error, "strerror", None) or str(error))) from None
-        return cls.parse(str(path), raw, quoted)
+        return cls.parse(str(path), read_bytes(path), quoted)
 
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:

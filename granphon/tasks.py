@@ -14,11 +14,14 @@ from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.errors import InputError
 from granphon.progress import Progress, silent
+from granphon.reading import read_bytes
 from granphon.staging import write_bytes
 
 __all__ = ["Part", "Store", "Task", "kept", "solve_all"]
@@ -51,14 +54,14 @@ class Store:
         if self.folder is None:
             return None
         try:
-            raw = (self.folder / task.name).read_bytes()
-        except OSError:
+            raw = read_bytes(self.folder / task.name)
+            digest, data = raw[:32], raw[32:]
+            if digest != _digest(task, data):
+                return None
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return dict(arrays)
+        except (InputError, BadZipFile, EOFError, KeyError, OSError, ValueError):
             return None
-        digest, data = raw[:32], raw[32:]
-        if digest != _digest(task, data):
-            return None
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return dict(arrays)
 
     def write(self, task: Task, part: Part) -> None:
         """Keep the result of ``task``; :class:`~granphon.errors.OutputError` if that fails."""

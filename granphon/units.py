@@ -15,7 +15,7 @@ from typing import Any
 
 from granphon.errors import InputError, message
 
-__all__ = ["HertzPrefix", "Units", "prefixed"]
+__all__ = ["HertzPrefix", "Units", "file_header", "prefixed", "read_header"]
 
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
@@ -130,3 +130,25 @@ class Units:
                 )
             )
         return cls(**{name: float(info[key]) for name, key in _INFO.items()})
+
+
+def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
+    """Lines of the block ``granphon`` at the head of files for phonopy: unit of frequency, coordinates, scales."""
+    return [
+        "granphon:",
+        "  schema: 1",
+        f"  frequency_unit: {unit.name}",
+        f"  hertz: {unit.hertz!r}",
+        "  coordinates: [x, y, w = R_g phi]",
+        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+    ]
+
+
+def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
+    """The unit of frequency in hertz, and the scales, of a block that :func:`file_header` made; InputError if it did not."""
+    if own["schema"] != 1:
+        raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
+    hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
+    if own["hertz"] != hertz or not all(0.0 < scale < math.inf for scale in scales.to_info().values()):
+        raise InputError("its scales contradict each other, or are not above zero")
+    return hertz, scales

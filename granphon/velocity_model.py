@@ -61,6 +61,7 @@ class Waves(Result):
     """
 
     units = {"frequency": "Hz"}
+    shapes = {"direction": "2", "frequency": "...?"}
 
     branch: str
     direction: Array

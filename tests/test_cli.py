@@ -373,7 +373,7 @@ def test_scenes_that_cannot_be_read(work, capsys):
         ("binary.yaml", "binary.yaml:1: found the byte 0x89, which is not text; allowed: text in UTF-8"),
         ("utf16.yaml", "utf16.yaml:1: found the byte 0xff, which is not text; allowed: text in UTF-8"),
         ("large.yaml", "large.yaml holds more than 100 kB"),
-        ("folder.yaml", "folder.yaml is a folder. Give the scene file itself"),
+        ("folder.yaml", "folder.yaml cannot be read: it is a folder. Give the file itself"),
         ("missing.yaml", "missing.yaml: there is no such file. 'granphon init' writes one"),
         ("scene.yaml/x", "scene.yaml/x cannot be read: Not a directory"),
         ("a\0b", "cannot be read"),

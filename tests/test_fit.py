@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from ruamel.yaml import YAML
 from scipy.optimize import curve_fit
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
@@ -22,6 +23,7 @@ from granphon.ladder import MediumChoice
 from granphon.measurements import Measurements
 from granphon.observables import pulse_velocities, sound_velocities
 from granphon.parameters import changed
+from granphon.reading import plain_yaml
 from granphon.velocity_model import VelocityModel, Waves
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -548,6 +550,14 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
     for name in ("width", "stderr", "std", "std_stderr", "p"):
         assert re.search(rf"^{name}: {getattr(fit, name)!r}$".replace("+", r"\+"), text, re.MULTILINE)
+    data = YAML(typ="safe").load(text)
+    assert WidthFit.from_dict(data) == WidthFit.from_dict(plain_yaml(text, "fit.yaml")) == fit
+    data["velocity"][3] *= 1.0000001
+    with pytest.raises(InputError, match="was damaged"):
+        WidthFit.from_dict(data)
+    for wrong in ([], {"class": "WidthFit"}, data | {"parameters": ["mass", "x"], "digest": None}):
+        with pytest.raises(InputError):
+            WidthFit.from_dict(wrong)
     assert '  values: "m, Pa"\n  covariance: "m^2, m Pa; Pa m, Pa^2"\n' in text
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
+import random
 
 import numpy as np
 import pytest
@@ -135,6 +137,119 @@ def test_data_of_another_class_a_newer_schema_or_incomplete(results):
         SoundVelocities.from_dict(data)
     with pytest.raises(InputError, match="describe"):
         SoundVelocities.from_dict({})
+
+
+def test_data_of_other_kinds_shapes_and_units_are_refused(results):
+    def refused(name, words, **changes):
+        data = results[name].to_dict() | changes
+        del data["digest"]
+        with pytest.raises(InputError, match=words):
+            type(results[name]).from_dict(data)
+
+    good = results["state"].to_dict()["packing"]
+    refused("velocities", "longitudinal of the SoundVelocities is not made of numbers", longitudinal="790")
+    refused("velocities", "is not made of numbers", longitudinal=None)
+    refused("velocities", "warnings: found a str, 'none', where", warnings="none")
+    refused(
+        "velocities", r"direction of the SoundVelocities is of shape \(3,\), where \(2\) belongs", direction=[1.0, 0.0, 0.0]
+    )
+    refused("velocities over loads", r"transverse .* of shape \(2,\), where \(...\) belongs", transverse=[1.0, 2.0])
+    refused("velocities", "have 'more', which the class does not have", more=1)
+    refused("velocities", "units of the SoundVelocities data are not those", units={"longitudinal": "km/s"})
+    refused("velocities", "schema '1'", schema="1")
+    refused("velocities", "schema true", schema=True)
+    refused("moduli", "isotropic: found a int, 1, where bool belongs", isotropic=1)
+    refused("moduli", "tensor: found a list where an array of numbers belongs", tensor=[[1.0, 2.0], [3.0]])
+    refused("moduli", "tensor: found a list", tensor=[["1"] * 3] * 3)
+    refused("moduli", "tensor: found a list", tensor=[[True] * 3] * 3)
+    refused("moduli", r"\(3, 3, 1\), where \(... 3 3\)", tensor=[[[1.0]] * 3] * 3)
+    refused("modes", "eigenvectors: found a mapping", eigenvectors={"real": [[1.0]], "imag": [1.0]})
+    refused("modes", "eigenvectors: found a list", eigenvectors=[[1.0]])
+    refused("modes", r"b = 3", rotational_fraction=[[1.0], [1.0]])
+    refused("state", "lack diameter", packing={k: v for k, v in good.items() if k != "diameter"})
+    refused("state", "Packing.diameter: found a str", packing=good | {"diameter": "8 mm"})
+    refused("state", "diameter", packing=good | {"diameter": -1.0})
+    refused("state", "Packing.lattice: found a int", packing=good | {"lattice": 3})
+    refused("state", "data of a 'Popen'", packing={"class": "Popen"})
+    refused("state", "ContactState.packing: found a NoneType", packing=None)
+    refused("validity", "Check.limit: found a str", checks=[results["check"].to_dict() | {"limit": "1"}])
+
+
+def deep(data, path, value):
+    """A copy of plain data with another value at a path; ``...`` removes it."""
+    if not path:
+        return value
+    copied = dict(data) if isinstance(data, dict) else list(data)
+    if len(path) == 1 and value is ...:
+        del copied[path[0]]
+    else:
+        copied[path[0]] = deep(copied[path[0]], path[1:], value)
+    return copied
+
+
+def places(data, path=()):
+    """Paths of everything in plain data."""
+    if path:
+        yield path
+    pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in pairs:
+        yield from places(value, (*path, key))
+
+
+@pytest.fixture(scope="module")
+def every(packing, results):
+    """A result of each class that comes back from plain data."""
+    from granphon.ensemble import Ensemble
+    from granphon.fit import fit_width
+    from granphon.local_field import LocalField
+    from granphon.measurements import Measurements
+    from granphon.tradeoffs import Measured, TradeOff
+
+    force = np.array([1.0, 5.0, 20.0])
+    spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
+    simulated = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2).at_force([1.0, 5.0])
+    phonons = gp.Phonons(results["state"])
+    point = Measured("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    found = [
+        *results.values(), simulated, simulated.samples[0], simulated.samples[0].equilibrium,
+        LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
+        phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
+        Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3),
+        Measurements(force, 500.0 * force ** (1 / 6), 1.0),
+        fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
+        point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),
+    ]  # fmt: skip
+    found.append(next(result.waves for result in found if hasattr(result, "waves")))
+    return {type(result): result for result in found}
+
+
+def test_every_class_is_among_them(every):
+    def below(cls):
+        return {cls, *(one for sub in cls.__subclasses__() for one in below(sub))}
+
+    ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {Result}
+    assert ours == set(every)
+
+
+def test_damaged_plain_data_are_refused(every):
+    rng = random.Random(0)
+    wrongs = (..., None, "x", True, -1, math.nan, [], {}, [[1.0], 2.0], {"class": "Popen"}, 10**400, b"")
+    for cls, result in every.items():
+        data = json.loads(json.dumps(result.to_dict()))
+        assert cls.from_dict(data) == result
+        paths = list(places(data))
+        for path in rng.sample(paths, min(len(paths), 40)):
+            damaged = deep(data, path, rng.choice(wrongs))
+            if damaged == data or (path == ("digest",) and "digest" not in damaged):
+                continue
+            if path[0] in ("units", "schema") and len(path) == 1 and path[0] not in damaged:
+                continue
+            with pytest.raises(InputError):
+                cls.from_dict(damaged)
+            damaged.pop("digest", None)
+            # not every wrong number is noticed then, but what is, is said as it should be
+            with contextlib.suppress(InputError):
+                assert type(cls.from_dict(damaged)) is cls
 
 
 def test_state_comes_back_whole(results):

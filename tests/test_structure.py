@@ -15,7 +15,8 @@ PACKAGE = Path(granphon.__file__).parent
 
 #: each module imports only from those before it
 ORDER = [
-    "errors", "arguments", "units", "results", "progress", "files", "staging", "quantities", "blocks", "tables",
+    "errors", "arguments", "reading", "digests", "units", "progress", "files", "results", "staging", "quantities",
+    "blocks", "tables",
     "contact", "shapes", "diameters", "geometry", "packing", "parameters", "jacobi", "compatibility", "longwave", "lattice",
     "local_field", "laws", "curve", "collocation", "points", "effective", "branches", "state", "medium",
     "stencils", "equilibrium", "response", "balls", "samples", "simulation", "direct", "cost", "accuracy", "ladder", "plan",
@@ -28,6 +29,7 @@ ORDER = [
 BORDERS = {
     "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"},
     "matplotlib": {"style", "plot", "charts", "diagrams"}, "typer": {"cli"},
+    "yaml": {"reading"}, "h5py": {"archive"},
 }  # fmt: skip
 
 

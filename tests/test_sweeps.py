@@ -779,7 +779,7 @@ def test_what_is_no_sweep_is_not_loaded(tmp_path, make, words):
         load_sweep(tmp_path / "sweep.nc")
 
 
-@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.99])
 def test_a_file_that_was_cut_is_not_loaded(rough, tmp_path, part):
     path = tmp_path / "sweep.nc"
     sweep(rough, path=path, **ARGUMENTS)

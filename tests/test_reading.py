@@ -1,0 +1,532 @@
+"""What granphon reads: nothing in a file runs, damage is found, and every failure is an error of granphon's own."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import pickle
+import random
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from numpy.testing import assert_array_equal
+from ruamel.yaml import YAML
+
+import granphon as gp
+from granphon import archive
+from granphon.cli import main
+from granphon.digests import canonical, digest, read_sealed, sealed
+from granphon.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
+from granphon.files import dump_yaml, read_text
+from granphon.measurements import Measurements
+from granphon.reading import plain_yaml, read_bytes
+from granphon.tables import Table
+from granphon.tasks import Store
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+PACKING = gp.Packing(STEEL, 8e-3)
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 1 N}
+"""
+TABLE = "force (N),velocity (m/s),diameter (mm)\n1,500,8.0\n2,550,8.1\n"
+
+#: every way in: the file's name, and what reads it
+LOADERS = {
+    "scene": ("scene.yaml", gp.Scene.from_yaml),
+    "table": ("table.csv", Table.read),
+    "diameters": ("table.csv", gp.Measured.from_csv),
+    "measurements": ("table.csv", Measurements.read),
+    "phonopy file": ("phonopy_params.yaml", gp.load_phonopy),
+    "bands": ("band.yaml", gp.Bands.read),
+    "density of states": ("dos.csv", gp.DensityOfStates.read_csv),
+    "sweep": ("sweep.nc", gp.load_sweep),
+}
+#: those that granphon writes with a digest
+SEALED = ["phonopy file", "bands", "density of states"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder with a good file for every loader."""
+    folder = tmp_path_factory.mktemp("written")
+    state = gp.AveragedLattice(PACKING).at_overlap(8e-6)
+    phonons = gp.Phonons(state)
+    phonons.save(folder / "phonopy_params.yaml")
+    phonons.bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=4).write(folder / "band.yaml")
+    phonons.dos(mesh=(6, 6), points=24).write_csv(folder / "dos.csv")
+    gp.sweep(PACKING, force=[1.0, 2.0, 3.0], media=["ala", "afa"], path=folder / "sweep.nc")
+    (folder / "scene.yaml").write_text(SCENE)
+    (folder / "table.csv").write_text(TABLE)
+    return folder
+
+
+def numbers(found):
+    """What a loader found, as plain data that can be compared."""
+    if isinstance(found, xarray.Dataset):
+        return found.to_dict()
+    if isinstance(found, tuple):  # phonopy's object and the scales
+        bridge, scales = found
+        cell = bridge.unitcell
+        arrays = (bridge.force_constants, bridge.masses, bridge.supercell_matrix, cell.cell, cell.scaled_positions)
+        return [[array.tolist() for array in arrays], scales.to_info()]
+    return found.to_dict() if hasattr(found, "to_dict") else found
+
+
+def outcome(read, path):
+    """What reading gave: "same numbers" is for the caller to say; errors of granphon by their kind."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            found = read(path)
+        except GranphonError:
+            return "error", None
+    assert {one.category for one in told} <= {UnverifiedFileWarning}
+    return ("unverified" if told else "read"), numbers(found)
+
+
+# -- nothing runs ---------------------------------------------------------------------------------------------------
+
+
+class Bomb:
+    """Unpickled, it makes a folder."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)
+
+
+def test_the_bomb_is_live(tmp_path):
+    # what these tests look for can happen
+    import yaml
+
+    pickle.loads(pickle.dumps(Bomb(tmp_path / "one")))
+    yaml.load(f'!!python/object/apply:os.mkdir ["{tmp_path}/two"]', yaml.UnsafeLoader)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]
+
+
+TAGS = (
+    '!!python/object/apply:os.mkdir ["{marker}"]',
+    '!!python/object/new:os.mkdir ["{marker}"]',
+    "!!python/name:os.mkdir",
+    "!!python/module:os",
+    '!<tag:yaml.org,2002:python/object/apply:os.mkdir> ["{marker}"]',
+)
+
+
+@pytest.mark.parametrize("tag", TAGS)
+@pytest.mark.parametrize("kind", ["scene", "phonopy file", "bands"])
+def test_tags_of_python_are_refused_in_yaml(written, tmp_path, kind, tag):
+    name, read = LOADERS[kind]
+    marker = tmp_path / "ran"
+    good = (written / name).read_text()
+    tag = tag.format(marker=marker)
+    lines = good.rstrip("\n").split("\n")
+    unsealed = [line for line in lines if "sha256" not in line]
+    for text in (
+        "\n".join([*lines, f"code: {tag}"]),  # the digest finds it
+        "\n".join([*unsealed, f"code: {tag}"]),
+        sealed("\n".join([*unsealed, f"code: {tag}"])) if kind != "scene" else f"{tag}\n",
+        "\n".join([f"code: {tag}", *unsealed]),
+    ):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError):
+            read(tmp_path / name)
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+def test_pickles_and_formulas_are_only_bytes(written, tmp_path, kind):
+    name, read = LOADERS[kind]
+    marker = tmp_path / "ran"
+    stream = io.BytesIO()
+    np.savez(stream, force=np.array([Bomb(marker)], dtype=object))
+    for raw in (pickle.dumps(Bomb(marker)), stream.getvalue(), f'=SYSTEM("mkdir {marker}"),force (N)\n1,2\n'.encode()):
+        (tmp_path / name).write_bytes(raw)
+        if kind == "table" and raw.startswith(b"="):
+            assert Table.read(tmp_path / name).headings[0].name.startswith("=SYSTEM")
+            continue
+        with pytest.raises(InputError):
+            read(tmp_path / name)
+    assert not marker.exists()
+
+
+def test_a_pickle_inside_a_netcdf_file_stays_bytes(written, tmp_path):
+    marker = tmp_path / "ran"
+    raw = np.frombuffer(pickle.dumps(Bomb(marker)), np.uint8)
+    dataset = gp.load_sweep(written / "sweep.nc").assign(code=("byte", raw)).assign_attrs(code=raw)
+    dataset.to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
+    with pytest.warns(UnverifiedFileWarning):
+        assert_array_equal(gp.load_sweep(tmp_path / "sweep.nc")["code"], raw)
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize("how", ["external link", "external storage", "virtual"])
+def test_a_netcdf_file_reads_no_other_file(written, tmp_path, how):
+    import h5py
+
+    gp.load_sweep(written / "sweep.nc").to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
+    (tmp_path / "secret").write_bytes(np.arange(3.0).tobytes())
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["secret"] = np.arange(3.0)
+    with h5py.File(tmp_path / "sweep.nc", "a") as file:
+        if how == "external link":
+            file["secret"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
+        elif how == "external storage":
+            place = [(str(tmp_path / "secret"), 0, 24)]
+            file.create_dataset("secret", (3,), float, external=place).dims[0].attach_scale(file["load"])
+        else:
+            layout = h5py.VirtualLayout((3,), float)
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "secret", (3,))
+            file.create_virtual_dataset("secret", layout)
+    with pytest.raises(InputError, match="refers to another file"):
+        gp.load_sweep(tmp_path / "sweep.nc")
+    # nor one that whoever made it has given a digest
+    raw = (tmp_path / "sweep.nc").read_bytes()
+    (tmp_path / "sweep.nc").write_bytes(raw + archive._TRAILER + hashlib.sha256(raw).hexdigest().encode())
+    with pytest.raises(InputError, match="refers to another file"):
+        gp.load_sweep(tmp_path / "sweep.nc")
+
+
+def test_a_kept_part_of_a_sweep_is_never_unpickled(tmp_path):
+    class Piece:
+        name = "piece"
+
+    marker, store = tmp_path / "ran", Store(tmp_path / "parts")
+    store.write(Piece(), {"x": np.arange(3.0)})
+    path = tmp_path / "parts" / "piece"
+    assert_array_equal(store.read(Piece())["x"], np.arange(3.0))
+    stream = io.BytesIO()
+    np.savez(stream, x=np.array([Bomb(marker)], dtype=object))
+    from granphon.tasks import _digest
+
+    # with the right digest too
+    for data in (stream.getvalue(), pickle.dumps(Bomb(marker)), b"", b"PK\x03\x04" + bytes(50)):
+        path.write_bytes(_digest(Piece(), data) + data)
+        assert store.read(Piece()) is None
+    assert not marker.exists()
+
+
+def test_plain_data_of_a_result_make_no_other_class(tmp_path):
+    state = gp.AveragedLattice(PACKING).at_force(1.0)
+    data = state.to_dict()
+    del data["digest"]
+    for name in ("Popen", "os.mkdir", "Path", "Result"):
+        with pytest.raises(InputError):
+            gp.ContactState.from_dict(data | {"packing": {"class": name, "args": [str(tmp_path / "ran")]}})
+    assert not (tmp_path / "ran").exists()
+
+
+def test_only_the_named_file_is_read(written, tmp_path, monkeypatch):
+    # phonopy's loader takes FORCE_CONSTANTS from the folder where one works, if the file has none
+    monkeypatch.chdir(tmp_path)
+    text = (written / "phonopy_params.yaml").read_text()
+    lines = [line for line in text.split("\n") if "sha256" not in line]
+    cut = lines[: lines.index("force_constants:")]
+    (tmp_path / "phonopy_params.yaml").write_text("\n".join(cut))
+    (tmp_path / "FORCE_CONSTANTS").write_text("1 18\n" + "".join(f"1 {n}\n" + "1 2 3\n" * 3 for n in range(1, 19)))
+    with pytest.raises(InputError, match="force_constants"):
+        gp.load_phonopy("phonopy_params.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &x 1\nb: *x\n", "1 cannot be read: found an anchor or alias"),
+        ("a: 1\nb: !!str 2\n", "2 cannot be read: found the tag"),
+        ("a: 1\na: 2\n", "the key 'a' twice"),
+        ("a: 1\n---\nb: 2\n", "a second document"),
+        ("[a]: 1\n", "a list or block as a key"),
+        ("a: {[b]: 1}\n", "a list or block as a key"),
+        ("[" * 13 + "]" * 13, "more than 12 levels"),
+        ("[" * 100_000, "more than 12 levels"),
+        ("a: [1\n", "broken YAML"),
+        ("a: \x00\n", "broken YAML"),
+        ("", "it is empty"),
+        ("# nothing\n", "it is empty"),
+    ],
+)
+def test_yaml_that_is_no_plain_data(text, words):
+    with pytest.raises(InputError, match=words):
+        plain_yaml(text, "x.yaml")
+
+
+def test_plain_yaml_is_that_of_a_library():
+    text = 'a: [1, -2.5e3, "3", x y, true, null, ~, .inf]\nb:\n- c: {d: 1.0}\n  e: |\n    two\n    lines\n- []\n- {}\n'
+    assert plain_yaml(text, "x") == YAML(typ="safe").load(text)
+    assert [type(x) for x in plain_yaml(text, "x")["a"][:3]] == [int, float, str]
+
+
+# -- files that are not there, and what is no file ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+def test_a_missing_file(tmp_path, kind):
+    name, read = LOADERS[kind]
+    with pytest.raises(FileNotFoundError, match="no such file") as caught:
+        read(tmp_path / name)
+    assert isinstance(caught.value, MissingFileError | InputError)
+    assert isinstance(pickle.loads(pickle.dumps(caught.value)), MissingFileError)
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+def test_only_regular_files_are_read(tmp_path, kind):
+    _, read = LOADERS[kind]
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in (
+        (tmp_path / "pipe", "a device or a pipe"), ("/dev/zero", "a device or a pipe"), (tmp_path, "a folder"),
+        (f"{tmp_path}/\0", "cannot be read"), (tmp_path / ("x" * 5000), "cannot be read"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            read(path)
+
+
+def test_large_files_are_refused(tmp_path):
+    (tmp_path / "large").write_bytes(b"")
+    os.truncate(tmp_path / "large", 300_000_000)  # takes no room
+    for read in (Table.read, gp.Bands.read, gp.load_phonopy, gp.DensityOfStates.read_csv):
+        with pytest.raises(InputError, match="more than 256 MB"):
+            read(tmp_path / "large")
+    with pytest.raises(SceneError, match="more than 100 kB"):
+        read_text(tmp_path / "large")
+    (tmp_path / "small").write_bytes(b"12345")
+    assert read_bytes(tmp_path / "small", 5) == b"12345"
+    with pytest.raises(InputError, match="small holds more than"):
+        read_bytes(tmp_path / "small", 4)
+
+
+# -- digests --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [*SEALED, "sweep"])
+def test_good_files_come_back_without_a_word(written, kind):
+    name, read = LOADERS[kind]
+    assert outcome(read, written / name)[0] == "read"
+
+
+@pytest.mark.parametrize("kind", SEALED)
+def test_a_text_is_known_by_its_digest(written, tmp_path, kind):
+    name, read = LOADERS[kind]
+    good, path = (written / name).read_text(), tmp_path / name
+    expected = outcome(read, written / name)
+    assert sum("sha256" in line for line in good.split("\n")) == 1
+    # line ends and a byte order mark are no damage
+    path.write_bytes(b"\xef\xbb\xbf" + good.replace("\n", "\r\n").encode())
+    assert outcome(read, path) == expected
+    # another program's copy has no digest, and is told
+    path.write_text("".join(line for line in good.splitlines(keepends=True) if "sha256" not in line))
+    with pytest.warns(UnverifiedFileWarning, match=f"{name} carries no digest") as caught:
+        found = read(path)
+    assert numbers(found) == expected[1]
+    assert caught[0].filename == __file__
+    # and one that was edited is refused
+    digits = [n for n, c in enumerate(good) if c == "7" and "sha256" not in good[good.rfind("\n", 0, n) : n]]
+    path.write_text(good[: digits[-1]] + "8" + good[digits[-1] + 1 :])
+    with pytest.raises(InputError, match="was damaged, or edited after granphon wrote it"):
+        read(path)
+    path.write_text(good.replace("sha256 of all", "sha256 of  all"))
+    with pytest.raises(InputError, match="was damaged"):
+        read(path)
+
+
+def test_a_density_of_states_of_schema_1_is_read(written, tmp_path):
+    heading, _, what, *rest = (written / "dos.csv").read_text().split("\n")
+    method = rest.pop(0)
+    old = "\n".join([what.replace("schema 2", "schema 1"), method, heading, *rest])
+    (tmp_path / "dos.csv").write_text(old)
+    with pytest.warns(UnverifiedFileWarning):
+        found = gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
+    assert found == gp.DensityOfStates.read_csv(written / "dos.csv")
+
+
+def test_sealing_a_text(tmp_path):
+    text = "first\nsecond\n"
+    (tmp_path / "x").write_text(sealed(text, 1))
+    assert (tmp_path / "x").read_text().split("\n")[1].startswith("# sha256 of all other lines: ")
+    assert read_sealed(tmp_path / "x") == (text, True)
+    (tmp_path / "x").write_text(text)
+    assert read_sealed(tmp_path / "x") == (text, False)
+
+
+def test_a_digest_of_plain_data_survives_json_and_yaml():
+    data = {
+        "b": [1.0, 2, -0.0, 1e300, 5e-324, 0.1, 2**60 + 1, 10**400], "a": {"x": None, "y": True, "é\n\"": "ä: {"},
+        "array": np.arange(3), "tuple": (1, (2.5,)), "z": 1 + 2j, "empty": [[], {}],
+    }  # fmt: skip
+    plain = json.loads(
+        json.dumps(data, default=lambda x: x.tolist() if hasattr(x, "tolist") else {"imag": x.imag, "real": 1})
+    )
+    assert digest(plain) == digest(data)
+    del data["z"], data["b"][-1], data["empty"], data["a"]['é\n"']
+    text = dump_yaml(data)
+    assert digest(YAML(typ="safe").load(text)) == digest(plain_yaml(text, "x")) == digest(data)
+    assert canonical([1]) == canonical((1.0,)) == canonical(np.array([1]))
+    different = [
+        [0.0],
+        [-0.0],
+        [1],
+        ["1"],
+        [True],
+        [None],
+        [],
+        [[1]],
+        [float("nan")],
+        [float("inf")],
+        {"1": 1},
+        [1, 1],
+        "[]",
+    ]
+    assert len({digest(one) for one in different}) == len(different)
+    with pytest.raises(InputError, match="found a object among plain data"):
+        digest([object()])
+
+
+def test_a_sweep_is_known_by_two_digests(written, tmp_path):
+    path, whole = tmp_path / "sweep.nc", (written / "sweep.nc").read_bytes()
+    expected = gp.load_sweep(written / "sweep.nc")
+    # the library that writes it anew keeps that of the numbers
+    for engine in ("h5netcdf", "netcdf4"):
+        xarray.load_dataset(written / "sweep.nc", engine=engine).to_netcdf(path, engine=engine)
+        assert outcome(gp.load_sweep, path) == ("read", expected.to_dict())
+    import netCDF4
+
+    with netCDF4.Dataset(path, "a") as file:
+        file.history = "somebody looked at it"
+    assert gp.load_sweep(path).drop_attrs(deep=False).identical(expected.drop_attrs(deep=False))
+    with netCDF4.Dataset(path, "a") as file:
+        file["longitudinal"][0] = file["longitudinal"][0] * 1.0000001
+    with pytest.raises(InputError, match=r"was damaged, or edited.*attribute granphon_sha256"):
+        gp.load_sweep(path)
+    # and damage is found before HDF5 sees the file
+    for place in (100, len(whole) // 2, len(whole) - 200, len(whole) - 1):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with pytest.raises(InputError, match=r"was damaged, or edited.*at its end"):
+            gp.load_sweep(path)
+    # a file of an older granphon
+    expected.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in expected.variables})
+    with pytest.warns(UnverifiedFileWarning, match=r"sweep\.nc carries no digest"):
+        assert gp.load_sweep(path).identical(expected)
+
+
+def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch):
+    whole, path = (written / "sweep.nc").read_bytes(), tmp_path / "sweep.nc"
+    path.write_bytes(whole[:-101])  # HDF5's own part
+    for trial, words in (
+        ("import time; time.sleep(1000)", "has not opened it in 1 seconds"),
+        ("import os; os.kill(os.getpid(), 11)", "it crashes"),
+        ("raise ValueError('tripped')", "HDF5 fails on it: ValueError: tripped"),
+        ("", "it crashes"),
+    ):
+        with monkeypatch.context() as patched:
+            patched.setattr(archive, "_TRIAL", trial)
+            patched.setattr(archive, "TRIAL_SECONDS", 1.0 if "sleep" in trial else 100.0)
+            with pytest.raises(InputError, match=words):
+                gp.load_sweep(path)
+    monkeypatch.setattr(archive, "MAX_SWEEP", len(whole))
+    assert gp.load_sweep(path).identical(gp.load_sweep(written / "sweep.nc"))
+
+
+def test_the_command_line_tells_it_in_a_line(written, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (written / "dos.csv").read_text().splitlines(keepends=True)
+    Path("dos.csv").write_text("".join(line for line in text if "sha256" not in line))
+    assert main(["plot", "."]) == 0
+    error = capsys.readouterr().err
+    assert error.startswith("granphon: warning: dos.csv carries no digest.")
+    assert error.count("\n") == 1
+    Path("dos.csv").write_text("".join(text).replace("0.0,", "0.1,", 1))
+    assert main(["plot", ".", "--force"]) == 2
+    assert capsys.readouterr().err.startswith("granphon: error: dos.csv was damaged")
+
+
+# -- damage ---------------------------------------------------------------------------------------------------------
+
+
+def damages(raw, rng):
+    """A copy of ``raw`` with one thing wrong."""
+    n = len(raw)
+    start = rng.randrange(n)
+    stop = min(n, start + rng.choice([1, 2, 8, 40, 300, 2000]))
+    kind = rng.choice(["flip", "cut", "delete", "repeat", "zero", "swap"])
+    if kind == "flip":
+        return raw[:start] + bytes([raw[start] ^ 1 << rng.randrange(8)]) + raw[start + 1 :]
+    if kind == "cut":
+        return raw[:start]
+    if kind == "delete":
+        return raw[:start] + raw[stop:]
+    if kind == "repeat":
+        return raw[:stop] + raw[start:]
+    if kind == "zero":
+        return raw[:start] + bytes(stop - start) + raw[stop:]
+    digits = [i for i, byte in enumerate(raw) if 48 <= byte < 58]
+    one, two = (rng.choice(digits) for _ in range(2))
+    swapped = bytearray(raw)
+    swapped[one], swapped[two] = raw[two], raw[one]
+    return bytes(swapped)
+
+
+def after_damage(kind, written, tmp_path, seeds):
+    """How often a damaged file gave an error, the same numbers, or these with a warning; never anything else."""
+    name, read = LOADERS[kind]
+    raw = (written / name).read_bytes()
+    expected = numbers(read(written / name))
+    counts = {"error": 0, "read": 0, "unverified": 0}
+    for seed in seeds:
+        rng = random.Random(seed)
+        broken = damages(raw, rng)
+        (tmp_path / name).write_bytes(broken)
+        what, found = outcome(read, tmp_path / name)
+        counts[what] += 1
+        assert what == "error" or found == expected, f"other numbers after damage {seed}"
+    return counts
+
+
+@pytest.mark.parametrize("kind", SEALED)
+def test_damaged_texts_never_give_other_numbers(written, tmp_path, kind):
+    counts = after_damage(kind, written, tmp_path, range(60))
+    assert counts["error"] > 40
+
+
+def test_a_damaged_sweep_never_gives_other_numbers(written, tmp_path):
+    # those whose trailer is gone take a process each
+    sound = [seed for seed in range(60) if self_standing((written / "sweep.nc").read_bytes(), seed)]
+    counts = after_damage("sweep", written, tmp_path, [*sound, *(s for s in range(8) if s not in sound)])
+    assert counts["error"] > 30
+
+
+def self_standing(raw, seed):
+    """Whether the trailer is still where it belongs after this damage."""
+    return damages(raw, random.Random(seed))[-101:-64] == raw[-101:-64]
+
+
+@pytest.mark.parametrize("kind", SEALED)
+def test_damaged_texts_without_a_digest_give_no_foreign_error(written, tmp_path, kind):
+    name, read = LOADERS[kind]
+    text = (written / name).read_text()
+    raw = "".join(line for line in text.splitlines(keepends=True) if "sha256" not in line).encode()
+    for seed in range(60):
+        (tmp_path / name).write_bytes(damages(raw, random.Random(seed)))
+        assert outcome(read, tmp_path / name)[0] in ("error", "unverified")
+
+
+def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path):
+    # zeros in the head of the file, behind which no trailer stands: one line, and no traceback of a destructor
+    raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
+    raw[600:1500] = bytes(900)
+    (tmp_path / "sweep.nc").write_bytes(raw)
+    done = subprocess.run(
+        [sys.executable, "-m", "granphon", "plot", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("granphon: error:")
