@@ -267,7 +267,7 @@ def commands() -> str:
         rows = [_parameter(one, kinds[one.name]) for one in signature(call).parameters.values()]
         parts += [
             f"## granphon {command.name or call.__name__}",
-            re.sub(r"(?<!\n)\n(?!\n)", " ", text),
+            _as_code(re.sub(r"(?<!\n)\n(?!\n)", " ", text)),
             table(("argument or option", "what it is", "value", "default"), rows),
             "```text\n" + "\n".join(line.strip() for line in examples.splitlines()[1:]) + "\n```",
         ]
@@ -292,7 +292,12 @@ def _parameter(one: Parameter, annotation: Any) -> list[str]:
         default = f"`{names[0]}`" if one.default else "off"
     else:
         default = "none" if one.default is None else literal(one.default)
-    return [", ".join(f"`{name}`" for name in names), info.help, value, default]
+    return [", ".join(f"`{name}`" for name in names), _as_code(info.help), value, default]
+
+
+def _as_code(text: str) -> str:
+    """With options between backticks: of plain words two dashes would be set as one long one."""
+    return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
 # -- the files ------------------------------------------------------------------------------------------------------

@@ -4,23 +4,29 @@ import sys
 from importlib.metadata import version as _version
 from pathlib import Path as _Path
 
-sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery
+sys.path.insert(0, str(_Path(__file__).parent))  # for _gallery and _docstrings
+
+import _docstrings
+from sphinx.util.inspect import TypeAliasForwardRef
 
 project = "granphon"
 author = "The granphon developers"
 copyright = "2026, the granphon developers"
 release = _version("granphon")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
-autodoc_typehints = "none"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 100
 autodoc_member_order = "bysource"
 exclude_patterns = ["_build"]
 nitpicky = False
-# what a parameter is stands where napoleon expects its type, so that words of ours are looked up as names
-suppress_warnings = ["ref.python"]
 # every script is run; one that has not changed since the last build on this machine is not run again
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -31,3 +37,9 @@ sphinx_gallery_conf = {
     "matplotlib_animations": True,
     "write_computation_times": False,
 }
+
+
+def setup(app):
+    """Read docstrings as they are written here, and call an alias by its name inside other types too."""
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name
+    app.connect("autodoc-process-docstring", _docstrings.process)

@@ -32,9 +32,9 @@ class Result:
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (those of its arrays, for
     :meth:`check`: sizes by letters that mean the same in all of them, by numbers, "s+1", "..." for the shape of the load,
-    "|" between layouts that will both do, and "?" at the end of what may be None) and, when the meaning of a field changes, a higher ``schema``. Arrays are made
-    read-only; scalars stay floats. Two results are equal if all their fields that are compared are, array by array; ``repr``
-    gives large arrays by their shape.
+    "|" between layouts that will both do, and "?" at the end of what may be None) and, when the meaning of a field changes,
+    a higher ``schema``. Arrays are made read-only; scalars stay floats. Two results are equal if all their fields that are
+    compared are, array by array; ``repr`` gives large arrays by their shape.
     """
 
     schema: ClassVar[int] = 1

@@ -372,6 +372,12 @@ def test_every_command_and_every_option_is_listed(capsys):
         assert options <= set(re.findall(r"-[\w-]+", section)), name
 
 
+def test_an_option_is_set_as_code_in_every_page():
+    for page in PAGES:
+        prose = re.sub(r"^( *)```.*?^\1```$|`[^`\n]+`|<!--.*?-->|\S*\(\S+\)", "", page.read_text("utf-8"), flags=re.M | re.S)
+        assert re.findall(r"(?<![\w-])--[a-z][\w-]*", prose) == [], page.name
+
+
 def test_every_column_of_measurements_is_in_the_page_on_fits():
     page = (DOCS / "how-to" / "velocities.md").read_text(encoding="utf-8")
     listed = [name for row in rows(page, "column", "what it is") for name in re.findall(r"`(\w+) \(", row[0])]
@@ -390,6 +396,65 @@ def test_every_quantity_of_a_result_is_in_the_page_of_files():
         assert summary[name][1] == ("" if name == "valid" else unit), name
     for row in re.findall(r"^\| `.*", reference("files"), re.MULTILINE):
         assert row.rstrip(" |").count("|") >= 2, row  # none without a meaning
+
+
+# -- the page of the interface --------------------------------------------------------------------------------------
+
+
+def sections(text: str) -> dict[str, list[str]]:
+    """The entries ``names : what`` of each section of a docstring, by its title."""
+    parts = re.split(r"^(\w+)\n-+$", text, flags=re.MULTILINE)
+    return {
+        title: re.findall(r"^(\*{0,2}\w[\w*, ]*) : ", body, re.MULTILINE)
+        for title, body in zip(parts[1::2], parts[2::2], strict=True)
+    }
+
+
+DOCUMENTED = [
+    (f"{path.stem}.{getattr(node, 'name', '')}", ast.get_docstring(node))
+    for path in sorted(Path(gp.__file__).parent.glob("*.py"))
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and "---" in (ast.get_docstring(node) or "")
+]
+
+
+def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    import _docstrings
+
+    def role(error: str) -> str:
+        return f":exc:`~granphon.errors.{error}`" if hasattr(gp.errors, error) else f":exc:`{error}`"
+
+    assert len(DOCUMENTED) > 50
+    for name, text in DOCUMENTED:
+        made = "\n".join(_docstrings.rendered(text.splitlines()))
+        assert re.findall(r"^:(\w+):$", made, re.MULTILINE) == list(sections(text)), name
+        assert not re.search(r"^-{3,}$|:raises", made, re.MULTILINE), name
+        drawn = [line.partition(" – ")[0].strip(" -") for line in made.splitlines() if line.startswith("    - ")]
+        expected = [
+            ", ".join(role(n) if title == "Raises" else f"**{n}**" for n in names.split(", "))
+            for title, entries in sections(text).items()
+            for names in entries
+        ]
+        assert [line.replace("\\*", "*") for line in drawn] == expected, name
+
+
+def test_a_paragraph_after_the_entries_is_none_of_them(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    import _docstrings
+
+    text = (
+        "Draw.\n\nParameters\n----------\na, b : two,\n    in m.\n\nAxes are logarithmic.\n\nRaises\n------\nKeyError : no."
+    )
+    made = [line for line in _docstrings.rendered(text.splitlines()) if line]
+    assert made == [
+        "Draw.", ":Parameters:", "    - **a**, **b** – two,", "      in m.", "Axes are logarithmic.",
+        ":Raises:", "    - :exc:`KeyError` – no.",
+    ]  # fmt: skip
+
+
+def test_no_warning_of_the_build_is_hidden():
+    assert "suppress_warnings" not in (DOCS / "conf.py").read_text(encoding="utf-8")
 
 
 # -- the table of contents ------------------------------------------------------------------------------------------
