@@ -15,7 +15,7 @@ import numpy as np
 import granphon as gp
 from granphon.acoustics import contact_lattice
 from granphon.branches import acoustic_branches
-from granphon.plot import STYLE
+from granphon.style import LONGITUDINAL, STYLE, TRANSVERSE
 
 PULSE, ALONG = 6500.0, (1.0, 0.0)  # Hz, Gamma-K
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -33,13 +33,13 @@ assert np.allclose(deficit[0] / (1.0 - pulse.phase[0] / limit.longitudinal), 3.0
 
 with matplotlib.rc_context(STYLE):
     figure, ax = plt.subplots(figsize=(3.4, 2.7), dpi=300, layout="constrained")
-    branches = acoustic_branches(contact_lattice(state), ALONG)
-    for (name, branch), colour in zip(branches.items(), ("#0072B2", "#D55E00"), strict=True):
+    colours = {"longitudinal": LONGITUDINAL, "transverse": TRANSVERSE}
+    for name, branch in acoustic_branches(contact_lattice(state), ALONG).items():
         # crowded at the top, where the group velocity falls steeply to zero
         hertz = branch.top * state.scales.frequency * np.sin(np.linspace(0.01, 0.5 * np.pi - 1e-4, 120))
         found = gp.pulse_velocities(state, hertz, ALONG, branches=[name])
-        ax.plot(hertz / 1e3, found.phase[0], color=colour, label=f"{name}, phase")
-        ax.plot(hertz / 1e3, found.group[0], color=colour, dashes=(3.5, 1.5), label=f"{name}, group")
+        ax.plot(hertz / 1e3, found.phase[0], color=colours[name], label=f"{name}, phase")
+        ax.plot(hertz / 1e3, found.group[0], color=colours[name], dashes=(3.5, 1.5), label=f"{name}, group")
     ax.axvline(PULSE / 1e3, color="0.5", linewidth=0.6, zorder=0.5)
     ax.set(xlabel="Frequency (kHz)", ylabel="Velocity (m/s)", xlim=(0.0, None), ylim=(0.0, 900.0))
     ax.annotate("6.5 kHz", (PULSE / 1e3, 850.0), (3.0, 0.0), textcoords="offset points")

@@ -10,7 +10,8 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from granphon.style import STYLE  # before matplotlib, whatever backend the environment names
+# before matplotlib, whatever backend the environment names
+from granphon.style import STYLE
 
 # isort: split
 import matplotlib

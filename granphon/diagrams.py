@@ -11,7 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from granphon.style import STYLE  # before matplotlib, whatever backend the environment names
+# before matplotlib, whatever backend the environment names
+from granphon.style import STYLE
 
 # isort: split
 import matplotlib

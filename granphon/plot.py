@@ -12,7 +12,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from granphon.arguments import real_array
-from granphon.style import STYLE, save_figure  # before matplotlib, whatever backend the environment names
+
+# before matplotlib, whatever backend the environment names
+from granphon.style import POLARISATION, ROTATION, STYLE, save_figure
 
 # isort: split
 import matplotlib
@@ -21,7 +23,7 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import MaxNLocator
@@ -44,11 +46,7 @@ __all__ = [
 Array = NDArray[np.float64]
 LongWaves = SoundVelocities | ContactLattice
 
-#: from translation (0) to rotation (1): the uniform map "plasma" without its light end
-ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
 _TRANSLATING, _ROTATING = ROTATION(0.0), ROTATION(1.0)
-#: for branches that have no rotation, told apart by every eye
-_BRANCHES = ("#0D0887", "#56B4E9", "#009E73", "#CC79A7")
 #: turning against and with the clock
 _SPINS = ("#D55E00", "#0072B2")
 _LINE, _GREY = 1.5, "0.75"
@@ -66,7 +64,7 @@ def plot_bands(
 
     A LineCollection for each segment of the path and each branch: piece i runs through point i of the segment, and its
     colour is that of the point. Where branches coincide the lower one is drawn wider, so that all remain visible. Without
-    friction nothing rotates: branches then have colours of their own, and there is no colour bar.
+    friction nothing rotates: the colour is then the longitudinal fraction.
 
     Parameters
     ----------
@@ -75,18 +73,19 @@ def plot_bands(
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _unit_of(bands) if unit is None else unit
-    values = bands.connected_frequencies / unit.hertz
-    fraction = np.take_along_axis(bands.rotational_fraction, bands.connection, 2)
-    colour, scale = _branch_colours(values), Normalize(0.0, 1.0)
+    rotates = bands.n_branches == 3 * len(bands.masses)
+    part, colours, words = (
+        (bands.rotational_fraction, ROTATION, "Rotational") if rotates
+        else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
+    )  # fmt: skip
+    values, scale = bands.connected_frequencies / unit.hertz, Normalize(0.0, 1.0)
+    fraction = np.take_along_axis(part, bands.connection, 2)
     for s, x in enumerate(bands.distances):
         widths = _widths(values[s], _COINCIDENT * values.max())
         for b in range(bands.n_branches):
             pieces = list(_pieces(x, values[s, :, b]))
-            lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}")
-            if _rotates(bands):
-                lines.set(array=fraction[s, :, b], cmap=ROTATION, norm=scale)
-            else:
-                lines.set_color(_BRANCHES[colour[s, b] % len(_BRANCHES)])
+            shades: dict[str, Any] = {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
+            lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
     for x in corners[1:-1]:
@@ -99,16 +98,12 @@ def plot_bands(
     ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
-    if colorbar and _rotates(bands):
+    if colorbar:
         figure: Any = ax.get_figure()
-        bar = figure.colorbar(ScalarMappable(scale, ROTATION), ax=ax, location="top", aspect=40, pad=0.02)
+        bar = figure.colorbar(ScalarMappable(scale, colours), ax=ax, location="top", aspect=40, pad=0.02)
         bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-        bar.set_label("Rotational part of the kinetic energy")
+        bar.set_label(f"{words} part of the kinetic energy")
     return ax
-
-
-def _rotates(bands: Bands) -> bool:
-    return bands.n_branches == 3 * len(bands.masses)
 
 
 def _unit_of(result: Bands | DensityOfStates) -> HertzPrefix:
@@ -140,15 +135,6 @@ def _widths(values: Array, tolerance: float) -> Array:
     both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
     later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
     return np.asarray(_LINE * (1.0 + np.minimum(later, 3)))
-
-
-def _branch_colours(values: Array) -> NDArray[np.intp]:
-    """(s, b): number of each connected branch, kept across corners by the order of frequencies just beside them."""
-    colours = np.tile(np.arange(values.shape[2]), (len(values), 1))
-    before, after = 0.99 * values[:, -1] + 0.01 * values[:, -2], 0.99 * values[:, 0] + 0.01 * values[:, 1]
-    for s in range(1, len(values)):
-        colours[s, np.argsort(after[s])] = colours[s - 1, np.argsort(before[s - 1])]
-    return colours
 
 
 def plot_asymptotes(
@@ -313,8 +299,12 @@ def _free_place(ax: Axes) -> tuple[float, float, float, float]:
         if max(away) > 0.01:
             x, y = corners[int(np.argmax(np.minimum(away, 0.06)))].tolist()
             return x, y, size, size
-    ax.set_ylim(bottom, bottom + (top - bottom) / 0.66)
-    return 0.35, 0.66, 0.3, 0.3
+    # at the top, above the lowest stretch of the highest line, with no more room than it takes there
+    size, margin = 0.22, 0.05
+    starts = np.linspace(margin, 1.0 - margin - size, 31)
+    beneath = [points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max() for start in starts]
+    ax.set_ylim(bottom, bottom + (top - bottom) * max(1.0, (min(beneath) + 0.02) / (1.0 - margin - size)))
+    return float(starts[int(np.argmin(beneath))]), 1.0 - margin - size, size, size
 
 
 def plot_mode(
@@ -372,7 +362,9 @@ def plot_mode(
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
     part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.rotates else ""
-    ax.set_title(f"q = ({fractions})\n{hertz / unit.hertz:.1f} {_unit_name(unit)}{part}")
+    # of the highest, rounding leaves as much of one that is zero
+    zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
+    ax.set_title(f"q = ({fractions})\n{'zero frequency' if zero else f'{hertz / unit.hertz:.1f} {_unit_name(unit)}'}{part}")
     return ax
 
 

@@ -1,6 +1,6 @@
 """How figures look, and the one door through which they are saved. No backend of matplotlib and no pyplot is loaded.
 
-Colours have a meaning each, the same in every figure, and are told apart by every eye.
+Polarisations have a colour each, the same in every figure; they are told apart by every eye, and in grey.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from granphon.errors import FigureError, GranphonError, message
 
@@ -36,8 +38,9 @@ def _whatever_backend() -> Iterator[None]:
 
 with _whatever_backend():
     import matplotlib
+    from matplotlib.colors import LinearSegmentedColormap
 
-__all__ = ["STYLE", "draw", "save_figure"]
+__all__ = ["LONGITUDINAL", "POLARISATION", "ROTATION", "STYLE", "TRANSVERSE", "draw", "save_figure"]
 
 #: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
 STYLE: dict[Any, Any] = {
@@ -46,6 +49,12 @@ STYLE: dict[Any, Any] = {
     "ytick.major.width": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
     "legend.handlelength": 1.6, "svg.fonttype": "none", "pdf.fonttype": 42,
 }  # fmt: skip
+#: from translation (0) to rotation (1): the uniform map "plasma" without its light end
+ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
+#: of waves, and of the branches that begin as they do
+LONGITUDINAL, TRANSVERSE = "#0D0887", "#56B4E9"
+#: from transverse (0) to longitudinal (1)
+POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LONGITUDINAL])
 #: letters of what matplotlib says that are handed on
 _REASON = 300
 

@@ -17,7 +17,7 @@ from matplotlib.quiver import Quiver
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import plot
+from granphon import plot, style
 from granphon.errors import FigureError, InputError
 from granphon.units import HertzPrefix
 
@@ -124,16 +124,19 @@ def test_frequencies_in_another_unit(bands, ax):
     assert ax.get_ylabel() == "Frequency (reduced)"
 
 
-def test_without_friction_there_is_no_colour_bar_and_a_branch_keeps_its_colour():
+def test_without_friction_the_colour_is_the_longitudinal_fraction_and_the_bar_says_so():
     bands = phonons_of(friction=False).bands("GKMG", npoints=21)
     figure = plot.bands_figure(bands)
-    assert len(figure.axes) == 1
-    rows = branches(figure.axes[0], bands)
-    assert all(line.get_array() is None for line in itertools.chain(*rows))
-    longitudinal = np.take_along_axis(bands.longitudinal_fraction, bands.connection, 2)
-    for s, b in ((0, 0), (0, 1), (2, 0), (2, 1)):  # Gamma-K and M-Gamma
-        expected = plot._BRANCHES[int(longitudinal[s, :, b].mean() > 0.5)]
-        assert_allclose(rows[s][b].get_color()[0], to_rgba(expected))
+    ax, bar = figure.axes
+    assert bar.get_xlabel() == "Longitudinal part of the kinetic energy"
+    expected = np.take_along_axis(bands.longitudinal_fraction, bands.connection, 2)
+    rows = branches(ax, bands)
+    drawn = np.array([[line.get_array() for line in row] for row in rows])
+    assert_array_equal(np.moveaxis(drawn, 1, 2), expected)
+    ends = rows[0][0].cmap([0.0, 1.0])
+    assert_allclose(ends, [to_rgba(style.TRANSVERSE), to_rgba(style.LONGITUDINAL)], atol=1e-12)
+    # from Gamma the slow branch is transverse and the fast one is longitudinal
+    assert_allclose(drawn[0, :, 1], [0.0, 1.0], atol=1e-3)
 
 
 def test_coinciding_branches_are_all_visible(ax):
@@ -316,7 +319,8 @@ def test_every_lattice_draws_and_the_zone_covers_no_line(balls, path, tmp_path):
     pieces = [c.get_segments() for c in ax.collections if isinstance(c, LineCollection)]
     x, y = np.concatenate(pieces)[:, 1].T
     assert not np.any((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1))
-    assert ax.get_ylim()[1] >= y.max()
+    # a third and less of the axes is empty above the lines
+    assert y.max() <= ax.get_ylim()[1] <= 1.4 * y.max()
     assert_allclose(area(with_gid(inset, "zone").get_xy()[:-1]), 1.0 / np.linalg.det(bands.cell[:2, :2]), rtol=1e-9)
 
 
@@ -469,6 +473,15 @@ def test_a_mode_without_friction_has_no_spin(ax):
     assert arcs is None
     assert_allclose(np.linalg.norm(arrows, axis=1), 0.4, rtol=1e-12)
     assert "rotation" not in ax.get_title()
+
+
+def test_a_mode_of_no_frequency_is_said_to_have_none(phonons, ax):
+    for branch in (0, 1):
+        plot.plot_mode(phonons, (0.0, 0.0), branch, ax, direction=(1, 0))
+        assert ax.get_title() == "q = (0, 0)\nzero frequency, rotation 0 %"
+    plot.plot_mode(phonons, (1e-9, 0.0), 0, ax)  # slow, and known to rounding
+    assert ax.get_title().startswith("q = (1e-09, 0)\n")
+    assert "Hz" in ax.get_title()
 
 
 def test_a_q_that_is_no_simple_fraction_is_written_in_decimals(phonons, ax):
