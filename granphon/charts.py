@@ -7,11 +7,10 @@ state is left alone. A medium has a colour, values of parameters a shade of it; 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 # before matplotlib, whatever backend the environment names
-from granphon.style import STYLE
+from granphon.style import STYLE, scale_axis
 
 # isort: split
 import matplotlib
@@ -22,7 +21,7 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import Locator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.errors import InputError, message
@@ -68,35 +67,46 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     legend : whether to draw it, with no more than eight combinations in it.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
-    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. Where a simulation
-    has several samples, points with bars are its means with their standard errors.
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation of
+    several samples has no line but points, its means, with bars of their standard errors; open where it is not valid.
 
     Raises
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
     across, along, lines = _values(dataset, variable), _values(dataset, x), _lines(dataset)
-    error = dataset.get(f"{variable}_error")
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
         )
         order = np.argsort(horizontal, kind="stable")
         horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
-        style: dict[str, Any] = {"color": colour, "marker": "o" if order.size == 1 else "", "markersize": 3.0}
-        thin = style | {"linewidth": 0.7, "dashes": (3.0, 1.5), "markerfacecolor": "white"}
-        ax.plot(horizontal, vertical, **thin, gid=f"{variable}-all")
-        ax.plot(horizontal, np.where(inside, vertical, np.nan), linewidth=width, **style, gid=f"{variable}-valid")
-        sampled = None if error is None else np.asarray(error.isel(index, missing_dims="ignore"))[order]
-        if sampled is not None and np.any(sampled > 0.0):
-            bars = {"fmt": "o", "markersize": 2.5, "elinewidth": 0.8, "capsize": 1.5, "color": colour}
-            ax.errorbar(horizontal, vertical, sampled, **bars, gid=f"{variable}-errors")
+        sampled = _sampled(dataset, variable, index)
+        style: dict[str, Any] = {"color": colour, "marker": "o" if sampled or order.size == 1 else "", "markersize": 3.0}
+        thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
+        thin |= {"markerfacecolor": "white"}
+        if sampled:
+            deviation = np.asarray(dataset[f"{variable}_error"].isel(index, missing_dims="ignore"))[order]
+            ax.errorbar(horizontal, vertical, deviation, fmt="none", elinewidth=0.8, color=colour, gid=f"{variable}-errors")
+            thin |= {"linestyle": "none"}
+            solid |= {"linestyle": "none"}
+        else:
+            thin |= {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+            solid |= {"linewidth": width}
+        ax.plot(horizontal, vertical, **thin)
+        ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
     for which, values, name in (("x", along, x), ("y", across, variable)):
-        _scale(ax, which, np.asarray(values))
+        scale_axis(ax, which, np.asarray(values))
         ax.set(**{f"{which}label": _label(dataset, name)})
     if legend:
         ax.legend(handles=_legend(dataset))
     return ax
+
+
+def _sampled(dataset: Dataset, variable: str, index: dict[str, int]) -> bool:
+    """Whether the variable is a mean over several samples there, with standard errors."""
+    error = dataset.get(f"{variable}_error")
+    return error is not None and bool(np.any(error.isel(index, missing_dims="ignore") > 0.0))
 
 
 def _values(dataset: Dataset, name: str) -> Any:
@@ -173,10 +183,14 @@ def _legend(dataset: Dataset) -> list[Line2D]:
         shades = _shades(_COLOURS[0] if len(media) == 1 else "0.5", len(words))
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
-    entries: list[tuple[Any, str]] = values if values and len(media) == 1 else [*media, *values]
-    lines = [Line2D([], [], color=colour, label=label) for colour, label in entries]
+    sampled = [_sampled(dataset, "longitudinal", {"medium": m}) for m in range(len(media))]
+    point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
+    entries = [] if values and len(media) == 1 else list(zip(media, sampled, strict=True))
+    entries += [(value, all(sampled)) for value in values]
+    lines = [Line2D([], [], color=colour, label=label, **(point if mean else {})) for (colour, label), mean in entries]
     if not np.all(dataset["valid"]):
-        lines.append(Line2D([], [], color="0.3", linewidth=0.7, dashes=(3.0, 1.5), label="outside its range"))
+        outside = point | {"markerfacecolor": "white"} if all(sampled) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+        lines.append(Line2D([], [], color="0.3", label="outside its range", **outside))
     return lines
 
 
@@ -184,46 +198,6 @@ def _label(dataset: Dataset, name: str) -> str:
     words = _NAMES.get(name, name.replace("_", " ").capitalize())
     unit = dataset[name].attrs.get("units", "")
     return words if unit in ("", "1") else f"{words} ({unit})"
-
-
-def _scale(ax: Axes, which: str, values: Array) -> None:
-    """Make the x or y axis logarithmic, with plain numbers on it, where all values are above zero."""
-    there = values[np.isfinite(values)]
-    if there.min() <= 0.0:
-        return
-    ax.set(**{f"{which}scale": "log"})
-    axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
-    if span < 1e3:
-        axis.set_major_locator(_PlainTicks())
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_locator(NullLocator())
-    axis.set_minor_formatter(NullFormatter())
-
-
-class _PlainTicks(Locator):
-    """Ticks at round numbers on a logarithmic axis: three at least, and few."""
-
-    def __call__(self) -> Any:
-        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
-
-    def tick_values(self, vmin: float, vmax: float) -> Any:
-        low, high = sorted((vmin, vmax))
-        inside = np.empty(0)
-        for ticks in _round_numbers(low, high):
-            inside = ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
-            if inside.size >= 3:
-                break
-        return inside
-
-
-def _round_numbers(low: float, high: float) -> Iterator[Array]:
-    """Sets of round numbers from ``low`` to ``high`` and beyond, ever finer: of each decade, or evenly spaced in less."""
-    if high / low >= 4.0:
-        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
-        for parts in ((1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
-            yield np.outer(decades, parts).ravel()
-    for count in (5, 8, 12):
-        yield np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
 
 
 def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
@@ -276,8 +250,8 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
     for variable, name in (("transverse", "$v_T$"), ("longitudinal", "$v_L$")):
         plot_sweep(dataset, ax, variable, x, legend=False)
         ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
-        ax.annotate(name, np.max(ends, axis=0), xytext=(2.5, 0), textcoords="offset points", va="center")
-    _scale(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
+        ax.annotate(name, np.max(ends, axis=0), xytext=(4, 0), textcoords="offset points", va="center")
+    scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
     ax.set_ylabel("Sound velocity (m/s)")
 
 
@@ -301,8 +275,8 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     residual_ax.axhline(0.0, color=_COLOURS[1], linewidth=1.2, zorder=1.0)
     residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_POINTS, gid="residuals")
     for axes in (ax, residual_ax):
-        _scale(axes, "x", fit.force)
-    _scale(ax, "y", fit.velocity)
+        scale_axis(axes, "x", fit.force)
+    scale_axis(ax, "y", fit.velocity)
     pulse = "Group velocity" if fit.waves.frequency is not None else f"{fit.waves.branch.capitalize()} velocity"
     ax.set_ylabel(f"{pulse} (m/s)")
     residual_ax.set(xlabel="Contact force (N)", ylabel="Residual / σ")

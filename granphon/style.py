@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granphon.errors import FigureError, GranphonError, message
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -39,8 +41,11 @@ def _whatever_backend() -> Iterator[None]:
 with _whatever_backend():
     import matplotlib
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["LONGITUDINAL", "POLARISATION", "ROTATION", "STYLE", "TRANSVERSE", "draw", "save_figure"]
+__all__ = ["LONGITUDINAL", "POLARISATION", "ROTATION", "STYLE", "TRANSVERSE", "draw", "save_figure", "scale_axis"]
+
+Array = NDArray[np.float64]
 
 #: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
 STYLE: dict[Any, Any] = {
@@ -57,6 +62,55 @@ LONGITUDINAL, TRANSVERSE = "#0D0887", "#56B4E9"
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LONGITUDINAL])
 #: letters of what matplotlib says that are handed on
 _REASON = 300
+
+
+def scale_axis(ax: Axes, which: str, values: Array) -> None:
+    """Make the x or y axis logarithmic, with plain numbers on it, where all values are above zero."""
+    there = values[np.isfinite(values)]
+    if there.min() <= 0.0:
+        return
+    ax.set(**{f"{which}scale": "log"})
+    axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
+    if span < 1e3:
+        axis.set_major_locator(_PlainTicks())
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_locator(_PlainTicks(minor=True))
+    axis.set_minor_formatter(NullFormatter())
+
+
+class _PlainTicks(Locator):
+    """Ticks at round numbers on a logarithmic axis, four at least, and few; and the minor ones between them."""
+
+    def __init__(self, minor: bool = False) -> None:
+        self._minor = minor
+
+    def __call__(self) -> Any:
+        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        low, high = sorted((vmin, vmax))
+        inside = finer = np.empty(0)
+        for ticks, between in _round_numbers(low, high):
+            inside, finer = (t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between))
+            if inside.size >= 4:
+                break
+        return finer if self._minor else inside
+
+
+def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
+    """Sets of round numbers about ``low`` to ``high``, of each decade, or evenly spaced in less; and finer ones of each."""
+    if high / low >= 4.0:
+        # as on logarithmic paper, of one decade or of several
+        one = np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
+        finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+        for parts in ((1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
+            yield np.outer(decades, parts).ravel(), np.outer(decades, finer).ravel()
+    for count in (5, 8, 12):
+        ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        step = ticks[1] - ticks[0]
+        within = 4 if f"{step:.0e}".startswith("2") else 5  # of a step of one or five, which stays round
+        yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

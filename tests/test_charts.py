@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import charts
+from granphon import charts, style
 from granphon.errors import InputError
 from granphon.fit import fit_width
 from granphon.geometry import TRIANGULAR
@@ -108,12 +108,19 @@ def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):
     data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
     charts.plot_sweep(data, ax, "transverse")
     (container,) = ax.containers  # none of the effective medium, which has no error
-    points, _, (bars,) = container.lines
+    _, caps, (bars,) = container.lines
+    assert caps == ()  # which would make squares of the points
     there = data.isel(medium=1).sortby("force")
-    assert_array_equal(points.get_xydata(), np.stack([there.force, there.transverse], axis=1))
     ends = np.array(bars.get_segments())[..., 1]
     assert_allclose(np.diff(ends, axis=1)[:, 0], 2.0 * there.transverse_error, rtol=1e-9)
     assert_allclose(np.mean(ends, axis=1), there.transverse, rtol=1e-12)
+    line, points = (one for one in ax.lines if one.get_gid() == "transverse-all")
+    assert_array_equal(points.get_xydata(), np.stack([there.force, there.transverse], axis=1))
+    # points are not joined, and lines have no points
+    assert (line.get_linestyle(), line.get_marker()) == ("--", "")
+    assert {one.get_linestyle() for one in ax.lines if one.get_color() == points.get_color()} == {"None"}
+    assert points.get_marker() == "o"
+    assert [one.get_linestyle() for one in ax.get_legend().get_lines()][:2] == ["-", "None"]
 
 
 def test_long_labels_stand_below_each_other():
@@ -143,12 +150,15 @@ def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
 
 @pytest.mark.parametrize("ratio", [1.01, 1.3, 1.9, 2.4, 3.9, 4.1, 6.0, 20.0, 300.0])
 @pytest.mark.parametrize("least", [0.013, 0.92, 1.01, 2.4, 351.0, 880.0])
-def test_an_axis_of_loads_or_velocities_has_three_labels_or_more_and_few(ax, least, ratio):
+def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_ticks_between(ax, least, ratio):
     ax.plot([1.0, 2.0], [least, ratio * least])
-    charts._scale(ax, "y", np.array([least, ratio * least]))
+    style.scale_axis(ax, "y", np.array([least, ratio * least]))
     ax.set_ylim(least, ratio * least)
     ticks = ax.get_yticks()
-    assert 3 <= np.sum((ticks >= least) & (ticks <= ratio * least)) <= 9
+    assert 4 <= np.sum((ticks >= least) & (ticks <= ratio * least)) <= 9
+    minor = ax.get_yticks(minor=True)
+    assert np.sum((minor >= least) & (minor <= ratio * least)) >= len(ticks)
+    assert {label.get_text() for label in ax.get_yticklabels(minor=True)} == {""}
     labels = [label.get_text() for label in ax.get_yticklabels()]
     assert_allclose([float(label) for label in labels], ticks, rtol=1e-5)
 
