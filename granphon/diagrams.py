@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from typing import Any
 
 # before matplotlib, whatever backend the environment names
-from granphon.style import STYLE
+from granphon.style import STYLE, scale_axis
 
 # isort: split
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from granphon.errors import InputError, message
 from granphon.tradeoffs import Measured, TradeOff
@@ -32,6 +32,10 @@ _LOOKS = (
 _SIZE = 4.0
 #: of a line above the axes
 _LETTERS = 54
+#: limits of axes on which there is nothing: s, and relative
+_TIMES, _ERRORS = (1e-3, 1e1), (1e-8, 1e0)
+#: ratio of times, or of errors, from which on they are powers of ten: small numbers take much room
+_PLAIN = 100.0
 #: columns of a figure of several studies
 _COLUMNS = 2
 
@@ -39,8 +43,9 @@ _COLUMNS = 2
 def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     """Log error against log time of the points of a study; open where the reference is not a hundred times better.
 
-    Bars are the spread of times; the floor is condition times rounding, the chance in samples being in their errors. What
-    was not run is counted above the axes, by method. :class:`~granphon.errors.InputError` for a study that is not there.
+    Bars are the spread of times; the floor is condition times rounding, the chance in samples being in their errors. Points
+    without an error, as there is no reference or no difference from it, are marks at the bottom. What was not run is counted
+    above the axes, by method. :class:`~granphon.errors.InputError` for a study that is not there.
     """
     points = result.of(study)
     if not points:
@@ -48,13 +53,18 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title=study[0].upper() + study[1:])
     methods = list(dict.fromkeys(point.method for point in points))
     for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
-        drawn = [point for point in points if point.method == method and not point.failure and point.error > 0.0]
-        if not drawn:
-            continue
-        x, y = [p.seconds for p in drawn], [p.error for p in drawn]
-        spread = [min(p.spread, 0.9 * p.seconds) for p in drawn]
-        line = ax.errorbar(x, y, xerr=spread, color=colour, marker=marker, ms=_SIZE, lw=0.9, elinewidth=0.6, label=method)
-        line[0].set_zorder(2.5)
+        ran = [point for point in points if point.method == method and point.ran]
+        drawn, rest = [p for p in ran if p.error > 0.0], [p for p in ran if not p.error > 0.0]
+        label = method
+        if drawn:
+            x, y = [p.seconds for p in drawn], [p.error for p in drawn]
+            spread = [_bar(p) for p in drawn]
+            line = ax.errorbar(x, y, xerr=spread, color=colour, marker=marker, ms=_SIZE, lw=0.9, elinewidth=0.6, label=label)
+            line[0].set_zorder(2.5)
+            label = "_"
+        if rest:
+            bottom: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "gid": "without-error"}
+            ax.plot([p.seconds for p in rest], [0.0] * len(rest), marker, color=colour, ms=_SIZE, label=label, **bottom)
         for point in drawn:
             if not point.resolved:
                 ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_SIZE, mew=0.9, zorder=3.0)
@@ -64,16 +74,23 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
                 fontsize=7.0, color=colour,
             )  # fmt: skip
     ax.margins(0.14)
-    _draw_floor(points, ax)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_minor_formatter(NullFormatter())
-    if ax.has_data():
+    ran = [point for point in points if point.ran]
+    errors = [point.error for point in ran if point.error > 0.0]
+    scale_axis(ax, "x", np.array([p.seconds + side * _bar(p) for p in ran for side in (-1.0, 1.0)] or _TIMES), _PLAIN)
+    scale_axis(ax, "y", np.array(errors or _ERRORS), _PLAIN)
+    if not ran:
+        ax.set_xlim(*_TIMES)
+    if errors:
+        _draw_floor(points, ax)
+    else:
+        ax.set_ylim(*_ERRORS)
+        judged = any(not point.failure for point in ran)
+        words = "no error above rounding" if judged else "run, but without a reference" if ran else "nothing was run"
+        ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
+    if ran:
         below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "borderaxespad": 0.0}
         ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
-    else:
-        ax.annotate("nothing was run", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
-        ax.set(xticks=[], yticks=[])
-    missing = {method: sum(bool(p.failure) for p in points if p.method == method) for method in methods}
+    missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
     told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if told:
         lines = textwrap.wrap(f"not run: {told}", _LETTERS)
@@ -82,14 +99,17 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     return ax
 
 
+def _bar(point: Measured) -> float:
+    """The spread as it is drawn, which ends above zero."""
+    return min(point.spread, 0.9 * point.seconds)
+
+
 def _draw_floor(points: Sequence[Measured], ax: Axes) -> None:
     """That of rounding: a line if it is near, else words at the bottom."""
-    floors = [p.floor for p in points if not p.failure and not p.random]
-    errors = [p.error for p in points if not p.failure and p.error > 0.0]
-    if not floors or not errors:
+    floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
+    if floor == 0.0:
         return
-    floor = max(floors)
-    if floor > 1e-4 * min(errors):
+    if floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
         ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
         place = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
         ax.annotate("rounding", *place, ha="right", color="0.4", fontsize=7.0)

@@ -126,10 +126,8 @@ class Study(ABC):
 def studies(
     packing: Packing, kind: str, loads: tuple[float, ...], observe: tuple[str, ...], finite_overlap: bool = False
 ) -> list[Study]:
-    """Those that make sense for a packing, the media last; see :func:`granphon.tradeoffs.tradeoff`."""
+    """Those that make sense for a packing, the media first; see :func:`granphon.tradeoffs.tradeoff`."""
     found: list[Study] = []
-    if "dos" in observe:
-        found.append(MeshStudy(packing, kind, loads, finite_overlap))
     if packing.width:
         if packing.structure != TRIANGULAR or finite_overlap:
             what = "with finite overlap" if finite_overlap else f"on the {packing.structure.name} lattice"
@@ -144,7 +142,9 @@ def studies(
         asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
         quantities = tuple(name for name in QUANTITIES if asked[name])
         disorder = _Disorder(packing, kind, loads, quantities)
-        found += [GridStudy(disorder), SolutionStudy(disorder), MediaStudy(disorder)]
+        found += [MediaStudy(disorder), GridStudy(disorder), SolutionStudy(disorder)]
+    if "dos" in observe:
+        found.append(MeshStudy(packing, kind, loads, finite_overlap))
     if not found:
         raise InputError(
             message(

@@ -64,14 +64,14 @@ POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LO
 _REASON = 300
 
 
-def scale_axis(ax: Axes, which: str, values: Array) -> None:
-    """Make the x or y axis logarithmic, with plain numbers on it, where all values are above zero."""
+def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
+    """Make the x or y axis logarithmic where all values are above zero, with plain numbers up to that ratio of them."""
     there = values[np.isfinite(values)]
     if there.min() <= 0.0:
         return
     ax.set(**{f"{which}scale": "log"})
     axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
-    if span < 1e3:
+    if span < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
@@ -104,7 +104,8 @@ def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
         one = np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
         finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
-        for parts in ((1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
+        coarse = [(1.0, 3.0)] if high / low > 50.0 else []
+        for parts in (*coarse, (1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
             yield np.outer(decades, parts).ravel(), np.outer(decades, finer).ravel()
     for count in (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))

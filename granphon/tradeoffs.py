@@ -42,6 +42,8 @@ _MORE_RUNS = 4.0
 _OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
 _FOR_POINTS = 0.4
+#: part of the budget of the first of several studies: it is the question most are here for, and its reference takes long
+_FOR_FIRST = 0.6
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 
@@ -76,6 +78,11 @@ class Measured(Result):
     floor: float = 0.0
     random: bool = False
     failure: str = ""
+
+    @property
+    def ran(self) -> bool:
+        """Whether it was run, with or without a reference to judge it by."""
+        return self.seconds > 0.0
 
     @property
     def error(self) -> float:
@@ -150,7 +157,7 @@ class TradeOff(Result):
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.study, point.method, point.knob]
             if point.failure:
-                table.writerow([*head, *[""] * 5, *(cost[:-1] if point.seconds else [""] * 5), point.failure])
+                table.writerow([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
             # a density of states is that at the greatest load alone
             loads = self.loads[-len(point.errors) :]
@@ -217,13 +224,13 @@ def tradeoff(
     points: list[Measured] = []
     references: dict[str, str] = {}
     for place, study in enumerate(asked):
-        # what a study leaves of its part is for those after it
+        # the others share the rest evenly; what a study leaves of its part is for those after it
         left = budget - (time.perf_counter() - begun)
-        part = left if place == len(asked) - 1 else left / 4.0
-        points += _carried_out(study, time.perf_counter() + part, runs, progress, references)
+        part = _FOR_FIRST if place == 0 and len(asked) > 1 else 1.0 / (len(asked) - place)
+        points += _carried_out(study, time.perf_counter() + part * left, runs, progress, references)
     observed = {study.name: study.observed for study in asked}
     taken = time.perf_counter() - begun
-    return TradeOff(tuple(points), kinds[0], asked[-1].loads, observed, references, runs, taken, float(budget))
+    return TradeOff(tuple(points), kinds[0], asked[0].loads, observed, references, runs, taken, float(budget))
 
 
 class _Runs(NamedTuple):
