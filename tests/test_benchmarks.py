@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 
+import costs
 import page
 
 
@@ -21,8 +23,32 @@ def numbers():
 def test_the_tables_are_those_of_the_numbers(numbers):
     text = page.PAGE.read_text(encoding="utf-8")
     assert page.written(text, numbers) == text
-    for name in (*page.TABLES, "machine"):
+    for name in (*page.TABLES, "machine", "costs"):
         assert text.count(f"<!-- {name}: ") == 1
+
+
+def test_every_bound_stands_in_its_column(numbers):
+    text = page.PAGE.read_text(encoding="utf-8")
+    shown = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
+    found = {cells[0].replace("\\", ""): cells for cells in shown}
+    bounded = [row for parts in page.TABLES.values() for part in parts for row in page.rows(numbers[part]) if row.verdict]
+    assert len(bounded) > 20
+    for row in bounded:
+        _, value, note, bound = found[row.what]
+        assert (value.split()[0], note) == (f"{row.value:.3g}", row.note)
+        assert bound == f"{'≥' if row.least else '≤'} {row.bound:g}"
+
+
+def test_what_scenes_cost_was_measured_of_every_kind_there_is(numbers):
+    assert [one["scene"] for one in numbers["costs"]["scenes"]] == list(costs.SCENES)
+    assert {one["scene"] for one in numbers["costs"]["scenes"] if one["data"]} == set(costs.LARGE)
+    for one in numbers["costs"]["scenes"]:
+        assert (one["bare"] is None) == ("figures" not in one["calls"])
+
+
+def test_no_measured_number_is_typed_into_the_text():
+    text = re.sub(r"<!-- (\w+): .*?<!-- end -->", "", page.PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert re.findall(r"\d+(?:\.\d+)? ?(?:%|[kMG]i?B|m?s\b)|\b\d+\.\d+\b", text) == []
 
 
 def test_every_part_was_run_and_every_bound_kept(numbers):

@@ -2,7 +2,7 @@
 
     python tests/benchmarks [--json FILE] [--repeats N] [--only PART ...] [--huge]
 
-The exit code is 1 if a bound is missed. What scenes cost is another table, which ``costs.py`` makes.
+The exit code is 1 if a bound is missed. What scenes cost is another table, which ``costs.py`` makes and adds to the file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What each kind of scene loads, calls and takes, measured: processes of the command line, each with nothing loaded before.
 
-    python tests/benchmarks/costs.py [--repeats N]
+    python tests/benchmarks/costs.py [--json FILE] [--repeats N]
 
 ``tests/test_required.py`` holds scenes to it: what is counted here must be no more than the scene asks for.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from side_by_side import alternate
+from side_by_side import alternate, machine, recorded
 
 HERE = Path(__file__).resolve().parent
 
@@ -196,27 +196,31 @@ def weighed(kind: str) -> dict[str, int]:
         return dict(json.loads(python("import costs\ncosts.weigh(*sys.argv[1:])", kind, folder).splitlines()[-1]))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="What each kind of scene loads, calls and takes")
-    parser.add_argument("--repeats", type=int, default=5)
-    repeats = parser.parse_args(argv).repeats
+def measured(repeats: int) -> dict[str, Any]:
+    """Of each kind of scene what it was seen to take, its seconds, those without figures, and memory where it is large."""
     memory = {kind: weighed(kind) for kind in LARGE}
     seconds = times(repeats)
-    unit = seconds["numpy"]
-    print(f"`import numpy`: {unit:.3g} s\n")
-    print(
-        "| scene | costly modules | costly calls | files | time | without figures | peak over data |\n|---"
-        + "|---" * 6
-        + "|"
-    )
-    for kind in SCENES:
-        one = seen(kind)
-        calls = ", ".join(f"{count} {name}" for name, count in one.calls.items())
-        bare, grown = seconds.get(f"{kind}, no figures"), memory.get(kind)
-        weight = "" if grown is None else f"{grown['grown'] / grown['data']:.3g} ({grown['data'] / 2**20:.3g} MiB)"
-        plain = "" if bare is None else f"{bare / unit:.3g}"
-        cells = kind, ", ".join(one.modules), calls, str(len(one.files)), f"{seconds[kind] / unit:.3g}", plain, weight
-        print(f"| {' | '.join(cells)} |")
+    scenes = [
+        {
+            "scene": kind, **seen(kind)._asdict(), "seconds": seconds[kind], "bare": seconds.get(f"{kind}, no figures"),
+            **memory.get(kind, {"grown": None, "data": None}),
+        }
+        for kind in SCENES
+    ]  # fmt: skip
+    return {"machine": machine(), "repeats": repeats, "numpy": seconds["numpy"], "scenes": scenes}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    from page import costs
+
+    parser = argparse.ArgumentParser(description="What each kind of scene loads, calls and takes")
+    parser.add_argument("--json", type=Path, help="also write it here, under the name costs")
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args(argv)
+    found = measured(options.repeats)
+    if options.json:
+        recorded(options.json, {"costs": found})
+    print(costs(found))
     return 0
 
 

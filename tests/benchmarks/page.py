@@ -1,6 +1,8 @@
 """The tables of docs/reference/benchmarks.md, from the numbers of a run.
 
-    python tests/benchmarks --json docs/reference/benchmarks.json && python tests/benchmarks/page.py
+    python tests/benchmarks --json docs/reference/benchmarks.json
+    python tests/benchmarks/costs.py --json docs/reference/benchmarks.json
+    python tests/benchmarks/page.py
 
 ``tests/test_benchmarks.py`` holds the page to the numbers beside it.
 """
@@ -18,7 +20,7 @@ import bench_calculator
 import bench_effective
 import bench_ordered
 import bench_simulation
-from side_by_side import Row
+from side_by_side import Row, line
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "benchmarks.md"
 NUMBERS = PAGE.with_suffix(".json")
@@ -37,12 +39,28 @@ def rows(found: list[Mapping[str, Any]]) -> list[Row]:
 
 def table(parts: tuple[str, ...], numbers: Mapping[str, Any]) -> str:
     """A table of the page; the verdict is left out, as a bound that is missed ends the run with an error."""
-    lines = [str(row).replace("a*", r"a\*").replace("f*", r"f\*") for part in parts for row in rows(numbers[part])]
-    return _HEAD + "".join(line.rpartition("| ")[0].rpartition(" |")[0] + " |\n" for line in lines)
+    lines = [line(*row.cells) for part in parts for row in rows(numbers[part])]
+    return _HEAD + "".join(one.replace("a*", r"a\*").replace("f*", r"f\*") + "\n" for one in lines)
+
+
+def costs(found: Mapping[str, Any]) -> str:
+    """What scenes cost, and on which machine."""
+    heads = ("scene", "costly modules", "costly calls", "files", "time", "without figures", "memory over data")
+    lines = [line(*heads), "|" + "---|" * len(heads)]
+    for one in found["scenes"]:
+        calls = ", ".join(f"{count} {name}" for name, count in one["calls"].items())
+        scipy = [name.partition(".")[2] for name in one["modules"] if name.startswith("scipy.")]
+        modules = [name for name in one["modules"] if "." not in name]
+        modules += [f"scipy ({', '.join(scipy)})"] if scipy else []
+        times = ["" if seconds is None else f"{seconds / found['numpy']:.3g}" for seconds in (one["seconds"], one["bare"])]
+        over = "" if one["data"] is None else f"{one['grown'] / one['data']:.3g} ({one['data'] / 2**20:.3g} MiB)"
+        lines.append(line(one["scene"], ", ".join(modules), calls, str(len(one["files"])), *times, over))
+    after = f"Medians of {found['repeats']}; a process that imports numpy alone: {1e3 * found['numpy']:.0f} ms. "
+    return "\n".join(lines) + f"\n\n{after}{machine(found)}"
 
 
 def machine(numbers: Mapping[str, Any]) -> str:
-    """What the numbers depend on, in a sentence."""
+    """What the numbers depend on, in a line."""
     about = numbers["machine"]
     packages = ", ".join(f"{name} {about[name]}" for name in ("numpy", "scipy", "ase", "phonopy", "blas"))
     return f"{about['processor']}, {about['cores']} cores, Python {about['python']}, {packages}\n"
@@ -50,7 +68,8 @@ def machine(numbers: Mapping[str, Any]) -> str:
 
 def written(text: str, numbers: Mapping[str, Any]) -> str:
     """The page with these numbers."""
-    pieces = {name: table(parts, numbers) for name, parts in TABLES.items()} | {"machine": machine(numbers)}
+    pieces = {name: table(parts, numbers) for name, parts in TABLES.items()}
+    pieces |= {"machine": machine(numbers), "costs": costs(numbers["costs"])}
     for name, piece in pieces.items():
         mark = f"<!-- {name}: python tests/benchmarks/page.py -->\n"
         before, rest = text.split(mark)

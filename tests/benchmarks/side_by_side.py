@@ -36,14 +36,29 @@ class Row(NamedTuple):
     def passed(self) -> bool:
         return self.value >= self.bound if self.least else self.value <= self.bound
 
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """What was measured, the value, a note, and the bound."""
+        bound = f"{'≥' if self.least else '≤'} {self.bound:g}" if math.isfinite(self.bound) else ""
+        return self.what, f"{self.value:.3g} {self.unit}".strip(), self.note, bound
+
     def __str__(self) -> str:
-        sign, bounded = "≥" if self.least else "≤", math.isfinite(self.bound)
-        cells = self.what, f"{self.value:.3g} {self.unit}".strip(), self.note
-        return f"| {' | '.join(cells)} | {f'{sign} {self.bound:g}' if bounded else ''} | {self.verdict} |"
+        return line(*self.cells, self.verdict)
 
     @property
     def verdict(self) -> str:
         return ("pass" if self.passed else "FAIL") if math.isfinite(self.bound) else ""
+
+
+def line(*cells: str) -> str:
+    """A row of a table in Markdown."""
+    return f"| {' | '.join(cells)} |"
+
+
+def recorded(path: Path, numbers: Mapping[str, Any]) -> None:
+    """Write numbers by name into a file of them; others in it stay."""
+    before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    path.write_text(json.dumps(before | dict(numbers), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def alternate(repeats: int, **calls: Callable[[], object]) -> dict[str, float]:
@@ -110,7 +125,7 @@ def command_line(
             name: [{**row._asdict(), "bound": row.bound if row.verdict else None} for row in found]
             for name, found in results.items()
         }
-        options.json.write_text(json.dumps({"machine": about, **rows}, indent=2) + "\n", encoding="utf-8")
+        recorded(options.json, {"machine": about, **rows})
     missed = [row.what for found in results.values() for row in found if not row.passed]
     for what in missed:
         print(f"missed: {what}", file=sys.stderr)
