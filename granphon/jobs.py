@@ -23,6 +23,7 @@ from granphon.archive import SCHEMA
 from granphon.errors import GranphonError, InputError
 from granphon.files import versions
 from granphon.ladder import MediumChoice, Rung
+from granphon.limits import Tally, validity
 from granphon.observables import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
 from granphon.response import Elasticity
@@ -32,7 +33,7 @@ from granphon.simulation import DirectSimulation, SimulatedState
 from granphon.state import ContactState
 from granphon.tasks import Part
 
-__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "has_pressure", "packages", "sampling_errors", "to_json"]
+__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "has_pressure", "packages", "sampling_errors", "to_json", "told"]
 
 Array = NDArray[Any]
 #: of propagation, Cartesian; on an isotropic lattice any other gives the same
@@ -137,7 +138,7 @@ class Job:
             count = len(job.pieces)
             found.append((job.joined(left[:count]), rung))
             del left[:count]
-        out: Part = {"warnings": np.concatenate([part["warnings"] for part, _ in found])}
+        out: Part = {"warnings": _once([text for part, _ in found for text in part["warnings"].tolist()])}
         for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
             values = np.concatenate([part[name] for part, _ in found])
             order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
@@ -152,7 +153,7 @@ class Job:
         return {"choice": choice.astype(str), "expected_error": error}
 
     def solve(self) -> Part:
-        """Every variable at every load, and "warnings", a list of texts; an error says at which load of which task."""
+        """Every variable at every load, and "warnings", for :func:`told`; an error says at which load of which task."""
         try:
             return self.observed(self.state(np.array(self.values)))
         except GranphonError as error:
@@ -169,11 +170,37 @@ class Job:
         out |= sampling_errors(velocities, constants)
         if not state.finite_overlap:
             out["exponent"] = local_exponent(state)
-        warnings = velocities.warnings
+        notes: list[Tally | str] = [check.tally for check in validity(state).checks]
         if self.qpoints is not None:
             out["frequencies"] = _frequencies(state, self.qpoints)
-            warnings += (LATTICE_BANDS,) if isinstance(state, SimulatedState) else ()
-        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": np.array(warnings, str)}
+            notes += [LATTICE_BANDS] if isinstance(state, SimulatedState) else []
+        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _written(notes)}
+
+
+def _written(notes: Sequence[Tally | str]) -> NDArray[Any]:
+    """What has to be said of a result, as an array of texts: conditions over loads, or sentences."""
+    return np.array([json.dumps(note) for note in notes], str)
+
+
+def _read(text: str) -> Tally | str:
+    note = json.loads(text)
+    return note if isinstance(note, str) else Tally(*note)
+
+
+def _once(texts: Sequence[str]) -> NDArray[Any]:
+    """Notes on parts of the loads as notes on all of them: each condition once, and each sentence."""
+    found: dict[Any, Tally | str] = {}
+    for note in map(_read, texts):
+        key = note if isinstance(note, str) else note[:4]
+        before = found.get(key)
+        found[key] = before.joined(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+    return _written(list(found.values()))
+
+
+def told(part: Part) -> list[str]:
+    """The warnings of a result, a sentence for each condition that fails."""
+    sentences = (note if isinstance(note, str) else note.warning for note in map(_read, part["warnings"].tolist()))
+    return [sentence for sentence in sentences if sentence is not None]
 
 
 def sampling_errors(velocities: SoundVelocities, constants: Moduli) -> dict[str, Any]:

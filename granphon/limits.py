@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from granphon.results import Result
 from granphon.simulation import SimulatedState
 from granphon.state import ContactState, with_keyword
 
-__all__ = ["Check", "Validity", "validity"]
+__all__ = ["Check", "Tally", "Validity", "validity"]
 
 #: why a material is questioned
 _UNIT = "probably a wrong unit, where SI is expected"
@@ -33,6 +33,35 @@ _LIMITS = {
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
+
+
+class Tally(NamedTuple):
+    """A condition over several loads, or with ``loads`` None at a single one: its worst value, and at how many it fails."""
+
+    meaning: str
+    limit: float
+    reason: str
+    at_least: bool
+    worst: float
+    failing: int
+    loads: int | None
+
+    def joined(self, other: Tally) -> Tally:
+        """The same condition over the loads of both."""
+        worst = (min if self.at_least else max)(self.worst, other.worst)
+        loads = (self.loads or 1) + (other.loads or 1)
+        return self._replace(worst=worst, failing=self.failing + other.failing, loads=loads)
+
+    @property
+    def warning(self) -> str | None:
+        """What to tell the user, or None if the condition holds at every load."""
+        if not self.failing:
+            return None
+        where = "" if self.loads is None else f" (worst of {self.failing} loads out of {self.loads})"
+        excess = f"{self.worst / self.limit:.4g} times the limit of {self.limit:g}"
+        if self.at_least:
+            excess = f"below {self.limit:.4g}"
+        return f"{self.meaning} is {self.worst:.4g}{where}, {excess}: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,17 +86,17 @@ class Check(Result):
         return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
 
     @property
+    def tally(self) -> Tally:
+        """In short."""
+        worst = float(np.min(self.value) if self.at_least else np.max(self.value))
+        loads = None if np.ndim(self.value) == 0 else int(np.size(self.ok))
+        failing = int(np.sum(~np.asarray(self.ok)))
+        return Tally(self.meaning, float(self.limit), self.reason, self.at_least, worst, failing, loads)
+
+    @property
     def warning(self) -> str | None:
         """What to tell the user, or None if the condition holds at every load."""
-        if np.all(self.ok):
-            return None
-        worst = float(np.min(self.value) if self.at_least else np.max(self.value))
-        count = int(np.size(self.ok))
-        where = "" if np.ndim(self.value) == 0 else f" (worst of {int(count - np.sum(self.ok))} loads out of {count})"
-        excess = f"{worst / self.limit:.4g} times the limit of {self.limit:g}"
-        if self.at_least:
-            excess = f"below {self.limit:.4g}"
-        return f"{self.meaning} is {worst:.4g}{where}, {excess}: {self.reason}"
+        return self.tally.warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,7 +24,7 @@ from granphon.blocks import ruled, truth
 from granphon.errors import InputError, message
 from granphon.files import versions
 from granphon.geometry import Lattice
-from granphon.jobs import ERRORS, Job, packages, to_json
+from granphon.jobs import ERRORS, Job, packages, to_json, told
 from granphon.ladder import MediumChoice, no_simulation
 from granphon.observables import Moduli, SoundVelocities
 from granphon.packing import Packing
@@ -280,7 +280,7 @@ def _dataset(
         coordinates |= {dim: list(_VOIGT) for dim in _EXTRA["tensor"]}
     if way is not None:
         variables |= _path_variables(way, finite)
-    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in part["warnings"]]
+    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
     attrs = {
         "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),

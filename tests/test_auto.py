@@ -525,3 +525,17 @@ def test_what_was_chosen_is_valid_and_its_medium_is_not_complained_of(rough, uni
     assert result.summary()["valid"]
     assert result.validity.ok
     assert not result.warnings
+
+
+def test_a_warning_of_loads_that_different_media_serve_is_one():
+    """Soft balls: the loads of each medium are beyond the limits. What depends on the force alone is as in one medium."""
+    packing = gp.Packing(gp.Material(70e6, 0.22, 2500.0), 1e-3, gp.Uniform(3e-5))
+    ds = sweep(packing, force=[0.1, 0.5, 1.0, 4.0], media=({"auto": {"tolerance": 3e-3}}, "ala"))
+    assert len(set(ds.choice.values[:, 0].tolist())) > 1
+    told = [text.partition(": ")[::2] for text in json.loads(ds.attrs["warnings"])]
+    auto, ala = ([text for where, text in told if where.startswith(name)] for name in ("auto", "ala"))
+    assert len({text.partition(" is ")[0] for text in auto}) == len(auto)
+    of_force = [[text for text in texts if text.startswith(("contact radius", "(f/E"))] for texts in (auto, ala)]
+    assert of_force[0] == of_force[1]
+    assert len(of_force[0]) == 2
+    assert all("out of 4)" in text for text in auto)
