@@ -20,7 +20,7 @@ from granphon.reading import read_bytes
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["FORMAT", "LOADS", "SCHEMA", "file_names", "load_sweep", "write_sweep"]
+__all__ = ["FORMAT", "LOADS", "SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
 
 FORMAT, SCHEMA = "granphon sweep", 1
 #: the attribute with the digest of the numbers
@@ -58,13 +58,21 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     of all its bytes behind the end of what HDF5 reads, so that damage is found before HDF5 meets it.
     """
     marked = dataset.assign_attrs({DIGEST: _digest(dataset)})
-    # xarray marks what is missing by nan unless told that nothing is
-    marked.to_netcdf(path, engine="h5netcdf", encoding={name: {"_FillValue": None} for name in dataset.variables})
-    with path.open("r+b") as stream:
-        whole = hashlib.file_digest(stream, "sha256").hexdigest()
-        stream.seek(0, os.SEEK_END)
-        stream.write(_TRAILER + whole.encode())
+    data = netcdf_bytes(marked)
+    path.write_bytes(data + _TRAILER + hashlib.sha256(data).hexdigest().encode())
     _write_table(dataset, path.with_suffix(".csv"))
+
+
+def netcdf_bytes(dataset: Dataset) -> bytes:
+    """What a netCDF file of the data set holds. Made in memory: HDF5 itself does not survive a disk that is full."""
+    from h5netcdf import File  # type: ignore[import-untyped]
+    from xarray.backends import H5NetCDFStore
+
+    stream = io.BytesIO()
+    with File(stream, "w") as file:
+        # xarray marks what is missing by nan unless told that nothing is
+        dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
+    return stream.getvalue()
 
 
 def _digest(dataset: Dataset) -> str:

@@ -18,10 +18,7 @@ from granphon.errors import GranphonError, InputError, UnverifiedFileWarning, me
 from granphon.wording import announced, described, fitted, results
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from granphon.scene import Scene
-
 
 __all__ = ["main"]
 
@@ -29,6 +26,8 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
 
 #: what will take more seconds is announced
 _LONG = 10.0
+
+_GO_ON = "What a sweep has finished is kept: the same command again goes on."
 
 _EXIT_CODES = """\b
 Exit codes:
@@ -143,7 +142,9 @@ def run(
     scene: _SceneFile,
     out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.")],
     force: _Force = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was cut off.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.")
+    ] = False,
     workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the work of a sweep.")] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
@@ -153,8 +154,9 @@ def run(
     The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
     phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
     with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
-    cut off waits in the folder for --resume. With --force an earlier result is replaced, its files that the scene does
-    not write included; a file that the scene is read from, that granphon did not write, or that was changed since, is not.
+    cut off waits in the folder, and the same command again goes on from it. With --force an earlier result is replaced,
+    its files that the scene does not write included, and what another sweep has finished there is discarded; a file that
+    the scene is read from, that granphon did not write, or that was changed since, is not.
 
     \b
     Examples:
@@ -163,14 +165,20 @@ def run(
       granphon run sweep.yaml -o out --resume --workers 4
     """
     from granphon.progress import on_stderr
+    from granphon.run import is_complete
     from granphon.scene import Scene
+    from granphon.workers import worker_processes
 
     _named("--out", out)
     read = Scene.from_yaml(scene)
+    if resume and not force and is_complete(read, out):
+        if not quiet:
+            _say(f"{out} is complete: it holds what this scene gives. Nothing was computed.")
+        return
     cost = read.cost()
     if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
-    with _processes(workers if read.is_sweep else 1) as executor:
+    with worker_processes(workers if read.is_sweep else 1) as executor:
         result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
     _warn(result.warnings)
     if not quiet:
@@ -357,24 +365,6 @@ def tradeoff(
             _say(f"Wrote {', '.join(name for name in TRADEOFF_FILES if name not in failures)} into {out}")
 
 
-@contextmanager
-def _processes(count: int) -> Iterator[Executor | None]:
-    """That many worker processes; None for one, which is this."""
-    if count == 1:
-        yield None
-        return
-    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    try:
-        # spawned, not forked: numerical libraries may have threads by now
-        with ProcessPoolExecutor(count, get_context("spawn")) as executor:
-            yield executor
-    except BrokenExecutor:
-        mend = "Take fewer --workers, and go on with --resume"
-        raise GranphonError(message("a worker process has ended", "It was killed, or ran out of memory", mend)) from None
-
-
 def _of_one_packing(what: str, scene: str, read: Scene) -> None:
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
@@ -471,7 +461,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "there is not enough memory for this scene. Take a coarser mesh, or fewer points, loads, balls or samples.", 1
         )
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; no result was written. A sweep goes on with --resume.", 130)
+        return _fail(f"interrupted; no result was written. {_GO_ON}", 130)
     except BrokenPipeError:
         # whoever read our output has gone: keep the interpreter from writing into the pipe again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

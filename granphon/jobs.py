@@ -1,4 +1,4 @@
-"""What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one.
+"""What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one, load by load.
 
 Tasks are plain data, see :mod:`granphon.tasks`. Samples are put together again from the few numbers that are averaged, and
 give what a simulation of all of them gives, to the last bit.
@@ -29,7 +29,7 @@ from granphon.packing import Packing
 from granphon.response import Elasticity
 from granphon.results import plain
 from granphon.samples import Sample
-from granphon.simulation import DirectSimulation, SimulatedState
+from granphon.simulation import DirectSimulation, SimulatedState, in_order
 from granphon.state import ContactState
 from granphon.tasks import Part
 
@@ -152,7 +152,16 @@ class Job:
             choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
         return {"choice": choice.astype(str), "expected_error": error}
 
-    def solve(self) -> Part:
+    @property
+    def steps(self) -> int:
+        """One: all loads together."""
+        return 1
+
+    def done(self, part: Part) -> int:
+        """How many steps are in a result."""
+        return 1
+
+    def solve(self, begun: Part | None = None) -> Part:
         """Every variable at every load, and "warnings", for :func:`told`; an error says at which load of which task."""
         try:
             return self.observed(self.state(np.array(self.values)))
@@ -281,15 +290,54 @@ _NUMBERS = tuple(field.name for field in fields(_Averaged) if field.name != "ela
 
 
 class _SampleJob(Job):
-    """One sample of a simulation at all loads."""
+    """One sample of a simulation at all loads, one after the other, each from the one above as in a simulation of all.
+
+    What is begun has its loads in the order in which they are found, and where the balls rest under the last one.
+    """
+
+    @property
+    def steps(self) -> int:
+        """One for each load."""
+        return len(self.values)
+
+    def done(self, part: Part) -> int:
+        """How many loads are in a result."""
+        return len(part["force"])
+
+    def solve(self, begun: Part | None = None) -> Part:
+        """What is begun and one load more; with the last (n_loads, ...) every number of the sample that is averaged."""
+        index: int | None = None
+        try:
+            simulation: Any = self.medium.of(self.packing)
+            loads = simulation.loads(self.load, np.array(self.values))
+            order = in_order(loads)
+            left = dict(begun or {})
+            before = (left.pop("rest_overlap").item(), left.pop("rest_balls")) if left else None
+            index = order[self.done(left) if left else 0]
+            sample = simulation.sample(loads[index], before)
+            found = {name: np.asarray(value)[None] for name, value in _averaged_numbers(sample).items()}
+        except GranphonError as error:
+            if index is not None:
+                vars(error)["load_index"] = index
+            raise _located(self, error) from error
+        found = {name: np.concatenate([left[name], value]) if left else value for name, value in found.items()}
+        if self.done(found) < len(order):
+            rest = sample.equilibrium
+            return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
+        return {name: value[np.argsort(order)] for name, value in found.items()}
 
     def observed(self, state: ContactState) -> Part:
         """(n_loads, ...): every number of the sample that is averaged."""
         samples: Sequence[Sample] = state.samples if isinstance(state, SimulatedState) else ()
-        of = {name: attrgetter(name) for name in _NUMBERS} | {"fraction": Sample.contact_fraction}
-        out = {name: np.array([find(one) for one in samples]) for name, find in of.items()}
-        tensors, slopes = zip(*(one.elasticity for one in samples), strict=True)
-        return out | {"tensor": np.array(tensors), "slope": np.array(slopes)}
+        rows = [_averaged_numbers(one) for one in samples]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _averaged_numbers(sample: Sample) -> dict[str, Any]:
+    """Every number of a sample that is averaged."""
+    of = {name: attrgetter(name) for name in _NUMBERS} | {"fraction": Sample.contact_fraction}
+    tensor, slope = sample.elasticity
+    return {name: find(sample) for name, find in of.items()} | {"tensor": tensor, "slope": slope}
 
 
 def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:

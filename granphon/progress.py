@@ -6,8 +6,10 @@ draws on stderr, and does so only if stderr is a terminal.
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Protocol
 
@@ -50,7 +52,14 @@ silent = Silent()
 
 
 class Terminal:
-    """Draws a line on stderr for the work under way, and wipes it when the work is over."""
+    """Draws a line on stderr for the work under way, and wipes it when the work is over.
+
+    Of work whose size is known: how many parts of it are done, and the time that the others take if they take what these
+    have on average. Time is that of ``clock``, s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
         """Begin a piece of work."""
@@ -59,10 +68,25 @@ class Terminal:
     @contextmanager
     def _drawn(self, label: str, total: float | None) -> Iterator[Step]:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            SpinnerColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
-        columns = [SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
-        with Progress(*columns, console=Console(stderr=True), transient=True) as drawing:
+        columns = [SpinnerColumn(), TextColumn("{task.description}"), BarColumn()]
+        if total is None:
+            columns += [TimeElapsedColumn()]
+        else:
+            columns += [MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
+        # the rate is that since the work began: one part may well take longer than any shorter time to look back on
+        with Progress(
+            *columns, console=Console(stderr=True), transient=True, get_time=self._clock, speed_estimate_period=math.inf
+        ) as drawing:
             yield _DrawnStep(drawing, drawing.add_task(label, total=total))
 
 

@@ -28,8 +28,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.balls import write_extxyz
-from granphon.files import dump_yaml, versions
-from granphon.jobs import LATTICE_BANDS, has_pressure, sampling_errors
+from granphon.errors import InputError
+from granphon.files import dump_yaml, parse_yaml, read_text, versions
+from granphon.jobs import LATTICE_BANDS, has_pressure, packages, sampling_errors
 from granphon.ladder import Rung
 from granphon.limits import Validity, validity
 from granphon.local_field import LocalField
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
     from granphon.phonons import Bands, DensityOfStates, Phonons
 
-__all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "run"]
+__all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 
 SCHEMA = 1
 #: every file that a run may write
@@ -243,11 +244,13 @@ def run(
     scene : what to compute.
     folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished. No other
         run can write into it meanwhile.
-    force : replace an earlier result, its files that this scene does not write included. What granphon did not write, or
-        somebody has changed since, and what the scene reads, is never replaced.
+    force : replace an earlier result, its files that this scene does not write included; and discard what another sweep has
+        finished there. What granphon did not write, or somebody has changed since, and what the scene reads, is never
+        replaced.
     progress : told how far the work has come.
     figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a warning of the result.
-    resume : go on with a sweep that was cut off; where there is nothing to go on with it starts anew.
+    resume : if the sweep is complete (see :func:`is_complete`) read it, and compute and write nothing. A sweep that was
+        cut off goes on from what it has finished in any case.
     executor : for a sweep's work side by side; the numbers do not depend on it.
 
     Returns
@@ -256,19 +259,24 @@ def run(
 
     Raises
     ------
-    FileExistsInRunError : a file would be overwritten, and ``force`` is off or it may not be replaced; found out before
-        anything is computed.
+    FileExistsInRunError : a file would be overwritten, or what another scene or version has finished be discarded, and
+        ``force`` is off; or a file may not be replaced at all. Found out before anything is computed.
     OutputError : the folder cannot be written, or another run is writing into it.
     GranphonError : the computation fails; no result has been written then.
     """
     target, (names, drawn) = Path(folder), _expected(scene)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
+    if resume and not force and scene.is_sweep and is_complete(scene, target):
+        from granphon.archive import load_sweep
+
+        there = tuple(target / name for name in every if (target / name).exists())
+        return SweepResult(target, load_sweep(target / "sweep.nc"), there)
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (
         opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
-        kept(target / WORK_FOLDER if scene.is_sweep else None, resume) as store,
+        kept(target / WORK_FOLDER if scene.is_sweep else None, force) as store,
     ):
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
@@ -291,6 +299,18 @@ def run(
             result = replace(result, files=files, failures=tuple(failures.values()))
             _write(place / "summary.yaml", _summary(result, scene, used))
     return result
+
+
+def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` holds all that a run of ``scene`` gives, figures aside, made with the versions at hand."""
+    target = Path(folder)
+    if not all((target / name).is_file() for name in expected_files(scene, figures=False)):
+        return False
+    try:
+        made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
+        return Scene.from_yaml(target / "scene.yaml") == scene and bool(made == made | packages())
+    except (InputError, KeyError, TypeError):
+        return False
 
 
 def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:

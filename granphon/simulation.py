@@ -29,7 +29,7 @@ from granphon.samples import Sample, standard_error, unit_of_length
 from granphon.state import ContactState, overlap_flag
 from granphon.stencils import Stencils
 
-__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
+__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "in_order", "no_finite_overlap"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
@@ -364,27 +364,42 @@ class DirectSimulation:
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at the mean contact force f, N, of every sample."""
-        said = _in_the_limit(finite_overlap)
-        self.require("force", force)
-        load = compressive("force", force)
-        wanted = [Load(force=one) for one in (load / self._unit_of_force).ravel().tolist()]
-        return self._state(wanted, load.shape, said, force=load)
+        said, load = _in_the_limit(finite_overlap), compressive("force", force)
+        return self._state(self.loads("force", force), load.shape, said, force=load)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
-        said = _in_the_limit(finite_overlap)
-        self.require("overlap", overlap)
-        delta = finite("overlap", overlap)
-        wanted = [Load(overlap=one) for one in (delta / unit_of_length(self.packing)).ravel().tolist()]
-        return self._state(wanted, delta.shape, said, overlap=delta)
+        said, delta = _in_the_limit(finite_overlap), finite("overlap", overlap)
+        return self._state(self.loads("overlap", overlap), delta.shape, said, overlap=delta)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at the force per length P, N/m: P d = sqrt(3) f (equation 20)."""
         said = _in_the_limit(finite_overlap)
-        self.require("pressure", pressure)
-        load = compressive("pressure", pressure) / (TRIANGULAR.pressure_factor * self._unit_of_force)
-        wanted = [Load(force=one) for one in (load * self.packing.diameter).ravel().tolist()]
-        return self._state(wanted, load.shape, said)
+        return self._state(self.loads("pressure", pressure), np.shape(pressure), said)
+
+    def loads(self, kind: str, values: ArrayLike) -> list[Load]:
+        """What each of the loads prescribes in reduced units, in C order; errors as :meth:`require`."""
+        self.require(kind, values)
+        if kind == "overlap":
+            delta = finite(kind, values) / unit_of_length(self.packing)
+            return [Load(overlap=one) for one in delta.ravel().tolist()]
+        force = compressive(kind, values)
+        if kind == "pressure":
+            force = force / (TRIANGULAR.pressure_factor * self._unit_of_force) * self.packing.diameter
+        else:
+            force = force / self._unit_of_force
+        return [Load(force=one) for one in force.ravel().tolist()]
+
+    def sample(self, load: Load, before: tuple[float, Array] | None = None) -> Sample:
+        """The first sample under one load, as a state has it.
+
+        ``before`` are overlap and displacements of its equilibrium under the load before this one in :func:`in_order`; None
+        for the first.
+        """
+        deviations = read_only(self.deviations(0))
+        start = None if before is None else Equilibrium(deviations, *before)
+        found = equilibrate(deviations, load, Stencils(deviations.shape, workers=self.workers), start)
+        return Sample(self.packing, None if self.diameters is not None else self.seed, found)
 
     def require(self, kind: str, values: ArrayLike) -> None:
         """:class:`~granphon.errors.InputError` for a load that no sample can bear, before any is looked at.
@@ -423,8 +438,7 @@ class DirectSimulation:
         overlap: Array | None = None,
     ) -> SimulatedState:
         """The state of all samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
-        # from the highest load down, each from the one above; the result does not depend on where it began
-        order = sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
+        order = in_order(loads)
         alone = replace(self, executor=None)
         if self.executor is None:
             found = [_equilibria(alone, index, loads, order) for index in range(self.samples)]
@@ -453,6 +467,12 @@ def _in_the_limit(finite_overlap: bool | None) -> bool:
     if wanted:
         raise no_finite_overlap(DirectSimulation.name)
     return said
+
+
+def in_order(loads: Sequence[Load]) -> list[int]:
+    """Places of the loads from the highest down. Each equilibrium is found from the one above; where it began is not seen
+    but in digits beyond the tolerance."""
+    return sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
 
 
 def _equilibria(

@@ -245,18 +245,27 @@ class Bands(Result):
 
     # -- phonopy's band.yaml ----------------------------------------------------------------------------------------
 
-    def write(self, path: str | os.PathLike[str]) -> None:
+    def write(self, path: str | os.PathLike[str], pad: bool = False) -> None:
         """Write phonopy's band.yaml, with eigenvectors and group velocities, for phonopy-bandplot and Euphonic.
 
         Frequencies are in the decimal unit of hertz in which the top one lies between 1 and 1000; the file names it. Without
-        friction there are two branches for each ball, and w is zero.
+        friction there are two branches for each ball, and w is zero. Programs that want three for each get them with
+        ``pad``: below the others the rotation of each ball alone, which nothing resists, at zero frequency. :meth:`read`
+        leaves it out.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)
         s, p, b = self.frequencies.shape
         n = len(self.masses)
+        still = n if pad and self._motion.shape[3] == 2 else 0
+        frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0)))
+        velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 1)))
+        motion = np.zeros((s, p, n, 3, still + b), complex)
+        motion[:, :, :, : self._motion.shape[3], still:] = self._motion
+        motion[:, :, :, 2, :still] = np.eye(n, still)
         lines = [
             *file_header(unit, self.scales),
+            *([f"  still_branches: {still}"] if still else []),
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
@@ -276,8 +285,6 @@ class Bands(Result):
             lines += [f"- symbol: {BALL}", f"  coordinates: [ {_numbers(place)} ]", f"  mass: {float(mass)!r}"]
         lines.append("phonon:")
         velocity = self.scales.length * unit.hertz
-        motion = np.zeros((s, p, n, 3, b), complex)
-        motion[:, :, :, : self._motion.shape[3]] = self._motion
         for i in range(s):
             for j in range(p):
                 lines += [
@@ -287,9 +294,9 @@ class Bands(Result):
                 if j in (0, p - 1):
                     lines.append(f"  label: {_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
                 lines.append("  band:")
-                for k in range(b):
-                    lines += [f"  - # {k + 1}", f"    frequency: {float(self.frequencies[i, j, k] / unit.hertz)!r}"]
-                    g = np.append(self.group_velocities[i, j, k] / velocity, 0.0)
+                for k in range(still + b):
+                    lines += [f"  - # {k + 1}", f"    frequency: {float(frequencies[i, j, k] / unit.hertz)!r}"]
+                    g = velocities[i, j, k] / velocity
                     lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
@@ -312,7 +319,8 @@ class Bands(Result):
             p = len(phonon) // s
             masses = np.array([point["mass"] for point in data["points"]], float)
             n = len(masses)
-            bands = [q["band"] for q in phonon]
+            still = int(own.get("still_branches", 0))
+            bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
             vectors = np.array([[mode["eigenvector"] for mode in q] for q in bands], float)
             vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., : 2 if b == 2 * n else 3]

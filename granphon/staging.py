@@ -171,7 +171,7 @@ def _failed(target: Path, error: OSError) -> GranphonError:
     if isinstance(error, GranphonError):
         return error
     mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "Nothing was left behind", mend))
+    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "It is left as it was", mend))
 
 
 # -- a folder under lock --------------------------------------------------------------------------------------------

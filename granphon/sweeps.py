@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, write_sweep
+from granphon.archive import FORMAT, LOADS, SCHEMA, file_names, load_sweep, write_sweep
 from granphon.blocks import ruled, truth
 from granphon.errors import InputError, message
 from granphon.files import versions
@@ -123,10 +123,11 @@ def sweep(
     bands : a path as :meth:`granphon.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
     labels : of the corners of that path; by default the letters, or the coordinates.
     executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
-    progress : told how many tasks (a medium, or one sample of it, at one combination of parameters) are done.
-    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
-    resume : go on with what an interrupted sweep to ``path`` has left; the numbers are those of an uninterrupted one.
-    overwrite : replace existing files.
+    progress : told how many steps are done: a medium at one combination of parameters, or one sample of it at one load.
+    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it. What is finished is kept
+        beside it until then: the same sweep to the same path goes on from there, with the numbers of an uninterrupted one.
+    resume : if the sweep in ``path`` is complete return it, and compute and write nothing.
+    overwrite : replace existing files, and discard what another sweep to ``path`` has finished.
     store : where finished tasks are kept, instead of beside ``path``; what is there serves, and the caller clears it.
     **parameters : values of any of :data:`~granphon.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread and keeps
         its shape, uniform if there is none; a ``diameter`` leaves it as it is.
@@ -146,7 +147,9 @@ def sweep(
     ------
     InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
         bands over parameters that change the number of branches, a simulation with finite overlap.
-    FileExistsInRunError, OutputError : the files cannot be written; found out before anything is computed if it can be.
+    FileExistsInRunError : files are there, or what another sweep or version has finished, and ``overwrite`` is off; found
+        out before anything is computed.
+    OutputError : the files cannot be written; found out before anything is computed if it can be.
     GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
         result is written then.
     """
@@ -157,7 +160,10 @@ def sweep(
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
     way = None if bands is None else _Way.of(packings, bands, npoints, labels)
+    frame = _frame((load, values), choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
     target = _target(path, resume)
+    if target is not None and resume and not overwrite and (there := _complete(target, frame)) is not None:
+        return there
     qpoints = None if way is None else way.qpoints
     jobs = [
         Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, finite_overlap, qpoints)
@@ -166,12 +172,13 @@ def sweep(
     ]
     pieces = [job.pieces for job in jobs]
     folder = nullcontext() if target is None else opened(target.parent, file_names(target), overwrite)
-    own = kept(None if target is None else target.with_name(f".{target.name}.partial"), resume)
+    own = kept(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
+        place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [job.joined(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
-        dataset = _dataset(jobs, parts, axes, choices, way).assign_attrs(packing=to_json(packing))
+        dataset = _filled(frame, jobs, parts, axes)
         if locked is not None and target is not None:
             with locked.staging(file_names(target)) as stage:
                 write_sweep(dataset, stage / target.name)
@@ -246,20 +253,58 @@ def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     return target
 
 
+def _complete(target: Path, frame: Dataset) -> Dataset | None:
+    """The sweep in ``target`` if it is that of ``frame``; else None."""
+    if not all(target.with_name(name).is_file() for name in file_names(target)):
+        return None
+    there = load_sweep(target)
+    return there if _identity(there) == json.loads(to_json(_identity(frame))) else None
+
+
 # -- the data set ---------------------------------------------------------------------------------------------------
 
 
-def _dataset(
-    jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis], media: Sequence[MediumChoice], way: _Way | None
+def _frame(
+    load: tuple[str, tuple[float, ...]], media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool
 ) -> Dataset:
+    """The data set before anything is computed: its coordinates, the path of the bands, and what it is made of."""
     from xarray import Dataset
 
-    load, values, finite = jobs[0].load, jobs[0].values, jobs[0].finite_overlap
+    kind, values = load
+    coordinates: dict[str, Any] = {kind: ("load", np.array(values), _attrs(kind)), "medium": [m.label for m in media]}
+    for axis in axes:
+        # labels say less than the spread or the lattice itself
+        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
+        coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
+    attrs = {
+        "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
+        "direction": "(1, 0), Cartesian, where velocities depend on it",
+    }  # fmt: skip
+    if finite:
+        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+    return Dataset({} if way is None else _path_variables(way, finite), coordinates, attrs)
+
+
+def _identity(frame: Dataset) -> dict[str, Any]:
+    """All that determines the numbers, as plain data; the same of a frame and of the sweep that is read from its file."""
+    made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
+    out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
+    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS] + path:
+        whole = frame[name].attrs.get("values")
+        out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
+    return out
+
+
+def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
+    """The data set: the frame with what was found."""
+    load, values = jobs[0].load, jobs[0].values
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     # a medium that samples nothing has no error
     exact = {name: np.zeros(len(values)) for name in ERRORS if any(name in part for part in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
-    if any(choice.is_automatic for choice in media):
+    if any(job.medium.is_automatic for job in jobs):
         parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
     # what every medium gives; the tensor only where it is needed
     names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
@@ -268,27 +313,13 @@ def _dataset(
     variables: dict[str, Any] = {}
     for name in names:
         stack = np.array([part[name] for part in parts])
-        stack = stack.reshape(*counts, len(media), len(values), *stack.shape[2:])
+        stack = stack.reshape(*counts, frame.sizes["medium"], len(values), *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
         variables[name] = ((*dims, *_EXTRA.get(name, ())), stack, _attrs(name))
-    coordinates: dict[str, Any] = {load: ("load", np.array(values), _attrs(load)), "medium": [m.label for m in media]}
-    for axis in axes:
-        # labels say less than the spread or the lattice itself
-        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
-        coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
     if "tensor" in names:
-        coordinates |= {dim: list(_VOIGT) for dim in _EXTRA["tensor"]}
-    if way is not None:
-        variables |= _path_variables(way, finite)
+        frame = frame.assign_coords({dim: list(_VOIGT) for dim in _EXTRA["tensor"]})
     warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
-    attrs = {
-        "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
-        "direction": "(1, 0), Cartesian, where velocities depend on it", "warnings": to_json(warnings),
-    }  # fmt: skip
-    if finite:
-        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
-    return Dataset(variables, coordinates, attrs)
+    return frame.assign(variables).assign_attrs(warnings=to_json(warnings))
 
 
 def _attrs(name: str) -> dict[str, str]:

@@ -1,56 +1,120 @@
 """Work that can run side by side, on any executor, and that an interruption does not undo.
 
 A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
-run anywhere and in any order.
+run anywhere and in any order. A long one is done in steps, and each step is kept.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import json
+import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Protocol
 from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.errors import InputError
-from granphon.progress import Progress, silent
+from granphon.errors import FileExistsInRunError, InputError, OutputError, message
+from granphon.files import shown
+from granphon.progress import Progress, Step, silent
 from granphon.reading import read_bytes
 from granphon.staging import write_bytes
 
-__all__ = ["Part", "Store", "Task", "kept", "solve_all"]
+__all__ = ["IDENTITY", "Part", "Store", "Task", "kept", "solve_all"]
 
-#: the result of a task; no array holds Python objects
+#: the result of a task, or of its first steps; no array holds Python objects
 Part = dict[str, NDArray[Any]]
+#: the file of a store that says what its results belong to
+IDENTITY = "identity.json"
+#: differences that a message names
+_MOST_NAMED = 3
 
 
 class Task(Protocol):
-    """A piece of work."""
+    """A piece of work, in one step or more."""
 
     @property
     def name(self) -> str:
-        """A file name that no task with another result has."""
+        """A file name that no task with another result has; it does not begin with a dot."""
         ...
 
-    def solve(self) -> Part:
-        """Do it."""
+    @property
+    def steps(self) -> int:
+        """In how many it is done."""
         ...
+
+    def done(self, part: Part) -> int:
+        """How many steps are in ``part``."""
+        ...
+
+    def solve(self, begun: Part | None = None) -> Part:
+        """What is ``begun`` and the next step, or the first; the result if that was the last."""
+        ...
+
+
+# -- what is kept ---------------------------------------------------------------------------------------------------
 
 
 class Store:
-    """The results of finished tasks, one file each in ``folder``, made when the first is kept; None keeps nothing."""
+    """The results of finished tasks and steps, one file a task in ``folder``; None keeps nothing.
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+    The folder is made when the first is kept. It belongs to one work, see :meth:`claim`; ``force`` lets another discard it.
+    """
+
+    def __init__(self, folder: Path | None = None, force: bool = False) -> None:
+        self.folder, self.force = folder, force
+        self._identity: bytes | None = None
+
+    def claim(self, identity: Mapping[str, Any], names: Callable[[], Iterable[str]]) -> None:
+        """Say what the results are to belong to, plain data; what is there serves it.
+
+        :class:`~granphon.errors.FileExistsInRunError` if there is a result of another work that is none of this one's
+        ``names``, and nobody has said ``force``: then all are discarded.
+        """
+        if self.folder is None:
+            return
+        text = json.dumps(identity, sort_keys=True)
+        mine, before = json.loads(text), self._read_identity()
+        if before != mine and self._parts() - set(names()):
+            if not self.force:
+                differences = "; ".join(_differences(before, mine))
+                raise FileExistsInRunError(
+                    message(
+                        f"{self.folder} holds what another sweep has finished, which was cut off",
+                        f"They differ: {differences}" if before else "What it belongs to is not said there",
+                        "Run that one again to go on with it, use --force (force=True, overwrite=True) to discard what it "
+                        "has finished, or choose another folder",
+                    )
+                )
+            self.clear()
+        data = {"digest": hashlib.sha256(text.encode()).hexdigest(), "sweep": mine}
+        self._identity = json.dumps(data, indent=1).encode()
+
+    def _read_identity(self) -> Any:
+        """What is said of the results that are there; None if nothing is, or it is damaged."""
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            data = json.loads((self.folder / IDENTITY).read_bytes()) if self.folder else {}
+            if hashlib.sha256(json.dumps(data["sweep"], sort_keys=True).encode()).hexdigest() == data["digest"]:
+                return data["sweep"]
+        return None
+
+    def _parts(self) -> set[str]:
+        """Names of the results that are there."""
+        with suppress(OSError):
+            names = set(os.listdir(self.folder)) if self.folder else set()
+            return {name for name in names if name != IDENTITY and not name.startswith(".")}
+        return set()
 
     def read(self, task: Task) -> Part | None:
-        """The result of ``task``, or None if there is none, or one that is damaged or another task's."""
+        """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
         if self.folder is None:
             return None
         try:
@@ -64,12 +128,20 @@ class Store:
             return None
 
     def write(self, task: Task, part: Part) -> None:
-        """Keep the result of ``task``; :class:`~granphon.errors.OutputError` if that fails."""
+        """Keep the result of ``task``, or of its first steps; :class:`~granphon.errors.OutputError` if that fails."""
         if self.folder is None:
             return
         stream = io.BytesIO()
         np.savez(stream, **part)  # type: ignore[arg-type]  # no array is called allow_pickle
-        write_bytes(self.folder / task.name, _digest(task, stream.getvalue()) + stream.getvalue())
+        try:
+            if self._identity is not None:
+                write_bytes(self.folder / IDENTITY, self._identity)
+                self._identity = None
+            write_bytes(self.folder / task.name, _digest(task, stream.getvalue()) + stream.getvalue())
+        except OutputError:
+            with suppress(OSError):  # it holds something
+                self.folder.rmdir()
+            raise
 
     def clear(self) -> None:
         """Forget every result."""
@@ -78,14 +150,9 @@ class Store:
 
 
 @contextmanager
-def kept(folder: Path | None, resume: bool) -> Iterator[Store]:
-    """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to ``resume``.
-
-    Without ``resume`` it begins empty.
-    """
-    store = Store(folder)
-    if not resume:
-        store.clear()
+def kept(folder: Path | None, force: bool = False) -> Iterator[Store]:
+    """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to go on from."""
+    store = Store(folder, force)
     yield store
     store.clear()
 
@@ -93,6 +160,34 @@ def kept(folder: Path | None, resume: bool) -> Iterator[Store]:
 def _digest(task: Task, data: bytes) -> bytes:
     # of the name too: a file that was renamed is another task's
     return hashlib.sha256(task.name.encode() + data).digest()
+
+
+def _differences(there: Any, here: Any) -> list[str]:
+    """In words where plain data differ, the first few."""
+    found = list(_different(there, here, ""))
+    more = len(found) - _MOST_NAMED
+    return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
+
+
+def _different(there: Any, here: Any, where: str) -> Iterator[str]:
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in [*there, *(key for key in here if key not in there)]:
+            name = f"{where}.{key}" if where else str(key)
+            if key not in here or key not in there:
+                yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
+            else:
+                yield from _different(there[key], here[key], name)
+    elif isinstance(there, list) and isinstance(here, list):
+        if len(there) != len(here):
+            yield f"{where} has {len(there)} values there, and {len(here)} here"
+        else:
+            for index, (one, other) in enumerate(zip(there, here, strict=True)):
+                yield from _different(one, other, f"{where}[{index}]")
+    elif there != here:
+        yield f"{where} is {shown(there)} there, and {shown(here)} here"
+
+
+# -- doing it -------------------------------------------------------------------------------------------------------
 
 
 def solve_all(
@@ -106,40 +201,80 @@ def solve_all(
 
     Parameters
     ----------
-    label : what ``progress`` calls the work; it is told of each task when its result has been kept.
-    tasks : those that ``store`` has are not done again.
+    label : what ``progress`` calls the work; it is told of each step when its result has been kept.
+    tasks : those that ``store`` has are not done again, nor are steps of them.
     executor : any that follows :class:`concurrent.futures.Executor`; None does one task after the other. It is not shut
         down.
     store : where each result is kept as soon as it is there.
 
-    An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled.
+    An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled, and results
+    that are there are kept.
     """
     known = store or Store()
     parts = {i: part for i, task in enumerate(tasks) if (part := known.read(task)) is not None}
-    missing = [i for i in range(len(tasks)) if i not in parts]
-    with progress.step(label, len(tasks)) as step:
-        step.advance(len(parts))
-
-        def keep(index: int, part: Part) -> None:
-            known.write(tasks[index], part)
-            parts[index] = part
-            step.advance()
-
+    with progress.step(label, sum(task.steps for task in tasks)) as step:
+        step.advance(sum(tasks[i].done(part) for i, part in parts.items()))
+        work = _Work(tasks, parts, known, step)
         if executor is None:
-            for i in missing:
-                keep(i, tasks[i].solve())
+            work.in_turn()
         else:
-            _spread_out({i: tasks[i] for i in missing}, executor, keep)
+            work.spread_out(executor)
     return [parts[i] for i in range(len(tasks))]
 
 
-def _spread_out(tasks: Mapping[int, Task], executor: Executor, keep: Callable[[int, Part], None]) -> None:
-    futures: dict[Future[Part], int] = {}
-    try:
-        for index, task in tasks.items():
-            futures[executor.submit(task.solve)] = index
-        for future in as_completed(futures):
-            keep(futures[future], future.result())
-    finally:
-        for future in futures:
-            future.cancel()
+class _Work:
+    """Tasks under way; ``parts`` are their results so far, by index."""
+
+    def __init__(self, tasks: Sequence[Task], parts: dict[int, Part], store: Store, step: Step) -> None:
+        self.tasks, self.parts, self.store, self.step = tasks, parts, store, step
+
+    def _is_left(self, index: int) -> bool:
+        return index not in self.parts or self.tasks[index].done(self.parts[index]) < self.tasks[index].steps
+
+    def _keep(self, index: int, part: Part) -> None:
+        self.store.write(self.tasks[index], part)
+        self.parts[index] = part
+        self.step.advance()
+
+    def _rescue(self, index: int, part: Part) -> None:
+        """Keep what an error or an interruption has overtaken."""
+        with suppress(OutputError):  # that is the error itself
+            self.store.write(self.tasks[index], part)
+
+    def in_turn(self) -> None:
+        """Do one task after the other, here."""
+        for index, task in enumerate(self.tasks):
+            while self._is_left(index):
+                part = task.solve(self.parts.get(index))
+                try:
+                    self._keep(index, part)
+                except BaseException:
+                    self._rescue(index, part)
+                    raise
+
+    def spread_out(self, executor: Executor) -> None:
+        """Have them done side by side, the next step of a task when the one before is there."""
+        running: dict[Future[Part], int] = {}
+        ready: SimpleQueue[Future[Part]] = SimpleQueue()
+
+        def submit(index: int) -> None:
+            future = executor.submit(self.tasks[index].solve, self.parts.get(index))
+            running[future] = index
+            future.add_done_callback(ready.put)
+
+        try:
+            for index in filter(self._is_left, range(len(self.tasks))):
+                submit(index)
+            while running:
+                future = ready.get()
+                index = running[future]
+                self._keep(index, future.result())
+                del running[future]
+                if self._is_left(index):
+                    submit(index)
+        finally:
+            for future in running:
+                future.cancel()
+            for future, index in running.items():
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    self._rescue(index, future.result())

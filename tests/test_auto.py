@@ -289,11 +289,11 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
     path = tmp_path / "sweep.nc"
     solve, done = jobs.Job.solve, []
 
-    def interrupted(self):
+    def interrupted(self, begun=None):
         if len(done) == 2:
             raise KeyboardInterrupt
         done.append(self.where)
-        return solve(self)
+        return solve(self, begun)
 
     with monkeypatch.context() as patch:
         patch.setattr(jobs.Job, "solve", interrupted)
@@ -301,7 +301,7 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
             sweep(rough, path=path, **options)
     assert not path.exists()
     calls = []
-    monkeypatch.setattr(jobs.Job, "solve", lambda self: (calls.append(self.where), solve(self))[1])
+    monkeypatch.setattr(jobs.Job, "solve", lambda self, begun=None: (calls.append(self.where), solve(self, begun))[1])
     assert sweep(rough, path=path, resume=True, **options).equals(whole)
     assert not set(done) & set(calls)
     assert calls

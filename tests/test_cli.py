@@ -1,6 +1,8 @@
 # ruff: noqa: E501  (a table of mistakes reads best with one to a line)
 
+import io
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -735,7 +737,10 @@ def test_interruption_is_clean(work, capsys, monkeypatch, moment):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     monkeypatch.setattr(*((gp.Phonons, "dos") if moment == "computing" else (gp.DensityOfStates, "write_csv")), interrupt)
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 130
-    assert one_error(capsys) == "interrupted; no result was written. A sweep goes on with --resume."
+    assert (
+        one_error(capsys)
+        == "interrupted; no result was written. What a sweep has finished is kept: the same command again goes on."
+    )
     assert tree(work) == {"scene.yaml"}
 
 
@@ -777,6 +782,34 @@ def test_progress_is_drawn_on_a_terminal_only(monkeypatch, capsys):
     out, err = capsys.readouterr()
     assert out == ""
     assert "bands" in err
+
+
+@pytest.mark.parametrize(
+    ("before", "each", "told"),
+    [
+        (0, [7.0, 7.0, 7.0], "3/10 0:00:21 left 0:00:49"),
+        (0, [200.0, 400.0], "2/10 0:10:00 left 0:40:00"),
+        (4, [60.0], "5/10 0:01:00 left 0:05:00"),  # what was there when it began has taken no time
+        (10, [], "10/10 0:00:00 left 0:00:00"),
+    ],
+)
+def test_progress_tells_the_time_that_is_left(monkeypatch, before, each, told):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    now, screen = [1e4], Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    with Terminal(lambda: now[0]).step("sweep", 10) as step:
+        step.advance(before)
+        for duration in each:
+            now[0] += duration
+            step.advance()
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())
+    last = re.findall(r"sweep[^\r\n]*", shown)[-1]
+    assert " ".join(last.split()).endswith(told)
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")

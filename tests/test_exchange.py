@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import phonopy
 import pytest
 from ruamel.yaml import YAML
 
@@ -211,6 +212,7 @@ import json, warnings
 # phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one thread
 warnings.simplefilter("ignore")
 import numpy as np
+import phonopy
 from euphonic import {names}, ureg
 def terahertz(data):
     return data.frequencies.to("THz", "spectroscopy").magnitude.tolist()
@@ -336,3 +338,90 @@ def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
     )
     assert one["frequency_unit"] == other["frequency_unit"]
     assert 1.0 <= ph.frequencies([[0, 0]]).max() / one["hertz"] < 1000.0
+
+
+@pytest.mark.parametrize("balls", [1, 2])
+def test_euphonic_reads_padded_bands_with_eigenvectors(balls, tmp_path):
+    """Three branches a ball: below the two of a frictionless one its rotation, which nothing resists."""
+    smooth = CASES["smooth"]()
+    if balls > 1:
+        smooth = gp.Phonons(smooth.state, gp.atoms(smooth.state).repeat((balls, 1, 1)))
+    bands = smooth.bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=3)
+    bands.write(tmp_path / "band.yaml", pad=True)
+    found = script(
+        tmp_path,
+        EUPHONIC.format(names="QpointPhononModes")
+        + """
+modes = QpointPhononModes.from_phonopy(path=".", phonon_name="band.yaml")
+print(json.dumps([terahertz(modes), modes.eigenvectors.real.tolist(), modes.eigenvectors.imag.tolist()]))
+""",
+    )
+    frequencies, vectors = np.array(found[0]), np.array(found[1]) + 1j * np.array(found[2])
+    assert frequencies.shape == (6, 3 * balls)
+    np.testing.assert_allclose(frequencies[:, balls:], bands.frequencies.reshape(6, -1) / 1e3, rtol=1e-13, atol=1e-13)
+    assert not frequencies[:, :balls].any()
+    # orthonormal, and the first ones pure rotations
+    flat = vectors.reshape(6, 3 * balls, 3 * balls)
+    np.testing.assert_allclose(flat @ flat.conj().swapaxes(1, 2), np.tile(np.eye(3 * balls), (6, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.sum(np.abs(vectors[:, :balls, :, 2]) ** 2, axis=2), 1.0, rtol=1e-12)
+    # what is read again is what there was
+    again = gp.Bands.read(tmp_path / "band.yaml")
+    bands.write(tmp_path / "plain.yaml")
+    plain = gp.Bands.read(tmp_path / "plain.yaml")
+    assert again.n_branches == 2 * balls
+    for name in ("frequencies", "group_velocities", "eigenvectors", "qpoints", "distances"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plain, name))
+    np.testing.assert_allclose(again.frequencies, bands.frequencies, rtol=1e-15)
+
+
+def test_nothing_pads_bands_that_are_whole(tmp_path):
+    bands = CASES["rough"]().bands("GK", npoints=3)
+    for name, pad in (("plain", False), ("padded", True)):
+        bands.write(tmp_path / name, pad=pad)
+    assert (tmp_path / "plain").read_bytes() == (tmp_path / "padded").read_bytes()
+
+
+# -- what phonopy makes of the export without complaint, and what a reader is told of it -------------------------------
+
+
+def test_what_phonopys_moments_and_own_path_are_worth(tmp_path):
+    """As docs/how-to/phonopy.md says: the first moment depends on the mesh, a path of its own has neither K nor M."""
+    ph = CASES["rough"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    found = script(
+        tmp_path,
+        """
+import json, warnings
+warnings.simplefilter("ignore")
+import numpy as np
+import phonopy
+loaded = phonopy.load("phonopy_params.yaml", is_nac=False, log_level=0)
+moments = []
+for n in (8, 9):
+    loaded.run_mesh([n, n, 1], with_eigenvectors=True, is_mesh_symmetry=False)
+    moments.append(float(loaded.run_moment(order=1).moment))
+from phonopy.phonon.band_structure import get_band_qpoints_by_seekpath
+bands, labels, _ = get_band_qpoints_by_seekpath(loaded.primitive, 3)
+print(json.dumps([moments, [np.asarray(band).tolist() for band in bands], labels]))
+""",
+    )
+    moments, path, labels = found
+    mesh = (np.arange(64) + 0.5) / 64
+    mean = ph.frequencies([(a, b, 0.0) for a in mesh for b in mesh]).mean() / 1e3
+    assert abs(moments[1] / mean - 1.0) > 0.02
+    assert not {"K", "M"} & {label.strip("$") for label in labels}
+    corners = np.array([point for band in path for point in (band[0], band[-1])])
+    assert not np.any(np.all(np.isclose(np.abs(corners % 1.0 - 0.5), 1 / 6), axis=1))
+    assert np.any(corners[:, 2])  # and it leaves the plane
+
+
+def test_phonopy_takes_no_unit_but_its_own(tmp_path):
+    """So that the unit of frequency stands in the block ``granphon``."""
+    ph = CASES["rough"]()
+    ph.save(tmp_path / "phonopy_params.yaml")
+    text = (tmp_path / "phonopy_params.yaml").read_text()
+    assert "physical_unit" not in text
+    before = "\nsupercell_matrix:"
+    (tmp_path / "units.yaml").write_text(text.replace(before, f"\nphysical_unit:\n  frequency: kHz\n{before}"))
+    with pytest.raises(ValueError, match="physical_unit in YAML conflicts"):
+        phonopy.load(tmp_path / "units.yaml", is_nac=False, log_level=0)

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -54,19 +55,22 @@ def listed(folder: Path) -> set[str]:
 
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
-    """Let the task after ``count`` others fail; the names of the tasks that were begun."""
-    from granphon.jobs import Job
+    """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
+    from granphon.jobs import Job, _SampleJob
 
     begun: list[str] = []
-    solve = Job.solve
 
-    def solved(task):
-        begun.append(task.where)
-        if len(begun) > count:
-            raise error
-        return solve(task)
+    def counted(solve):
+        def solved(task, before=None):
+            begun.append(task.where)
+            if len(begun) > count:
+                raise error
+            return solve(task, before)
 
-    monkeypatch.setattr(Job, "solve", solved)
+        return solved
+
+    for kind in (Job, _SampleJob):
+        monkeypatch.setattr(kind, "solve", counted(kind.solve))
     return begun
 
 
@@ -258,14 +262,16 @@ def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch,
     assert (work / "one" / "sweep.csv").read_text() == (work / "two" / "sweep.csv").read_text()
     assert "longitudinal_error (m/s)" in (work / "one" / "sweep.csv").read_text().splitlines()[0]
     with monkeypatch.context() as patch:
-        begun = interrupted_after(2, patch, KeyboardInterrupt())
+        begun = interrupted_after(3, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 130
-    assert len(begun) == 3
-    assert begun[0] == "simulation(samples=3, seed=4, shape=8 8), seed 4"
+    told = "simulation(samples=3, seed=4, shape=8 8), seed "
+    assert begun == [f"{told}{seed}" for seed in (4, 4, 5, 5)]
+    assert capsys.readouterr().err.endswith("is kept: the same command again goes on.\n")
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
-        assert main(["run", "scene.yaml", "-o", "cut", "-q", "--resume"]) == 0
-    assert len(begun) == 1
+        assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 0
+    # in the middle of a sample
+    assert begun == [f"{told}{seed}" for seed in (5, 6, 6)]
     assert one.identical(load_sweep("cut/sweep.nc"))
 
 
@@ -512,7 +518,7 @@ def test_an_interrupted_sweep_goes_on(work, monkeypatch, capsys, error):
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
     assert listed(work / "out") == {WORK_FOLDER}
-    assert sum(path.is_file() for path in (work / "out").rglob("*")) == 2
+    assert sum(path.is_file() for path in (work / "out").rglob("*")) == 2 + 1
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, error)
         assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
@@ -522,19 +528,70 @@ def test_an_interrupted_sweep_goes_on(work, monkeypatch, capsys, error):
     assert (work / "out" / "sweep.csv").read_bytes() == (work / "whole" / "sweep.csv").read_bytes()
 
 
-def test_without_resume_a_sweep_starts_anew(work, monkeypatch):
-    scene = Scene.from_yaml("scene.yaml")
+@pytest.mark.parametrize("options", [[], ["--force"], ["--resume", "--force"]])
+def test_the_same_command_again_goes_on(work, monkeypatch, options):
     with monkeypatch.context() as patch:
         interrupted_after(2, patch, KeyboardInterrupt())
-        with pytest.raises(KeyboardInterrupt):
-            scene.run("out")
+        assert main(["run", "scene.yaml", "-o", "out", *options]) == 130
     begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
-    scene.run("out")
-    assert len(begun) == 6
-    # and with nothing to go on with too
-    scene.run("other", resume=True)
-    assert len(begun) == 12
+    assert main(["run", "scene.yaml", "-o", "out", "-q", *options]) == 0
+    assert len(begun) == 6 - 2
+    assert listed(work / "out") == ALL
+    # and with nothing to go on with
+    Scene.from_yaml("scene.yaml").run("other", resume=True)
+    assert len(begun) == 4 + 6
     assert listed(work / "other") == ALL
+
+
+def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        interrupted_after(4, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
+    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N").replace("7840", "7841"))
+    capsys.readouterr()
+    for option in ([], ["--resume"]):
+        assert main(["run", "other.yaml", "-o", "out", *option]) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        for words in ("out/.granphon-sweep holds what another", "differ: force[1] is 3.16978638492", "--force"):
+            assert words in err
+        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
+    assert main(["run", "other.yaml", "-o", "out", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert load_sweep("out/sweep.nc")["force"][-1] == 21.0
+
+
+def test_a_complete_folder_is_left_as_it_is(work, monkeypatch, capsys):
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    (work / "one.yaml").write_text(ONE)
+    assert main(["run", "one.yaml", "-o", "single", "-q"]) == 0
+    capsys.readouterr()
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in work.rglob("*") if path.is_file()}
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
+    for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
+        assert main(["run", scene, "-o", folder, "--resume"]) == 0
+        assert capsys.readouterr() == (
+            f"{folder} is complete: it holds what this scene gives. Nothing was computed.\n", ""
+        )  # fmt: skip
+        assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
+        assert capsys.readouterr() == ("", "")
+        assert main(["run", scene, "-o", folder]) == 1
+        assert "already holds" in capsys.readouterr().err
+    scene = Scene.from_yaml("scene.yaml")
+    result = scene.run("out", resume=True)
+    assert result.dataset.identical(scene.sweep())
+    assert {path.name for path in result.files} == ALL
+    del begun[:]  # that was the comparison
+    # another scene, or what another version has made, is not this scene's result
+    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
+    assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
+    assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
+    assert {path: path.read_bytes() for path in before} == {path: data for path, (data, _) in before.items()}
+    monkeypatch.setattr("granphon.run.packages", lambda: {"granphon": "0.0.9"})
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    assert not begun
+    assert {path: path.stat().st_mtime_ns for path in before} == {path: time for path, (_, time) in before.items()}
 
 
 def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch, capsys):
@@ -578,6 +635,62 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, monkeypatch,
     assert not begun
     assert listed(work / "out") == ALL
     assert load_sweep("out/sweep.nc").identical(load_sweep("whole/sweep.nc"))
+
+
+#: the command, whose workers never come to an end with the averaged force
+HELD = """
+import sys, time
+from granphon import jobs
+
+solved = jobs.Job.solve
+
+def solve(self, begun=None):
+    if "afa" in self.where:
+        print("held", flush=True)
+        time.sleep(3600)
+    return solved(self, begun)
+
+jobs.Job.solve = solve
+if __name__ == "__main__":
+    from granphon.cli import main
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
+def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind):
+    (work / "scene.yaml").write_text(SWEEP.replace("[ala, afa, ema]", "[ala, afa]"))
+    (work / "held.py").write_text(HELD)
+    command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", "--workers", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as running:
+        try:
+            assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
+            while len(list((work / "out" / WORK_FOLDER).glob("ala-*"))) < 2 and running.poll() is None:
+                time.sleep(0.01)
+            if kind == "SIGINT":  # as a terminal does, to the workers as well
+                os.killpg(running.pid, signal.SIGINT)
+            else:
+                running.send_signal(signal.Signals[kind])
+            # that is over when all who hold its ends are gone, the workers too
+            out, err = running.communicate(timeout=60)
+        except BaseException:
+            os.killpg(running.pid, signal.SIGKILL)
+            raise
+    assert out == ""
+    if kind == "SIGKILL":
+        assert running.returncode == -signal.SIGKILL
+    else:
+        assert running.returncode == 130
+        told = "interrupted; no result was written. What a sweep has finished is kept: the same command again goes on."
+        assert err == f"granphon: error: {told}\n"
+    assert listed(work / "out") == {WORK_FOLDER}
+    with pytest.MonkeyPatch.context() as patch:
+        begun = interrupted_after(99, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert [where.split(",")[0] for where in begun] == ["afa"] * 2
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
+import io
 import itertools
 import json
 import math
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -27,11 +31,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.archive import load_sweep
 from granphon.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
+from granphon.jobs import packages
 from granphon.ladder import MediumChoice
 from granphon.parameters import PARAMETERS, Axis, changed, of_width
 from granphon.phonons import Phonons
 from granphon.sweeps import sweep, swept_packing
-from granphon.tasks import Store, solve_all
+from granphon.tasks import IDENTITY, Store, solve_all
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
 LADDER = ("ala", "afa", "ema")
@@ -232,7 +237,7 @@ def test_samples_side_by_side(rough, pool):
     with pool(3) as executor:
         found = sweep(rough, executor=executor, progress=meter, **arguments)
     assert found.identical(sweep(rough, **arguments))
-    assert (meter.steps, meter.done) == ([("sweep", 2 * (3 + 1))], 8.0)
+    assert (meter.steps, meter.done) == ([("sweep", 2 * (3 * 2 + 1))], 14.0)
 
 
 def test_bands_of_a_simulation_are_those_of_its_mean_contacts(rough):
@@ -250,7 +255,7 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
     arguments = {"force": [18.446, 5.0], "media": [SAMPLES], "width": [0.0, WIDTH]}
     whole = sweep(rough, **arguments)
     with pytest.raises(KeyboardInterrupt):
-        sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=4), **arguments)
+        sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=8), **arguments)
     assert len(parts_in(tmp_path)) == 4
     # samples that there are serve a sweep of more
     more = {"simulation": SAMPLES["simulation"] | {"samples": 4}}
@@ -258,8 +263,28 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
     folder = tmp_path / "more"
     folder.mkdir()
     (tmp_path / ".sweep.nc.partial").rename(folder / ".sweep.nc.partial")
-    assert resumed(rough, folder, expected, arguments | {"media": more}) == 8 - 4
-    assert resumed(rough, tmp_path / "anew", whole, arguments) == 6
+    assert resumed(rough, folder, expected, arguments | {"media": more}) == 16 - 8
+    assert resumed(rough, tmp_path / "anew", whole, arguments) == 12
+
+
+@pytest.mark.parametrize("load", [{"force": FORCES}, {"overlap": [1e-6, -1e-7, 3e-7]}])
+@pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, ProcessPoolExecutor])
+def test_each_load_of_a_sample_is_kept(rough, tmp_path, load, executor):
+    """What goes on from the middle of a sample has the numbers of what went through, to the last bit."""
+    arguments = {**load, "media": {"simulation": {"shape": (8, 8)}}}
+    whole, (values,) = sweep(rough, **arguments), load.values()
+    for stop in range(1, len(values)):
+        path = tmp_path / str(stop) / "sweep.nc"
+        with nullcontext() if executor is None else executor(1) as pool, pytest.raises(KeyboardInterrupt):
+            sweep(rough, path=path, executor=pool, progress=Meter(stop=stop), **arguments)
+        (part,) = parts_in(path.parent)
+        kept = np.load(io.BytesIO(part.read_bytes()[32:]))
+        assert len(kept["force"]) == stop
+        # the highest load first
+        given, expected = kept[next(iter(load))], sorted(values, reverse=True)[:stop]
+        assert_allclose(given, expected, rtol=1e-9)
+        assert kept["rest_balls"].shape == (2, 8, 8)
+        assert resumed(rough, path.parent, whole, arguments) == len(values) - stop
 
 
 def test_a_sample_that_carries_no_load_is_named(rough):
@@ -584,18 +609,22 @@ class Meter:
 class Piece:
     """A task that notes that it was done."""
 
-    def __init__(self, number, fails=False):
-        self.number, self.fails, self.runs = number, fails, 0
+    def __init__(self, number, fails=False, steps=1):
+        self.number, self.fails, self.runs, self.steps = number, fails, 0, steps
 
     @property
     def name(self):
         return f"piece-{self.number}"
 
-    def solve(self):
+    def done(self, part):
+        return len(part["x"])
+
+    def solve(self, begun=None):
         self.runs += 1
         if self.fails:
             raise ArithmeticError(self.number)
-        return {"x": np.array([self.number])}
+        before = [] if begun is None else begun["x"].tolist()
+        return {"x": np.array([*before, self.number + len(before)])}
 
 
 def test_progress_counts_tasks(rough):
@@ -645,6 +674,50 @@ def test_outstanding_tasks_are_cancelled_if_the_executor_gives_up():
     with pytest.raises(RuntimeError, match="no more workers"):
         solve_all("pieces", [Piece(n) for n in range(4)], executor)
     assert [future.cancelled() for future in executor.futures] == [False, True, True]
+
+
+class AtOnce(Executor):
+    """Has done what it is given by the time it returns."""
+
+    def submit(self, function, /, *args, **kwargs):
+        future = Future()
+        future.set_result(function(*args, **kwargs))
+        return future
+
+
+@pytest.mark.parametrize("executor", [None, AtOnce(), Backwards(3)])
+def test_steps_follow_each_other(tmp_path, executor):
+    steps = 1 if isinstance(executor, Backwards) else 4
+    pieces, meter = [Piece(10 * n, steps=steps) for n in range(3)], Meter()
+    parts = solve_all("pieces", pieces, executor, meter, Store(tmp_path / "parts"))
+    assert [part["x"].tolist() for part in parts] == [[10 * n + k for k in range(steps)] for n in range(3)]
+    assert (meter.steps, meter.done) == ([("pieces", 3 * steps)], 3 * steps)
+
+
+def test_what_is_finished_when_an_interruption_comes_is_kept(tmp_path):
+    pieces, store = [Piece(n, steps=2) for n in range(5)], Store(tmp_path / "parts")
+    with pytest.raises(KeyboardInterrupt):
+        solve_all("pieces", pieces, AtOnce(), Meter(stop=1), store)
+    assert [store.read(piece)["x"].tolist() for piece in pieces] == [[n] for n in range(5)]
+    assert [piece.runs for piece in pieces] == [1] * 5
+
+
+@pytest.mark.parametrize("executor", [None, AtOnce()])
+def test_an_interruption_while_a_result_is_kept_does_not_lose_it(tmp_path, monkeypatch, executor):
+    replace, calls = os.replace, []
+
+    def interrupted(*paths):
+        calls.append(paths)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        replace(*paths)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    store = Store(tmp_path / "parts")
+    with pytest.raises(KeyboardInterrupt):
+        solve_all("pieces", [Piece(0), Piece(1)], executor, store=store)
+    assert [store.read(Piece(n))["x"].tolist() for n in range(2)] == [[0], [1]]
+    assert sorted(path.name for path in store.folder.iterdir()) == ["piece-0", "piece-1"]
 
 
 # -- files ----------------------------------------------------------------------------------------------------------
@@ -793,7 +866,7 @@ def test_a_file_that_was_cut_is_not_loaded(rough, tmp_path, part):
 
 
 def parts_in(folder):
-    return sorted(folder.glob(".sweep.nc.partial/*"))
+    return sorted(path for path in folder.glob(".sweep.nc.partial/*") if path.name != IDENTITY)
 
 
 @pytest.fixture
@@ -819,7 +892,7 @@ class Counting(ThreadPoolExecutor):
 def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
     """Resume in ``folder``; the number of tasks that were done anew."""
     with Counting(2) as executor:
-        found = sweep(packing, path=folder / "sweep.nc", resume=True, executor=executor, **arguments, **options)
+        found = sweep(packing, path=folder / "sweep.nc", executor=executor, **arguments, **options)
     assert found.identical(expected)
     assert load_sweep(folder / "sweep.nc").identical(expected)
     assert sorted(path.name for path in folder.iterdir()) == [".granphon-files", "sweep.csv", "sweep.nc"]
@@ -837,7 +910,10 @@ def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupte
 def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
     with pool(2) as executor, pytest.raises(type(error)):
         sweep(rough, path=tmp_path / "sweep.nc", executor=executor, progress=Meter(3, error), **ARGUMENTS)
-    assert resumed(rough, tmp_path, serial) == 9 - 3
+    # those that were finished meanwhile are kept as well
+    left = 9 - len(parts_in(tmp_path))
+    assert left <= 9 - 3
+    assert resumed(rough, tmp_path, serial) == left
 
 
 def test_interruptions_may_follow_each_other(rough, serial, interrupted):
@@ -862,13 +938,39 @@ def test_resuming_with_nothing_there_starts(rough, serial, tmp_path):
     assert resumed(rough, tmp_path, serial) == 9
 
 
-def test_without_resume_the_parts_are_discarded(rough, serial, interrupted):
+@pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
+def test_the_same_sweep_goes_on_whatever_is_said(rough, serial, interrupted, options):
+    assert resumed(rough, interrupted, serial, **options) == 9 - 4
+
+
+@pytest.mark.parametrize("load", [{"force": FORCES}, {"pressure": [4e3, 500.0]}])
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"bands": "GK", "npoints": 3, "width": [0.0, 1e-6]},
+        {"spread": [BIMODAL, None], "lattice": [CHAINED, "square"]},
+        {"friction": [True, False], "finite_overlap": True},
+    ],
+)
+def test_a_complete_sweep_is_read_again(rough, tmp_path, load, more):
+    arguments, path = {**load, **more, "path": tmp_path / "sweep.nc"}, tmp_path / "sweep.nc"
+    if "lattice" in more and "pressure" in load:
+        arguments["lattice"] = ["square"]
+    whole = sweep(rough, **arguments)
+    before = {one: (one.read_bytes(), one.stat().st_mtime_ns) for one in tmp_path.iterdir()}
+    assert {one.name for one in before} == {"sweep.nc", "sweep.csv", ".granphon-files"}
     meter = Meter()
-    with Counting(1) as executor:
-        found = sweep(rough, path=interrupted / "sweep.nc", executor=executor, progress=meter, **ARGUMENTS)
-    assert executor.given == 9
-    assert found.identical(serial)
-    assert not parts_in(interrupted)
+    assert sweep(rough, resume=True, progress=meter, **arguments).identical(whole)
+    assert not meter.steps
+    for other in ({"young_modulus": 2e11}, {"media": "afa"}):
+        with pytest.raises(FileExistsInRunError, match="already holds"):
+            sweep(rough, resume=True, progress=meter, **arguments | other)
+    assert not meter.steps
+    assert {one: (one.read_bytes(), one.stat().st_mtime_ns) for one in tmp_path.iterdir()} == before
+    (tmp_path / "sweep.csv").unlink()  # not complete
+    with pytest.raises(FileExistsInRunError, match=r"already holds sweep\.nc"):
+        sweep(rough, resume=True, **arguments)
+    assert path.exists()
 
 
 def test_an_argument_that_cannot_be_leaves_the_parts(rough, interrupted):
@@ -884,7 +986,7 @@ def _flip(path, place):
 
 
 def _swap(path):
-    other = next(one for one in path.parent.iterdir() if one != path)
+    other = next(one for one in path.parent.iterdir() if one not in (path, path.with_name(IDENTITY)))
     data = path.read_bytes()
     path.write_bytes(other.read_bytes())
     other.write_bytes(data)
@@ -911,26 +1013,56 @@ def test_damaged_and_foreign_parts_are_done_again(rough, serial, interrupted, da
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "told"),
     [
-        {"force": [18.446, 2.0, 5.0, 2.1]}, {"force": [2.0, 18.446, 5.0, 2.0]}, {"npoints": 6}, {"bands": "GM"},
-        {"bands": None}, {"finite_overlap": True}, {"poisson_ratio": 0.3}, {"friction": False},
+        ({"force": [18.446, 2.0, 5.0, 2.1]}, r"differ: force\[3\] is 2\.0 there, and 2\.1 here\."),
+        ({"force": [2.0, 18.446, 5.0, 2.0]}, r"differ: force\[0\] is 18\.446 there, and 2\.0 here; force\[1\] is"),
+        ({"force": [18.446]}, r"differ: force has 4 values there, and 1 here\."),
+        ({"npoints": 6}, r"differ: qpoints\[0\] has 5 values there, and 6 here\."),
+        ({"bands": "GM"}, r"differ: labels\[1\] is 'K' there, and 'M' here; qpoints"),
+        ({"bands": None}, r"differ: labels is given there, and not here; qpoints is given there, and not here\."),
+        ({"finite_overlap": True}, r"differ: finite_overlap is false there, and true here\."),
+        ({"poisson_ratio": 0.3}, r"differ: poisson_ratio is not given there, and here\."),
+        (
+            {"width": [0.0, 1e-6, 3e-6], "media": ("ala", "afa")},
+            r"media has 3 values there, and 2 here; width\[2\] is",
+        ),
     ],
-)  # fmt: skip
-def test_parts_of_another_sweep_do_not_serve(rough, interrupted, change):
-    arguments = {**ARGUMENTS, **change}
-    assert resumed(rough, interrupted, sweep(rough, **arguments), arguments) == 9
+)
+def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted, change, told):
+    arguments, before = {**ARGUMENTS, **change}, [(path, path.read_bytes()) for path in parts_in(interrupted)]
+    meter, whole = Meter(), sweep(rough, **arguments)
+    for resume in (False, True):
+        with pytest.raises(FileExistsInRunError, match=told):
+            sweep(rough, path=interrupted / "sweep.nc", resume=resume, progress=meter, **arguments)
+    assert not meter.steps
+    assert [(path, path.read_bytes()) for path in parts_in(interrupted)] == before
+    assert resumed(rough, interrupted, whole, arguments, overwrite=True) == whole.sizes["medium"] * whole.sizes["width"]
 
 
-def test_parts_of_another_packing_or_version_do_not_serve(rough, serial, interrupted, monkeypatch):
-    other = changed(rough, {"density": 7841.0})
+def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
+    other, path = changed(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.jobs.packages", lambda: {"granphon": "0.0.9"})
-        expected = sweep(rough, **ARGUMENTS)
-        assert resumed(rough, interrupted, expected) == 9
+        for module in ("jobs", "sweeps"):
+            patch.setattr(f"granphon.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
+        with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
+            sweep(rough, path=path, **ARGUMENTS)
+    with pytest.raises(FileExistsInRunError, match=r"differ: packing\.material\.density is 7840\.0 there, and 7841\.0 here"):
+        sweep(other, path=path, **ARGUMENTS)
     with pytest.raises(KeyboardInterrupt):
-        sweep(other, path=interrupted / "sweep.nc", overwrite=True, progress=Meter(stop=4), **ARGUMENTS)
+        sweep(other, path=path, overwrite=True, progress=Meter(stop=3), **ARGUMENTS)
+    assert len(parts_in(interrupted)) == 3
+    with pytest.raises(FileExistsInRunError, match=r"density is 7841\.0 there"):
+        sweep(rough, path=path, **ARGUMENTS)
     assert resumed(rough, interrupted, serial, overwrite=True) == 9
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, lambda path: _flip(path, 0.5), lambda path: path.write_text("[]")])
+def test_parts_that_belong_to_nothing_known(rough, serial, interrupted, damage):
+    damage(interrupted / ".sweep.nc.partial" / IDENTITY)
+    with pytest.raises(FileExistsInRunError, match="What it belongs to is not said there"):
+        sweep(rough, path=interrupted / "sweep.nc", **{**ARGUMENTS, "force": 1.0})
+    assert resumed(rough, interrupted, serial) == 9 - 4  # each part says what it is
 
 
 def test_a_sweep_may_grow_while_it_is_interrupted(rough, interrupted):
@@ -975,6 +1107,7 @@ def test_a_store_of_ones_own_is_left_to_its_owner(rough, serial, interrupted):
 
 def test_a_store_without_a_folder_keeps_nothing():
     store = Store()
+    store.claim({}, list)
     store.write(Piece(0), {"x": np.zeros(1)})
     assert store.read(Piece(0)) is None
     store.clear()
@@ -983,5 +1116,68 @@ def test_a_store_without_a_folder_keeps_nothing():
 def test_a_part_that_cannot_be_kept_ends_the_sweep(rough, tmp_path):
     (tmp_path / ".sweep.nc.partial").write_text("in the way")
     with pytest.raises(OutputError):
-        sweep(rough, force=5.0, path=tmp_path / "sweep.nc", resume=True)
+        sweep(rough, force=5.0, path=tmp_path / "sweep.nc")
     assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
+
+
+@pytest.mark.parametrize("executor", [None, AtOnce()])
+@pytest.mark.parametrize("most", [0, 1, 4])
+def test_a_disk_that_is_full_keeps_what_it_has(rough, serial, tmp_path, monkeypatch, most, executor):
+    sync, calls = os.fsync, []
+
+    def full(descriptor):
+        calls.append(descriptor)
+        if len(calls) > most:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(descriptor)
+
+    folder = tmp_path / "new"
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OutputError, match=r"new/.* cannot be written: No space left on device"):
+            sweep(rough, path=folder / "sweep.nc", executor=executor, **ARGUMENTS)
+    parts = max(most - 1, 0)  # one is the identity
+    assert folder.exists() == bool(most)
+    assert len(parts_in(folder)) == parts
+    assert resumed(rough, folder, serial) == 9 - parts
+
+
+def test_a_sweep_that_fills_the_disk_is_an_error(rough, serial, tmp_path, monkeypatch):
+    """HDF5 is not asked to write to it: it would end the process."""
+    write = Path.write_bytes
+
+    def full(path, data):
+        if path.suffix == ".nc":
+            write(path, data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(OutputError, match="cannot be written: No space left on device"):
+            sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
+    assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
+    assert resumed(rough, tmp_path, serial) == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder on a disk of 64 kB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mount = shutil.which("mount")
+    command = [mount or "mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if mount is None or subprocess.run(command, check=False, capture_output=True).returncode:
+        pytest.skip("may not mount")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("count", [9, 1])
+def test_a_small_disk_fills_up(rough, small_disk, count):
+    """By what is kept; or, where that is one part, by the result."""
+    arguments = ARGUMENTS | {"npoints": 300} | ({} if count > 1 else {"media": "ala", "width": WIDTH})
+    with pytest.raises(OutputError, match="cannot be written: No space left on device"):
+        sweep(rough, **arguments, path=small_disk / "sweep.nc")
+    assert [path.name for path in small_disk.iterdir()] == [".sweep.nc.partial"]
+    assert 0 < len(parts_in(small_disk)) < max(count, 2)

@@ -808,7 +808,8 @@ def test_an_interruption_leaves_nothing(work, which):
             running.kill()
     assert running.returncode == 130
     assert out == ""
-    assert err == "granphon: error: interrupted; no result was written. A sweep goes on with --resume.\n"
+    assert err.startswith("granphon: error: interrupted; no result was written. ")
+    assert err.count("\n") == 1
     assert [path.name for path in work.iterdir()] == ["scene.yaml"]
 
 
