@@ -311,16 +311,16 @@ class _SampleJob(Job):
             simulation: Any = self.medium.of(self.packing)
             loads = simulation.loads(self.load, np.array(self.values))
             order = in_order(loads)
-            left = dict(begun or {})
-            before = (left.pop("rest_overlap").item(), left.pop("rest_balls")) if left else None
-            index = order[self.done(left) if left else 0]
+            so_far = dict(begun or {})
+            before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
+            index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
             found = {name: np.asarray(value)[None] for name, value in _averaged_numbers(sample).items()}
         except GranphonError as error:
             if index is not None:
                 vars(error)["load_index"] = index
             raise _located(self, error) from error
-        found = {name: np.concatenate([left[name], value]) if left else value for name, value in found.items()}
+        found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
         if self.done(found) < len(order):
             rest = sample.equilibrium
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
