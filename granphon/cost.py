@@ -73,8 +73,10 @@ class Cost:
 
     def times(self, count: float) -> Cost:
         """Of so many of the same kind, one after the other."""
-        again = {"kept": self.kept * count, "work": self.work * count, "known": self.known * count}
-        return replace(self, **again, equilibria=round(self.equilibria * count))
+        return replace(
+            self, kept=self.kept * count, work=self.work * count, known=self.known * count,
+            equilibria=round(self.equilibria * count),
+        )  # fmt: skip
 
     @property
     def memory(self) -> float:

@@ -52,11 +52,16 @@ class Plan:
         """The least and the greatest of each axis: what a packing can be, it is between them if it is at all of them."""
         return replace(self, axes=tuple(axis.ends for axis in self.axes))
 
+    @property
+    def few(self) -> Plan:
+        """The plan itself, or its :attr:`ends` if it has too many cases to be looked at one by one."""
+        return self if self.cases <= MOST_CASES else self.ends
+
     def simulations(self) -> Cost:
         """Of all of them, one after the other; of very many cases, of as many as the dearest at the ends of the axes."""
         kind: Any = self.kind
         loads = np.array(self.loads)
-        few = self if self.cases <= MOST_CASES else self.ends
+        few = self.few
         found = [
             estimate(medium, kind, loads[rung.loads])
             for _, packing, choice in few

@@ -197,13 +197,13 @@ class Scene:
     def _require_packings(self, document: Document) -> None:
         """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load.
 
-        What a packing can be, and can carry, it can between two values of a parameter if it can at both.
+        Of very many packings those at the ends of the axes: what holds at two values of a parameter holds between them.
         """
         self._require_values(document)
         lattice = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
         with _located(document, ("sweep",)):
             counted(self._plan.axes)
-            cases = list(self._plan.ends)
+            cases = list(self._plan.few)
         for label, packing, choice in cases:
             where = label.removeprefix(choice.label).removeprefix(", ")
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
