@@ -174,7 +174,7 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
         ("triangular", "true", "5 N", "bands", "band_points: 600"),
         ("triangular", "false", "5 N", "bands", "band_points: 600"),
         ("kagome", "true", "5 N", "bands", "band_points: 150"),
-        ("triangular", "true", "5 N", "dos", "mesh: 100 100 1"),
+        ("triangular", "true", "5 N", "dos", "mesh: 200 200 1"),
         ("triangular", "true", "5 N", "dos", "mesh: 60 61 1"),
         ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
         ("triangular", "true", RANGE, "velocities", ""),
