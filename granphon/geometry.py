@@ -238,7 +238,7 @@ def one_direction(direction: ArrayLike) -> Array:
     """``direction`` as one unit vector (2,); :class:`InputError` for what :func:`as_direction` refuses, and for several."""
     along = as_direction(direction)
     if along.ndim > 1:
-        raise InputError(message(f"direction is {direction!r:.80}", "This is found in one direction", "Give (x, y)"))
+        raise InputError(message(f"direction is {brief(direction)}", "This is found in one direction", "Give (x, y)"))
     return along
 
 
