@@ -120,6 +120,7 @@ FIELDS = {
     "force_error": "standard error over samples of the force, at a given overlap",
     "width": "W, √12 times the standard deviation of the diameters",
     "exponent": "d log v_L / d log P, see [below](#sweepnc-and-sweepcsv)",
+    "exponent_error": "standard error over samples of the exponent; 0 of media that sample nothing, nan of one sample",
     "mindlin_ratio": "η, shear over normal stiffness; 0 without friction",
     "mass": "of a ball of the mean diameter",
     "local_field": "α, β and Ξ of the effective medium",

@@ -35,7 +35,7 @@ media = {f: gp.EffectiveMedium(packing).at_force(force) for f, packing in packin
 
 def ratio_of_moduli(sample):
     """G/K, with G the mean of the two orientations of shear."""
-    c = sample.elasticity.tensor
+    c = sample.elastic_tensor
     return np.mean([(c[0, 0] + c[1, 1] - 2.0 * c[0, 1]) / 4.0, c[2, 2]]) / (np.sum(c[:2, :2]) / 4.0)
 
 

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
 from granphon.packing import Packing
+from granphon.response import bulk_and_shear
 from granphon.simulation import SimulatedState
 from granphon.state import ContactState
 
 __all__ = [
     "branch_scales",
-    "bulk_and_shear",
     "contact_lattice",
     "from_moduli",
     "ideal_lattice",
@@ -23,7 +23,6 @@ __all__ = [
     "long_waves",
     "over_directions",
     "prestress",
-    "shears",
     "velocity_scale",
 ]
 
@@ -102,23 +101,7 @@ def over_directions(velocities: Array, along: Array) -> Array:
     return np.repeat(velocities[..., None, :], len(along), axis=-2)
 
 
-def bulk_and_shear(tensor: Array) -> Array:
-    """(..., 2) K and G of an elastic tensor (..., 3, 3), isotropic or nearly: G is the mean of its two orientations."""
-    return np.stack([_bulk(tensor), np.mean(shears(tensor), axis=-1)], axis=-1)
-
-
-def _bulk(tensor: Array) -> Array:
-    c = tensor[..., :2, :2]
-    return np.asarray(np.sum(c, axis=(-2, -1)) / 4.0)
-
-
-def shears(tensor: Array) -> Array:
-    """(..., 2) G for the shear xx - yy, and for xy."""
-    c = tensor
-    return np.stack([(c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0, c[..., 2, 2]], axis=-1)
-
-
-def from_moduli(bulk_and_shear: Array, density: ArrayLike) -> Array:
-    """(..., 2) v_L and v_T, m/s (equation 16)."""
-    bulk, shear = np.moveaxis(bulk_and_shear, -1, 0)
+def from_moduli(moduli: Array, density: ArrayLike) -> Array:
+    """(..., 2) v_L and v_T, m/s, of K and G (equation 16)."""
+    bulk, shear = np.moveaxis(moduli, -1, 0)
     return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))

@@ -203,7 +203,8 @@ def _label(dataset: Dataset, name: str) -> str:
 def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
-    That of v_T is the same, but for a simulation; see :func:`granphon.local_exponent`.
+    That of v_T is the same, but for a simulation, whose points have bars of their standard errors if there are several
+    samples; see :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")

@@ -37,6 +37,8 @@ _SPACING = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
 _FORCE = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
 #: a linear response over its equilibrium, without and with rotations
 _STILL, _TURNED = 0.8, 1.4
+#: an equilibrium beside another, from which it is found, over that one
+_BESIDE = 0.6
 #: the small sample
 _SHAPE, _AT = (96, 96), 1.0
 #: a part that takes less, in seconds and bytes, is not worth telling
@@ -185,9 +187,15 @@ def _lines(path: Path) -> list[str]:
 
 
 def estimate(
-    simulation: DirectSimulation, kind: Literal["force", "pressure", "overlap"], values: ArrayLike, moduli: bool = True
+    simulation: DirectSimulation,
+    kind: Literal["force", "pressure", "overlap"],
+    values: ArrayLike,
+    moduli: bool = True,
+    exponents: bool = False,
 ) -> Cost:
     """Memory and time of the states at these loads (SI), and of their ``moduli``, on one processor of this machine.
+
+    With ``exponents`` also of the two equilibria beside each, and their moduli, by which the local exponent is found.
 
     Meant for loads above the rigidity threshold: what lies below is taken to be at it.
     """
@@ -202,7 +210,8 @@ def estimate(
     force = np.maximum(_reduced_force(simulation, kind, loads), _FORCE[0])
     rest = _steps(force)
     linear = rest * (_TURNED if turning else _STILL) if moduli else 0.0
-    relative = float(np.sum(rest + linear) / _steps(np.interp(_AT, _SPACING, _FORCE)))
+    beside = 2.0 * (_BESIDE * rest + linear) if exponents else 0.0
+    relative = float(np.sum(rest + linear + beside) / _steps(np.interp(_AT, _SPACING, _FORCE)))
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 

@@ -16,9 +16,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.acoustics import bulk_and_shear
 from granphon.observables import sound_velocities
 from granphon.packing import Packing
+from granphon.response import bulk_and_shear
 from granphon.results import Result
 from granphon.simulation import DirectSimulation, SimulatedState
 from granphon.state import ContactState
@@ -89,7 +89,7 @@ class Moments:
         """So many samples more."""
         simulation = DirectSimulation(self.packing, self.shape, self.seed + len(self._moduli), count)
         state: SimulatedState = getattr(simulation, f"at_{self.kind}")(np.array(self.loads))
-        tensors = state.over_samples(lambda sample: sample.elasticity.tensor)
+        tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         moduli = bulk_and_shear(tensors)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         # what is averaged: moduli; and at common force compliances, as the state does

@@ -212,14 +212,14 @@ def equilibrate(
 
     Raises
     ------
-    InputError : at this overlap the sample carries no load; or a force below f* = 1e-8.
+    InputError : at this overlap the sample carries no load; or, without a start, a force below f* = 1e-8.
     ConvergenceError : the tolerance is not reached; says what is.
     """
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
     means = _pair_means(deviations, stencils)
     equal = not np.ptp(deviations)
-    if free and load.force < LEAST_FORCE and not equal:
+    if free and start is None and load.force < LEAST_FORCE and not equal:
         raise too_small(load.force)
     if start is None and free and load.force < _EASY and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)

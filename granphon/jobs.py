@@ -26,14 +26,15 @@ from granphon.ladder import MediumChoice, Rung
 from granphon.limits import Tally, validity
 from granphon.observables import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 from granphon.packing import Packing
-from granphon.response import Elasticity
 from granphon.results import plain
 from granphon.samples import Sample
 from granphon.simulation import DirectSimulation, SimulatedState, in_order
 from granphon.state import ContactState
 from granphon.tasks import Part
 
-__all__ = ["ERRORS", "LATTICE_BANDS", "Job", "has_pressure", "packages", "sampling_errors", "to_json", "told"]
+__all__ = [
+    "ERRORS", "LATTICE_BANDS", "Job", "exponents", "has_pressure", "packages", "sampling_errors", "to_json", "told",
+]  # fmt: skip
 
 Array = NDArray[Any]
 #: of propagation, Cartesian; on an isotropic lattice any other gives the same
@@ -45,6 +46,8 @@ LATTICE_BANDS = (
     "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
     "the disorder of the contacts is in the velocities and moduli only"
 )
+#: what is said of the exponent of one sample
+_LONE_EXPONENT = "the standard error of the exponent is not known (nan) from one sample: take two or more"
 
 
 def to_json(data: Any) -> str:
@@ -177,9 +180,11 @@ class Job:
         if constants.isotropic:
             out |= {"bulk": constants.bulk, "shear": constants.shear}
         out |= sampling_errors(velocities, constants)
-        if not state.finite_overlap:
-            out["exponent"] = local_exponent(state)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
+        if not state.finite_overlap:
+            found, doubts = exponents(state)
+            out |= found
+            notes += doubts
         if self.qpoints is not None:
             out["frequencies"] = _frequencies(state, self.qpoints)
             notes += [LATTICE_BANDS] if isinstance(state, SimulatedState) else []
@@ -216,6 +221,12 @@ def sampling_errors(velocities: SoundVelocities, constants: Moduli) -> dict[str,
     """Those of :data:`ERRORS` that there are: none of a medium, or a single sample."""
     found = {name: getattr(one, name) for one in (velocities, constants) for name in ERRORS if name in one.units}
     return {name: error for name, error in found.items() if error is not None}
+
+
+def exponents(state: ContactState) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The local exponent and its standard error, and a warning if that is not known."""
+    error = state.exponent_error
+    return {"exponent": local_exponent(state), "exponent_error": error}, (_LONE_EXPONENT,) * bool(np.any(np.isnan(error)))
 
 
 def _located(job: Job, error: GranphonError) -> GranphonError:
@@ -275,18 +286,18 @@ class _Averaged:
     force: float
     overlap: float
     normal_stiffness: float
-    stiffness_slope: float
     force_fluctuation: float
     contact_force_fluctuation: float
     fraction: float
-    elasticity: Elasticity
+    elastic_tensor: Array
+    elastic_tensors_beside: Array
 
     def contact_fraction(self) -> float:
         """The part of the contacts that carries load."""
         return self.fraction
 
 
-_NUMBERS = tuple(field.name for field in fields(_Averaged) if field.name != "elasticity")
+_NAMES = tuple(field.name for field in fields(_Averaged))
 
 
 class _SampleJob(Job):
@@ -335,20 +346,14 @@ class _SampleJob(Job):
 
 def _averaged_numbers(sample: Sample) -> dict[str, Any]:
     """Every number of a sample that is averaged."""
-    of = {name: attrgetter(name) for name in _NUMBERS} | {"fraction": Sample.contact_fraction}
-    tensor, slope = sample.elasticity
-    return {name: find(sample) for name, find in of.items()} | {"tensor": tensor, "slope": slope}
+    of = {name: attrgetter(name) for name in _NAMES} | {"fraction": Sample.contact_fraction}
+    return {name: find(sample) for name, find in of.items()}
 
 
 def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:
     """The state of all samples."""
     samples: Any = tuple(
-        _Averaged(
-            elasticity=Elasticity(part["tensor"][load], part["slope"][load]),
-            **{name: part[name][load].item() for name in _NUMBERS},
-        )
-        for load in range(len(job.values))
-        for part in parts
+        _Averaged(**{name: part[name][load] for name in _NAMES}) for load in range(len(job.values)) for part in parts
     )
     given: dict[str, Any] = {job.load: np.array(job.values)} if job.load != "pressure" else {}
     return SimulatedState.of(simulation, samples, (len(job.values),), **given)

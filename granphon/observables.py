@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.acoustics import (
     branch_scales,
-    bulk_and_shear,
     contact_lattice,
     from_moduli,
     ideal_lattice,
@@ -19,7 +18,6 @@ from granphon.acoustics import (
     long_waves,
     over_directions,
     prestress,
-    shears,
 )
 from granphon.arguments import real_array
 from granphon.branches import AcousticBranch, AcousticBranches
@@ -27,6 +25,7 @@ from granphon.errors import InputError, UnreachableFrequencyError, brief, messag
 from granphon.geometry import as_direction
 from granphon.lattice import ContactLattice
 from granphon.limits import validity
+from granphon.response import bulk_and_shear, shears
 from granphon.results import Result
 from granphon.samples import standard_error
 from granphon.simulation import SimulatedState
@@ -50,14 +49,12 @@ def local_exponent(state: ContactState) -> Any:
 
     v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
     for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there. Of a
-    simulation, whose moduli are not all proportional to k, it is the exponent of the longitudinal velocity, f M'/2kM with
-    M = K + G, along the samples' own equilibria.
+    simulation, whose moduli are not all proportional to k, it is the exponent of the longitudinal velocity: that of the
+    mean K + G of the samples, by differences between two loads, 5 % below and above, at which the same samples are solved.
+    ``state.exponent_error`` is its standard error over the samples: 0 of a medium, which samples nothing, and nan of one
+    sample. :class:`~granphon.errors.ConvergenceError` if a simulation beside the load fails.
     """
-    if isinstance(state, SimulatedState):
-        modulus, slope = (np.sum(bulk_and_shear(values), axis=-1) for values in (state.elastic_tensor, state.elastic_slope))
-        return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / modulus))[()]
-    slope = state.law.stiffness_slope(state.overlap)
-    return np.asarray(0.5 * (state.force / state.normal_stiffness) * (slope / state.normal_stiffness))[()]
+    return state.exponent
 
 
 # -- velocities and moduli ------------------------------------------------------------------------------------------
@@ -117,7 +114,7 @@ def sound_velocities(
     v = long_waves(state, along)
     errors: tuple[Any, ...] = (None, None)
     if isinstance(state, SimulatedState) and state.n_samples > 1:
-        every = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
+        every = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
         velocities = from_moduli(every, np.asarray(state.effective_density)[..., None])
         errors = tuple(np.moveaxis(over_directions(standard_error(velocities, -2), along), -1, 0))
     return SoundVelocities(v[..., 0], v[..., 1], along, validity(state).warnings, *errors)
@@ -177,7 +174,7 @@ def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
     if isinstance(state, SimulatedState):
         errors: tuple[Any, ...] = (None, None)
         if state.n_samples > 1:
-            every = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
+            every = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
             errors = tuple(np.moveaxis(standard_error(every, -2), -1, 0))
         return Moduli(state.elastic_tensor, True, validity(state).warnings, *errors)
     lattice = ideal_lattice(state.packing)

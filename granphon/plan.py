@@ -57,13 +57,16 @@ class Plan:
         """The plan itself, or its :attr:`ends` if it has too many cases to be looked at one by one."""
         return self if self.cases <= MOST_CASES else self.ends
 
-    def simulations(self) -> Cost:
-        """Of all of them, one after the other; of very many cases, of as many as the dearest at the ends of the axes."""
+    def simulations(self, exponents: bool) -> Cost:
+        """Of all of them, with their local ``exponents`` or not, one after the other.
+
+        Of very many cases, of as many as the dearest at the ends of the axes.
+        """
         kind: Any = self.kind
         loads = np.array(self.loads)
         few = self.few
         found = [
-            estimate(medium, kind, loads[rung.loads])
+            estimate(medium, kind, loads[rung.loads], exponents=exponents)
             for _, packing, choice in few
             if choice.simulates or choice.is_automatic
             for rung in choice.rungs(packing, kind, loads)

@@ -8,7 +8,6 @@ no conjecture about friction: only the contacts, as they are.
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +16,9 @@ from granphon.equilibrium import Equilibrium, linear_response, uniform_part
 from granphon.geometry import TRIANGULAR
 from granphon.stencils import Motion, Stencils, dot
 
-__all__ = ["Elasticity", "elasticity"]
+__all__ = ["bulk_and_shear", "elasticity", "shears"]
 
 Array = NDArray[np.float64]
-
-
-class Elasticity(NamedTuple):
-    """``tensor`` (3, 3) in Voigt order xx, yy, xy, and its derivative by y; per area d^2, in units of the contacts'."""
-
-    tensor: Array
-    slope: Array
 
 
 @cache
@@ -40,22 +32,30 @@ def _strained() -> tuple[Array, Array]:
     )
 
 
-def elasticity(state: Equilibrium, mindlin_ratio: float) -> Elasticity:
-    """The elastic tensor of the sample with shear springs eta k at every contact that carries load.
+def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
+    """(3, 3) the elastic tensor of the sample with shear springs eta k at every contact that carries load.
 
-    The slope takes it that the springs change along the sample's own equilibria. An error of the linear response enters the
-    tensor squared, and the slope once. :class:`~granphon.errors.ConvergenceError` if that is not found.
+    In Voigt order xx, yy, xy, per area d^2, in units of the contacts' stiffness. An error of the linear response enters it
+    squared. :class:`~granphon.errors.ConvergenceError` if that is not found.
     """
     stencils = Stencils(state.deviations.shape, mindlin_ratio, state.stencils.workers)
     normal = state.stiffnesses
-    stiffness, changes = stencils.weights(normal), stencils.weights(state.stiffness_slopes * state.response())
+    stiffness = stencils.weights(normal)
     affine = np.concatenate(_strained()[: 1 + (mindlin_ratio > 0.0)], axis=1)[..., None, None]
     means = stencils.weights(np.full((3, 1, 1), uniform_part(normal)))
     motions = [linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
     state.stencils.forget()  # of many samples that are kept
     area = TRIANGULAR.area * state.deviations.size
-    tensor, slope = (
-        np.array([[dot(weight * a, b) for b in strains] for a in strains]) / area for weight in (stiffness, changes)
-    )
-    return Elasticity(tensor, slope)
+    return np.array([[dot(stiffness * a, b) for b in strains] for a in strains]) / area
+
+
+def shears(tensor: Array) -> Array:
+    """(..., 2) G of an elastic tensor (..., 3, 3) for the shear xx - yy, and for xy."""
+    c = tensor
+    return np.stack([(c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0, c[..., 2, 2]], axis=-1)
+
+
+def bulk_and_shear(tensor: Array) -> Array:
+    """(..., 2) K and G of an elastic tensor (..., 3, 3), isotropic or nearly: G is the mean of its two orientations."""
+    return np.stack([np.sum(tensor[..., :2, :2], axis=(-2, -1)) / 4.0, np.mean(shears(tensor), axis=-1)], axis=-1)

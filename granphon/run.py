@@ -24,18 +24,19 @@ import os
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from granphon.balls import write_extxyz
 from granphon.errors import InputError
 from granphon.files import dump_yaml, parse_yaml, read_text, versions
-from granphon.jobs import LATTICE_BANDS, has_pressure, packages, sampling_errors
+from granphon.jobs import LATTICE_BANDS, exponents, has_pressure, packages, sampling_errors
 from granphon.ladder import Rung
 from granphon.limits import Validity, validity
 from granphon.local_field import LocalField
 from granphon.medium import EffectiveMedium
-from granphon.observables import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
+from granphon.observables import Moduli, SoundVelocities, moduli, sound_velocities
 from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
@@ -63,7 +64,8 @@ RESULT_FILES = (
 WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
     **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
-    "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "direction": "1", "top_frequency": "Hz",
+    "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "exponent_error": "1",
+    "direction": "1", "top_frequency": "Hz",
 }  # fmt: skip
 
 
@@ -94,9 +96,15 @@ class RunResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails, and for what spectra leave out and figures that failed."""
+        """One sentence for each limit that is passed, for what is not known or left out, and for figures that failed."""
         spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
-        return self.validity.warnings + ((LATTICE_BANDS,) if spectra else ()) + self.failures
+        return self.validity.warnings + self._exponents[1] + ((LATTICE_BANDS,) if spectra else ()) + self.failures
+
+    @cached_property
+    def _exponents(self) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Those of a simulation take equilibria of their own: with the velocities only."""
+        asked = self.velocities is not None or not isinstance(self.state, SimulatedState)
+        return exponents(self.state) if asked and not self.state.finite_overlap else ({}, ())
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data, under the names of the library's attributes."""
@@ -109,8 +117,7 @@ class RunResult:
         if isinstance(state, SimulatedState) and state.n_samples > 1:
             found = "force" if self.load == "overlap" else "overlap"
             out[f"{found}_error"] = state.standard_error(found)
-        if not state.finite_overlap:
-            out["exponent"] = local_exponent(state)
+        out |= self._exponents[0]
         out |= {"width": packing.width, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
         if self.local_field is not None:
             out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}
@@ -325,6 +332,7 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
             constants = moduli(state)
             direction = None if constants.isotropic else (1.0, 0.0)
             velocities = sound_velocities(state, direction)
+            _ = state.exponent  # of a simulation two more equilibria, while its step is shown
     phonons, bands, dos = _spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None

@@ -331,8 +331,8 @@ class Scene:
         """What will take something: where the scene asks for it, how it could be less, and what it takes."""
         from granphon.cost import bands, density_of_states, force_constants, sweep_states
 
-        plan, packing = self._plan, self.packing
-        yield ("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", plan.simulations()
+        plan, packing, exponents = self._plan, self.packing, self.is_sweep or "velocities" in self.observe
+        yield ("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", plan.simulations(exponents)
         structure, seen = packing.structure, {"bands", "dos"} & set(self.observe)
         branches = structure.n_balls * (3 if packing.friction else 2)
         points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0

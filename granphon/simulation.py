@@ -7,6 +7,7 @@ balls in mechanical equilibrium (:mod:`granphon.equilibrium`), which is found wi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -24,8 +25,9 @@ from granphon.errors import GranphonError, InputError, brief, message
 from granphon.geometry import TRIANGULAR
 from granphon.medium import AveragedLattice, compressive, finite, untouched
 from granphon.packing import Packing
+from granphon.response import bulk_and_shear
 from granphon.results import read_only
-from granphon.samples import Sample, standard_error, unit_of_length
+from granphon.samples import STEP, Sample, jackknife, standard_error, unit_of_length
 from granphon.state import ContactState, overlap_flag
 from granphon.stencils import Stencils
 
@@ -97,7 +99,7 @@ class SampleLaw:
         return self._mean(overlap, lambda sample: sample.normal_stiffness)
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """d^2f/d(delta)^2, N/m^2."""
+        """d^2f/d(delta)^2, N/m^2; the derivative of these samples, of which no mean over many has a finite variance."""
         return self._mean(overlap, lambda sample: sample.stiffness_slope)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
@@ -225,33 +227,60 @@ class SimulatedState(ContactState):
         return self._average(lambda sample: sample.contact_fraction())
 
     @property
-    def stiffness_slope(self) -> Any:
-        """d^2f/d(delta)^2, N/m^2: the derivative of ``normal_stiffness``."""
-        if self.spaced:
-            return self._average(lambda sample: sample.stiffness_slope)
-        return self.normal_stiffness**3 * self._average(lambda sample: sample.stiffness_slope / sample.normal_stiffness**3)
-
-    @property
     def elastic_tensor(self) -> Array:
         """(..., 3, 3) Pa, Voigt order xx, yy, xy: mean over samples of their linear response.
 
         At common force ``normal_stiffness`` is a mean of compliances: of several samples without friction, the bulk modulus
         is then (3^(1/2)/2) k/d but for the square of their differences.
         """
-        return np.asarray(self._average(lambda sample: sample.elasticity.tensor))
+        return np.asarray(self._average(lambda sample: sample.elastic_tensor))
 
     @property
-    def elastic_slope(self) -> Array:
-        """(..., 3, 3) Pa/m: derivative of ``elastic_tensor`` by the overlap."""
-        if self.spaced:
-            return np.asarray(self._average(lambda sample: sample.elasticity.slope))
-        by_force = self._average(lambda sample: sample.elasticity.slope / sample.normal_stiffness)
-        return np.asarray(np.asarray(self.normal_stiffness)[..., None, None] * by_force)
+    def exponent(self) -> Any:
+        """d log v_L / d log P: that of the mean K + G of the samples, by differences over :data:`~granphon.samples.STEP`.
+
+        Each sample is solved at two more loads beside its own, when this or its error is first asked for. The derivative
+        itself has no finite variance: a contact about to open has the slope h^(-1/2). Equal balls have exactly 1/6.
+        """
+        if not self.packing.width:
+            return super().exponent
+        return _exponent(np.mean(self._powers, axis=-2))[()]
+
+    @property
+    def exponent_error(self) -> Any:
+        """Standard error of ``exponent`` over the samples; nan of a single one, whose is not known; 0 of equal balls."""
+        if not self.packing.width:
+            return super().exponent_error
+        if self.n_samples == 1:
+            return self._constant(math.nan)
+        return jackknife(_exponent, self._powers)[()]
+
+    @property
+    def _powers(self) -> Array:
+        """(..., n_samples, 4) what :func:`_exponent` takes the means of."""
+        low, high = np.moveaxis(self._longitudinal(lambda sample: sample.elastic_tensors_beside), -1, 0)
+        modulus = self._longitudinal(lambda sample: sample.elastic_tensor)
+        force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
+        if self.spaced:  # what the samples have in common is the overlap, and forces add up
+            force = self.over_samples(lambda sample: sample.force)
+            stiffness = self.over_samples(lambda sample: sample.normal_stiffness)
+        rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
+        return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
+
+    def _longitudinal(self, of: Callable[[Sample], Array]) -> Array:
+        """M = K + G of an elastic tensor, or several, of every sample."""
+        return np.asarray(np.sum(bulk_and_shear(self.over_samples(of)), axis=-1))
 
     @property
     def least_valid_force(self) -> float:
         """0: the simulation holds at every load at which it finds an equilibrium."""
         return 0.0
+
+
+def _exponent(means: Array) -> Array:
+    """(...) f M'/2kM from means (..., 4) of M' = dM/d(delta), M = K + G, k and f; at common f of dM/d log f, M, 1 and 1."""
+    rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
+    return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
 @dataclass(frozen=True, eq=False)

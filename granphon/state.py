@@ -171,6 +171,17 @@ class ContactState(Result):
         return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
 
     @property
+    def exponent(self) -> Values:
+        """d log v / d log P of both sound velocities, f k'/2k^2, see :func:`granphon.local_exponent`."""
+        slope = self.law.stiffness_slope(self.overlap)
+        return _scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
+
+    @property
+    def exponent_error(self) -> Values:
+        """Standard error of ``exponent`` over samples: 0, as a law samples nothing."""
+        return self._constant(0.0)
+
+    @property
     def valid(self) -> Values:
         """Whether the load is inside the medium's range; always, for equal balls.
 

@@ -351,7 +351,7 @@ class MediaStudy(_DisorderStudy):
             other = SparseArray(sample.equilibrium.deviations)
             forces = other.forces(sample.equilibrium.overlap, check=_within(until))
             tensor = other.elastic_tensor(forces, disorder.packing.mindlin_ratio)
-            ours = sample.elasticity.tensor
+            ours = sample.elastic_tensor
             scale = sample.normal_stiffness / sample.equilibrium.stiffness / disorder.packing.diameter
             off = np.max(np.abs(scale * tensor - ours)) / np.max(ours)
             apart.append(max(abs(np.mean(forces) / sample.equilibrium.force - 1.0), 0.5 * off))

@@ -43,8 +43,8 @@ __all__ = ["sweep", "swept_packing"]
 
 Array = NDArray[Any]
 _UNITS = {
-    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "frequencies": "Hz",
-    "expected_error": "1",
+    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "exponent_error": "1",
+    "frequencies": "Hz", "expected_error": "1",
     **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
 }  # fmt: skip
 _LONG_NAMES = {
@@ -71,6 +71,7 @@ _LONG_NAMES = {
     "bulk_error": "standard error over samples of the bulk modulus",
     "shear_error": "standard error over samples of the shear modulus",
     "exponent": "d log v / d log P",
+    "exponent_error": "standard error over samples of the exponent",
     "choice": "medium that an automatic one chose",
     "expected_error": "expected relative error of velocities and frequencies",
     "frequencies": "frequencies of the branches, ascending",
@@ -137,8 +138,9 @@ def sweep(
     Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
     variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along (1, 0) where
     sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
-    ``exponent``; if a simulation has several samples, the standard errors ``longitudinal_error``, ``transverse_error``,
-    ``bulk_error``, ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
+    ``exponent`` and its standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
+    sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
+    ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
     ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.

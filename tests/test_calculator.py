@@ -952,7 +952,7 @@ def test_force_constants_of_a_sample(friction):
     balls, calc = state.sample.atoms(), gp.HertzMindlin(state)
     lattice = calc.contact_lattice(balls)
     tensor = lattice.elastic_tensor() * state.scales.modulus
-    np.testing.assert_allclose(tensor, state.sample.elasticity.tensor, rtol=0.0, atol=1e-9 * tensor.max())
+    np.testing.assert_allclose(tensor, state.sample.elastic_tensor, rtol=0.0, atol=1e-9 * tensor.max())
     exact, delta = calc.get_force_constants(balls), state.relative_overlap
     errors = []
     for step in (delta / 200.0, delta / 400.0):

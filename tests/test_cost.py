@@ -40,6 +40,22 @@ def test_every_equilibrium_takes_time():
     assert many.seconds > 25 * one.seconds
 
 
+def test_exponents_take_two_states_more_beside_each():
+    for friction in (False, True):
+        medium = simulation(friction=friction)
+        plain, asked = (estimate(medium, "force", [5.0, 20.0], exponents=exponents) for exponents in (False, True))
+        assert 2.2 < asked.seconds / plain.seconds < 3.0
+        assert asked.memory == plain.memory
+    medium = simulation((128, 128))
+    guess = estimate(medium, "force", 5.0, exponents=True)
+    medium.at_force(5.0)  # what is loaded once is not counted
+    tracemalloc.start()
+    _ = medium.at_force(5.0).exponent
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < peak / (guess.memory - cost._BASE) < 1.0
+
+
 def test_the_kinds_of_load_agree():
     medium = simulation()
     for spacing in (0.5, 1.0, 3.0):

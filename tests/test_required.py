@@ -56,6 +56,8 @@ XARRAY = {"xarray", "h5netcdf", "pandas"}
 SAMPLE = {"ase", "ase.calculators"}
 EMA = {"local field": 1, "effective medium": 1}
 SPECTRA = {"force constants": 1, "phonopy": 1}
+#: a sample, and the same below and above its load, for the local exponent
+BESIDE = {"equilibria": 3, "linear responses": 3}
 
 #: of each kind: calls, modules, files, all but those of figures
 ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
@@ -66,7 +68,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "auto, equal balls": ({}, set(), set()),
     "auto, high load": ({}, set(), set()),
     "auto, intermediate load": (EMA, NODES, set()),
-    "auto, to be simulated": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
+    "auto, to be simulated": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     "sweep, auto": ({}, XARRAY, SWEEP),
     "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
@@ -74,13 +76,13 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "bands and density of states": (SPECTRA | {"modes": 1, "mesh": 1}, PHONOPY, {*BANDS, "dos.csv"}),
     "sweep, averaged": ({}, XARRAY, SWEEP),
     "sweep, effective medium": (EMA, XARRAY | NODES, SWEEP),
-    "simulation": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
-    "simulation, no friction": ({"equilibria": 1, "linear responses": 1}, SAMPLE | WAVES, {"sample.extxyz"}),
-    # the sound velocity, one of the conditions of validity, takes the linear response
+    "simulation": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    "simulation, no friction": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    # no exponent, which takes two more of both; the sound velocity, one of the conditions of validity, takes the response
     "bands of a simulation": (
         SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1}, PHONOPY | WAVES, {*BANDS, "sample.extxyz"},
     ),
-    "sweep of simulations": ({"equilibria": 6, "linear responses": 6}, XARRAY | WAVES, SWEEP),
+    "sweep of simulations": ({"equilibria": 18, "linear responses": 18}, XARRAY | WAVES, SWEEP),
 }  # fmt: skip
 FIGURES = {
     "bands": {"bands.png"}, "bands, no friction": {"bands.png"}, "density of states": {"dos.png"},
@@ -169,7 +171,7 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
 
 
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
-    from granphon import simulation
+    from granphon import samples, simulation
 
     loads: list[object] = []
     solve = simulation.equilibrate
@@ -178,17 +180,22 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
         loads.append(load)
         return solve(deviations, load, *rest)
 
-    monkeypatch.setattr(simulation, "equilibrate", counted)
+    for module in (samples, simulation):
+        monkeypatch.setattr(module, "equilibrate", counted)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
     state = gp.DirectSimulation(packing, shape=(8, 8), samples=2).at_force(np.array([10.0, 20.0]))
     assert len(loads) == 4
     for one in (state, state[0], state[1]):
-        gp.sound_velocities(one), gp.moduli(one), gp.local_exponent(one), gp.validity(one)
+        gp.sound_velocities(one), gp.moduli(one), gp.validity(one)
         _ = one.contact_fraction, one.force_fluctuation, one.standard_error("overlap")
     phonons = gp.Phonons(state[0])
     phonons.bands("GK", npoints=3)
     phonons.dos((4, 4), points=20)
     assert len(loads) == 4
+    # exponents take each sample below and above its load, once
+    for one in (state, state[0], state[1]):
+        _ = gp.local_exponent(one), one.exponent_error
+    assert len(loads) == 12
 
 
 def test_a_density_of_states_holds_few_weights_at_a_time_and_gives_the_same_numbers(state, monkeypatch):

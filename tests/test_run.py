@@ -1,6 +1,7 @@
 """Scenes of many states, carried out: the data set, the files, workers, interruptions."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -171,6 +172,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
         expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
     found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
     expected |= {f"{found}_error": state.standard_error(found), "exponent": gp.local_exponent(state)}
+    expected["exponent_error"] = state.exponent_error
     assert {name: got[name] for name in expected} == expected
     assert f"{given}_error" not in got
     assert "contact_force_fluctuation" in got
@@ -214,7 +216,13 @@ def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
 def test_without_friction_or_of_one_sample_there_is_no_error(work):
     text = SIMULATED.replace(", samples: 3", "").replace("8 mm,", "8 mm, friction: false,")
     result = Scene.from_text(text).run("out", figures=False)
-    assert not [name for name in result.summary() if name.endswith("_error")]
+    assert [name for name in result.summary() if name.endswith("_error")] == ["exponent_error"]
+    # but for one that is said not to be known
+    assert math.isnan(result.summary()["exponent_error"])
+    assert result.warnings == ("the standard error of the exponent is not known (nan) from one sample: take two or more",)
+    assert math.isnan(summary("out")["exponent_error"])
+    equal = Scene.from_text(text.replace(", spread: {uniform: 2.04 um}", "")).run("equal", figures=False)
+    assert (equal.summary()["exponent_error"], equal.warnings) == (0.0, ())
     assert result.summary()["contact_force_fluctuation"] > result.summary()["force_fluctuation"]
 
 

@@ -45,7 +45,7 @@ STATE = [
     "overlap", "pressure", "relative_overlap", "normal_stiffness", "shear_stiffness", "effective_density", "reduced_force",
     "reduced_spacing", "force_fluctuation", "contact_fraction", "stiffness_ratio", "valid", "regime",
 ]  # fmt: skip
-OTHERS = ["longitudinal", "transverse", "bulk", "shear", "exponent"]
+OTHERS = ["longitudinal", "transverse", "bulk", "shear", "exponent", "exponent_error"]
 BIMODAL = gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))
 #: equal forces along its two directions, which are not at right angles, make a stress that is no pressure
 CHAINED = gp.Lattice("chained", ((1.0, 0.0), (0.3, math.sqrt(0.91))))
@@ -68,7 +68,7 @@ def direct(state):
     else:
         out["tensor"] = constants.tensor
     if not state.finite_overlap:
-        out["exponent"] = gp.local_exponent(state)
+        out |= {"exponent": gp.local_exponent(state), "exponent_error": state.exponent_error}
     return out
 
 
@@ -92,7 +92,7 @@ def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_ov
     )  # fmt: skip
     assert ds["longitudinal"].dims == ("load", "medium", "width", "friction")
     assert_array_equal(ds[load], values)
-    expected_names = {*STATE, *OTHERS, "force"} - {load} - ({"exponent"} if finite_overlap else set())
+    expected_names = {*STATE, *OTHERS, "force"} - {load} - ({"exponent", "exponent_error"} if finite_overlap else set())
     assert set(ds.data_vars) == expected_names
     for (i, value), name, width, friction in itertools.product(enumerate(values), LADDER, widths, frictions):
         packing = gp.Packing(rough.material, 8e-3, gp.Uniform(width), friction=friction)
@@ -196,7 +196,7 @@ def test_samples_apart_are_samples_together(rough, load, values):
         expected = {name: getattr(state, name) for name in {*STATE, "force", "contact_force_fluctuation"} - {load}}
         expected |= {name: getattr(velocities, name) for name in ("longitudinal", "transverse", *ERRORS[:2])}
         expected |= {name: getattr(constants, name) for name in ("bulk", "shear", *ERRORS[2:])}
-        expected["exponent"] = gp.local_exponent(state)
+        expected |= {"exponent": gp.local_exponent(state), "exponent_error": state.exponent_error}
         for name, numbers in expected.items():
             assert_array_equal(ds[name].sel(friction=friction)[:, 0], numbers, name)
         assert np.all(ds["longitudinal_error"] > 0.0)

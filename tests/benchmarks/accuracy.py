@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 
 import granphon as gp
 from granphon.accuracy import coefficients_of_form
-from granphon.acoustics import bulk_and_shear
 from granphon.diameters import Spread
 from granphon.ensemble import observed
-from granphon.samples import Sample
+from granphon.response import bulk_and_shear
+from granphon.samples import STEP, Sample
 from granphon.simulation import SimulatedState
 
 Array = NDArray[np.float64]
@@ -137,13 +137,15 @@ class Truth:
         # the statics are the same in reduced units, whatever the friction
         taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in self.state.samples)
         simulation = gp.DirectSimulation(balls, self.simulation.shape, self.simulation.seed, self.simulation.samples)
-        state = SimulatedState.of(simulation, taken, self.forces.shape, False, force=self.forces * unit(balls))
-        moduli = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.tensor))
-        slopes = state.over_samples(lambda sample: bulk_and_shear(sample.elasticity.slope))
+        state = SimulatedState.of(simulation, taken, self.forces.shape, force=self.forces * unit(balls))
+        moduli = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
+        beside = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensors_beside))
         k, slope, overlap = (
             state.over_samples(lambda sample, name=name: getattr(sample, name))
             for name in ("normal_stiffness", "stiffness_slope", "overlap")
         )
+        # of the moduli by the overlap, over a step of the force
+        slopes = (beside[..., 1, :] - beside[..., 0, :]) / (2.0 * STEP) * (k / np.asarray(state.force)[:, None])[..., None]
         squares, rises = (
             np.stack([np.sum(m, axis=-1), m[..., 1], one], axis=-1) for m, one in ((moduli, k), (slopes, slope))
         )

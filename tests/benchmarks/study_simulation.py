@@ -2,7 +2,7 @@
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Nine minutes on one processor. Seeds are given, so that all but the seconds of ``loads`` and ``lists`` is the same on any
+Twelve minutes on one processor. Seeds are given, so that all but the seconds of ``loads`` and ``lists`` is the same on any
 machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless it is said;
 brackets hold the standard error of the last digits.
 """
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
-from granphon.acoustics import bulk_and_shear
 from granphon.effective import effective_curve
 from granphon.equilibrium import Equilibrium, Load, equilibrate
 from granphon.local_field import local_field
+from granphon.response import bulk_and_shear
+from granphon.simulation import SimulatedState
 
 Array = NDArray[np.float64]
 STEEL, DIAMETER, WIDTH = gp.Material(211.65e9, 0.276, 7840.0), 8e-3, 2.04e-6
@@ -94,7 +95,7 @@ def sizes(repeats: int) -> list[Row]:
         found = []
         for length, samples in SIZES.items():
             simulation = gp.DirectSimulation(packing, (length, length), 1000 * length, samples)
-            moduli = simulation.at_force(force).over_samples(lambda one: bulk_and_shear(one.elasticity.tensor))
+            moduli = simulation.at_force(force).over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
             found.append(mean_and_error(np.moveaxis(moduli, 1, 0)))
         *small, (large, error) = found
         for mean, own in small:
@@ -176,7 +177,7 @@ def conjecture(repeats: int) -> list[Row]:
     rows, bulk = [], {}
     for friction, packing in PACKINGS.items():
         state = gp.DirectSimulation(packing, (64, 64), 0, 4).at_force(FORCES * UNIT)
-        moduli = state.over_samples(lambda one: bulk_and_shear(one.elasticity.tensor))
+        moduli = state.over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
         ratio = 2.0 / (1.0 + packing.mindlin_ratio) * moduli[..., 1] / moduli[..., 0]
         of = "steel" if friction else "no friction"
         for f, mean, error in zip(FORCES.tolist(), *mean_and_error(ratio.T), strict=True):
@@ -191,6 +192,36 @@ def conjecture(repeats: int) -> list[Row]:
     stiffer = bulk[True] / bulk[False] - 1.0
     rows.append(Row("what friction adds to K: largest", float(np.max(stiffer)),
                     note=", ".join(f"{part:.3f}" for part in stiffer)))  # fmt: skip
+    return rows
+
+
+# -- the local exponent -------------------------------------------------------------------------------------------------
+
+#: f*, and experiments of so many samples each
+EXPONENT_LOADS, EXPERIMENTS, EACH = np.array([0.03, 0.1, 0.3, 1.0]), 60, 4
+
+
+def exponents(repeats: int) -> list[Row]:
+    """Exponents of large arrays; and of many small experiments, how often the truth is within their errors."""
+    large = gp.DirectSimulation(PACKINGS[True], (96, 96), 9000, 24).at_force(EXPONENT_LOADS * UNIT)
+    small = gp.DirectSimulation(PACKINGS[True], (8, 8), 20_000, EXPERIMENTS * EACH).at_force(EXPONENT_LOADS * UNIT)
+    rows = []
+    for place, f in enumerate(EXPONENT_LOADS.tolist()):
+        value, error = float(large.exponent[place]), float(large.exponent_error[place])
+        rows.append(Row(f"exponent at f* = {f:g}", value, note=bracketed(value, error)))
+        samples, force = small[place].samples, np.array(small.force[place])
+        found = [
+            SimulatedState.of(small.law.simulation, samples[first : first + EACH], (), force=force)
+            for first in range(0, len(samples), EACH)
+        ]
+        # of what they share, a size that is not infinite, nothing is counted
+        mean = float(small.exponent[place])
+        t = np.abs(np.array([(one.exponent - mean) / one.exponent_error for one in found]))
+        for part, quantile in ((0.68, 1.189), (0.95, 3.182)):  # of Student's t with three degrees of freedom
+            rows.append(Row(f"within the errors at f* = {f:g}, of {EXPERIMENTS} experiments, {part:g} expected",
+                            float(np.mean(t < quantile))))  # fmt: skip
+        off = (mean - value) / math.hypot(error, float(small.exponent_error[place]))
+        rows.append(Row(f"exponent of 8x8 balls at f* = {f:g} less that of 96x96, in standard errors", abs(off), "", AGREE))
     return rows
 
 
@@ -279,6 +310,7 @@ def ends(repeats: int) -> list[Row]:
 
 PARTS: dict[str, Part] = {
     "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
+    "exponents": exponents,
     "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
 }  # fmt: skip
 
