@@ -58,7 +58,7 @@ class Plan:
         return self if self.cases <= MOST_CASES else self.ends
 
     def simulations(self, exponents: bool) -> Cost:
-        """Of all of them, with their local ``exponents`` or not, one after the other.
+        """Of all of them, one after the other, with their local ``exponents`` if these are asked for.
 
         Of very many cases, of as many as the dearest at the ends of the axes.
         """
