@@ -178,7 +178,7 @@ def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
     assert abs(transverse[0] - longitudinal[0]) < 1e-12
     assert transverse[1] - longitudinal[1] > 0.01
     # bars of the standard errors, of the simulation alone
-    (bars,) = [one for one in ax.containers if one.lines[0].get_gid() == "exponent-errors"]
+    (bars,) = ax.containers
     low, high = np.array(bars.lines[2][0].get_segments())[..., 1].T
     assert_allclose(high - low, 2.0 * data.exponent_error.isel(medium=1), rtol=1e-6)
     assert np.all(high > low)
