@@ -14,17 +14,15 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.files import closest, shown
 
 __all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "Refused"]
 
-
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class Refused(ValueError):
@@ -118,11 +116,13 @@ class Quantity:
             raise Refused(f"{shown(value)}, {wrong}", self.allowed, mend) from None
         return self._value(number, factor, value)
 
-    def read_many(self, numbers: Sequence[str], unit: str) -> Array | None:
+    def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
         """As :meth:`read` of each number with the ``unit``, to the last bit; None if one should be looked at by itself.
 
         A unit that is a power of ten moves the point of the decimal, whose nearest float is then the value.
         """
+        import numpy as np  # here alone, so that the command's help needs no numpy
+
         try:
             power = _power_of_ten(_factor(self, unit))
         except ValueError:

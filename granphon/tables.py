@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -27,6 +28,8 @@ __all__ = ["Heading", "Table", "decoded"]
 
 
 _POINT = "Write decimals with a point"
+#: letters of a cell that csv reads
+_LONGEST = csv.field_size_limit()
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,15 @@ class Table:
     ----------
     name : how messages call the file.
     headings : of the columns.
-    rows : the number of each line, counted from 1, and its cells, one for each heading.
+    lines : the number of each row's line, counted from 1.
+    columns : the cells below each heading, one for each row.
     quoted : whether errors may quote what it holds, whatever that is.
     """
 
     name: str
     headings: tuple[Heading, ...]
-    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    lines: tuple[int, ...]
+    columns: tuple[tuple[str, ...], ...]
     quoted: bool = True
 
     @classmethod
@@ -76,12 +81,12 @@ class Table:
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
         """The table that a file called ``name`` holds; errors and ``quoted`` as for :meth:`read`."""
-        lines = decoded(name, raw).splitlines()
-        kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
+        kept = [(n, line) for n, line in enumerate(decoded(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
             raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
-        mark = next((mark for mark in "\t;" if mark in kept[0][1]), ",")
-        (first, titles), *rows = [(n, _cells(f"{name}:{n}", line, mark)) for n, line in kept]
+        (first, head), below = kept[0], kept[1:]
+        mark = next((mark for mark in "\t;" if mark in head), ",")
+        titles = _cells(f"{name}:{first}", head, mark)
         headings = tuple(Heading.parse(title) for title in titles)
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
@@ -89,7 +94,8 @@ class Table:
                 f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
             )
             raise InputError(message(what, mend="Head the columns by names, such as 'force (N), velocity (m/s)'"))
-        return cls(name, headings, tuple((n, _fitted(f"{name}:{n}", cells, len(titles))) for n, cells in rows), quoted)
+        lines, texts = tuple(n for n, _ in below), [line for _, line in below]
+        return cls(name, headings, lines, _columns(name, lines, texts, mark, len(titles)), quoted)
 
     def __contains__(self, name: str) -> bool:
         return self._places(name) != []
@@ -114,7 +120,7 @@ class Table:
             raise InputError(
                 message(what, f"Its columns are {', '.join(map(repr, names))}" if self.quoted else counted, mend)
             )
-        if not self.rows:
+        if not self.lines:
             raise InputError(message(f"{self.name} has no rows below its headings"))
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
@@ -125,9 +131,12 @@ class Table:
         if not quoted and not kind.measures(unit):
             what = f"{self.name}: the column {wanted.name!r} has a unit that is not one of {kind.name}"
             raise InputError(message(what, mend=f"Head it '{wanted.name} ({kind.unit})', or by another such unit"))
-        values = kind.read_many([cells[place] for _, cells in self.rows], unit)
+        cells = self.columns[place]
+        values = kind.read_many(cells, unit)
         if values is None:  # read one by one, so that the first that cannot be read is told
-            values = np.array([self._value(n, cells[place], unit, heading, kind, quoted) for n, cells in self.rows])
+            values = np.array(
+                [self._value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
+            )
         return values
 
     def unit(self, name: str) -> str:
@@ -170,8 +179,16 @@ def decoded(name: str, raw: bytes) -> str:
     raise InputError(message(what, f"The file looks like {guess}", mend))
 
 
+def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int) -> tuple[tuple[str, ...], ...]:
+    """The cells below each of ``count`` headings; errors name the line."""
+    if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST for text in texts):
+        return (tuple(map(str.strip, texts)),)  # a long list: no tuple for each of its rows
+    rows = [_fitted(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)]
+    return tuple(zip(*rows, strict=True)) or ((),) * count
+
+
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    if '"' not in line and len(line) < csv.field_size_limit():  # as csv parts it, at a tenth of the cost
+    if '"' not in line and len(line) < _LONGEST:  # as csv parts it, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
