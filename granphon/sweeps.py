@@ -321,7 +321,8 @@ def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Se
     if "tensor" in names:
         frame = frame.assign_coords({dim: list(_VOIGT) for dim in _EXTRA["tensor"]})
     warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
-    return frame.assign(variables).assign_attrs(warnings=to_json(warnings))
+    path = dict(frame.data_vars)  # after what is found along it
+    return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 
 
 def _attrs(name: str) -> dict[str, str]:
