@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import FrameType
@@ -197,17 +197,20 @@ def weighed(kind: str) -> dict[str, int]:
 
 
 def measured(repeats: int) -> dict[str, Any]:
-    """Of each kind of scene what it was seen to take, its seconds, those without figures, and memory where it is large."""
-    memory = {kind: weighed(kind) for kind in LARGE}
-    seconds = times(repeats)
+    """Of each kind of scene what it was seen to take, its seconds, those without figures, and memory where it is large.
+
+    Without repeats it is counted alone, and neither timed nor weighed: for a machine that is busy.
+    """
+    memory = {kind: weighed(kind) for kind in LARGE if repeats}
+    seconds: Mapping[str, float] = times(repeats) if repeats else {}
     scenes = [
         {
-            "scene": kind, **seen(kind)._asdict(), "seconds": seconds[kind], "bare": seconds.get(f"{kind}, no figures"),
+            "scene": kind, **seen(kind)._asdict(), "seconds": seconds.get(kind), "bare": seconds.get(f"{kind}, no figures"),
             **memory.get(kind, {"grown": None, "data": None}),
         }
         for kind in SCENES
     ]  # fmt: skip
-    return {"machine": machine(), "repeats": repeats, "numpy": seconds["numpy"], "scenes": scenes}
+    return {"machine": machine(), "repeats": repeats, "numpy": seconds.get("numpy"), "scenes": scenes}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -215,7 +218,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     parser = argparse.ArgumentParser(description="What each kind of scene loads, calls and takes")
     parser.add_argument("--json", type=Path, help="also write it here, under the name costs")
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--repeats", type=int, default=5, help="none: count, and neither time nor weigh")
     options = parser.parse_args(argv)
     found = measured(options.repeats)
     if options.json:

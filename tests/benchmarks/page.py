@@ -48,14 +48,17 @@ def costs(found: Mapping[str, Any]) -> str:
     heads = ("scene", "costly modules", "costly calls", "files", "time", "without figures", "memory over data")
     lines = [line(*heads), "|" + "---|" * len(heads)]
     for one in found["scenes"]:
-        calls = ", ".join(f"{count} {name}" for name, count in one["calls"].items())
+        calls = ", ".join(f"{name}: {count}" for name, count in one["calls"].items())
         scipy = [name.partition(".")[2] for name in one["modules"] if name.startswith("scipy.")]
         modules = [name for name in one["modules"] if "." not in name]
         modules += [f"scipy ({', '.join(scipy)})"] if scipy else []
         times = ["" if seconds is None else f"{seconds / found['numpy']:.3g}" for seconds in (one["seconds"], one["bare"])]
         over = "" if one["data"] is None else f"{one['grown'] / one['data']:.3g} ({one['data'] / 2**20:.3g} MiB)"
-        lines.append(line(one["scene"], ", ".join(modules), calls, str(len(one["files"])), *times, over))
-    after = f"Medians of {found['repeats']}; a process that imports numpy alone: {1e3 * found['numpy']:.0f} ms. "
+        files = str(sum(not name.startswith(".") for name in one["files"]))
+        lines.append(line(one["scene"], ", ".join(modules), calls, files, *times, over))
+    after = "Counted, and neither timed nor weighed. "
+    if found["repeats"]:
+        after = f"Medians of {found['repeats']}; a process that imports numpy alone: {1e3 * found['numpy']:.0f} ms. "
     return "\n".join(lines) + f"\n\n{after}{machine(found)}"
 
 
