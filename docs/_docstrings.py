@@ -9,7 +9,7 @@ from typing import Any
 from granphon import errors
 
 #: a section's title, underlined
-_TITLES = ("Parameters", "Attributes", "Returns", "Raises", "Notes")
+_TITLES = ("Parameters", "Attributes", "Returns", "Raises", "Warns", "Notes")
 #: one name or several, and the first line of what they are
 _ENTRY = re.compile(r"^(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*) : (?P<text>.*)$")
 
@@ -31,7 +31,7 @@ def rendered(lines: list[str]) -> list[str]:
             end = next(_ends(lines, at))
             entry, rest = _ENTRY.match(lines[at]), lines[at + 1 : end]
             if entry:
-                names = [_exception(n) if title == "Raises" else _bold(n) for n in entry["names"].split(", ")]
+                names = [_exception(n) if title in ("Raises", "Warns") else _bold(n) for n in entry["names"].split(", ")]
                 out += [f"    - {', '.join(names)} – {entry['text']}", *(f"      {line.strip()}" for line in rest), ""]
             elif not lines[at - 1].strip() and title != "Notes":  # a paragraph after the section
                 title = ""

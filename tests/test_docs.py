@@ -432,7 +432,7 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
         assert not re.search(r"^-{3,}$|:raises", made, re.MULTILINE), name
         drawn = [line.partition(" – ")[0].strip(" -") for line in made.splitlines() if line.startswith("    - ")]
         expected = [
-            ", ".join(role(n) if title == "Raises" else f"**{n}**" for n in names.split(", "))
+            ", ".join(role(n) if title in ("Raises", "Warns") else f"**{n}**" for n in names.split(", "))
             for title, entries in sections(text).items()
             for names in entries
         ]
