@@ -130,7 +130,8 @@ class Result:
                 raise InputError(message(f"{name} of the {type(self).__name__} is not made of numbers"))
             if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-                what = f"{name} of the {type(self).__name__} is of shape {found}, where ({layout}) belongs"
+                wanted = layout.replace("|", ") or (")
+                what = f"{name} of the {type(self).__name__} is of shape {found}, where ({wanted}) belongs"
                 raise InputError(message(what, so_far))
 
 

@@ -423,7 +423,9 @@ def test_run_writes_velocities(work, capsys):
     assert summary["tensor"] == moduli.tensor.tolist()
     assert summary["versions"] == files.versions("numpy", "scipy")
     assert (summary["valid"], summary["ok"]) == (True, True)
-    assert [check["name"] for check in summary["validity"]] == ["contact_radius", "load", "velocity", "resonance"]
+    assert [check["name"] for check in summary["validity"]] == [
+        "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density",
+    ]  # fmt: skip
     assert summary["files"] == ["scene.yaml", "summary.yaml"]
     numbers = {key for key, value in summary.items() if isinstance(value, float)}
     assert numbers <= set(summary["units"])

@@ -197,7 +197,7 @@ def test_reading_a_scene_and_its_cost_simulate_nothing(monkeypatch):
     )
     cost = scene.cost()
     assert (cost.balls, cost.equilibria) == (128 * 128, 4)
-    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), "force", [9.0, 5.0])
+    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), "force", [9.0, 5.0], exponents=True)
             for w in (1e-6, 2e-6)]  # fmt: skip
     assert cost.seconds == pytest.approx(sum(one.seconds for one in each), rel=1e-12)
     assert cost.memory == max(one.memory for one in each)
@@ -777,7 +777,11 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium, monkeypatch):
     assert "100,000 states" in cost.text
     if medium == "simulation":
         assert cost.equilibria == 100_000
-        (dearest,) = {estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), "force", 50.0).work}
+        (dearest,) = {
+            estimate(
+                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), "force", 50.0, exponents=True
+            ).work
+        }
         assert cost.work == pytest.approx(1e5 * dearest)
 
 
