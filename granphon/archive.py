@@ -59,7 +59,8 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     """
     marked = dataset.assign_attrs({DIGEST: _digest(dataset)})
     data = netcdf_bytes(marked)
-    path.write_bytes(data + _TRAILER + hashlib.sha256(data).hexdigest().encode())
+    with path.open("wb") as stream:
+        stream.writelines([data, _TRAILER, hashlib.sha256(data).hexdigest().encode()])
     _write_table(dataset, path.with_suffix(".csv"))
 
 
@@ -90,7 +91,7 @@ def _content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
     ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    return f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.tobytes()).hexdigest()
+    return f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
 
 
 def _write_table(dataset: Dataset, path: Path) -> None:

@@ -144,8 +144,8 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
-    text = "\n".join(head) + "\n" + str(export.to_phonopy_yaml(settings={"force_constants": True}))
-    write_text(path, sealed(text))
+    body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
+    write_text(path, sealed([*head, *body.removesuffix("\n").split("\n")]))
 
 
 def _with_auxiliary(own: Array, export: Phonopy) -> Array:

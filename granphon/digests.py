@@ -24,10 +24,9 @@ __all__ = ["canonical", "damaged", "digest", "own_file", "read_sealed", "sealed"
 _SEAL = "# sha256 of all other lines: "
 
 
-def sealed(text: str, place: int = 0) -> str:
-    """``text`` with a line of comment that holds the digest of all its lines, before the line number ``place``."""
-    lines = text.split("\n")
-    return "\n".join([*lines[:place], _SEAL + _of_lines(lines), *lines[place:]])
+def sealed(lines: list[str], place: int = 0) -> str:
+    """The text of ``lines``, and a line of comment that holds their digest, before the line number ``place``."""
+    return "\n".join([*lines[:place], _SEAL + _of_lines([*lines, ""]), *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
@@ -46,7 +45,12 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
 
 def _of_lines(lines: list[str]) -> str:
-    return hashlib.sha256("\n".join(lines).encode("utf-8", "surrogatepass")).hexdigest()
+    # line by line: a text of millions of them is not held once more
+    found, between = hashlib.sha256(), ""
+    for line in lines:
+        found.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
+        between = "\n"
+    return found.hexdigest()
 
 
 def damaged(path: str | os.PathLike[str], where: str) -> InputError:

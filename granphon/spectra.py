@@ -300,7 +300,7 @@ class Bands(Result):
                     lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
-        write_text(path, sealed("\n".join(lines) + "\n"))
+        write_text(path, sealed(lines))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -419,7 +419,7 @@ class DensityOfStates(Result):
             *(f"# warning: {warning}" for warning in self.warnings),
             *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
         ]
-        write_text(path, sealed("\n".join(lines) + "\n", 1))
+        write_text(path, sealed(lines, 1))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:

@@ -341,8 +341,8 @@ def _is_name(name: str) -> bool:
 # -- single files ---------------------------------------------------------------------------------------------------
 
 
-def write_bytes(path: StrPath, data: bytes) -> None:
-    """Write a file whole or not at all, in the place of what is there; its folder is made if need be.
+def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
+    """Write a file of these parts whole or not at all, in the place of what is there; its folder is made if need be.
 
     :class:`~granphon.errors.OutputError` for any failure of the file system.
     """
@@ -354,7 +354,7 @@ def write_bytes(path: StrPath, data: bytes) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         place = Path(tempfile.mkdtemp(prefix=".granphon-", dir=target.parent))
         with open(place / target.name, "wb") as stream:
-            stream.write(data)
+            stream.writelines(parts)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(place / target.name, target)

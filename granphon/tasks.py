@@ -137,7 +137,8 @@ class Store:
             if self._identity is not None:
                 write_bytes(self.folder / IDENTITY, self._identity)
                 self._identity = None
-            write_bytes(self.folder / task.name, _digest(task, stream.getvalue()) + stream.getvalue())
+            data = stream.getbuffer()  # no copy: results may be large
+            write_bytes(self.folder / task.name, _digest(task, data), data)
         except OutputError:
             with suppress(OSError):  # it holds something
                 self.folder.rmdir()
@@ -157,9 +158,11 @@ def kept(folder: Path | None, force: bool = False) -> Iterator[Store]:
     store.clear()
 
 
-def _digest(task: Task, data: bytes) -> bytes:
+def _digest(task: Task, data: bytes | memoryview) -> bytes:
     # of the name too: a file that was renamed is another task's
-    return hashlib.sha256(task.name.encode() + data).digest()
+    found = hashlib.sha256(task.name.encode())
+    found.update(data)
+    return found.digest()
 
 
 def _differences(there: Any, here: Any) -> list[str]:

@@ -600,17 +600,30 @@ def test_a_reference_that_does_not_fit_is_said_to(rough, packing):
 
 
 def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, clock):
+    lists = []
+
+    def solved(shape, *_):
+        clock.now += 3.0
+        lists.append(shape)
+
     monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(module, "solved", solved)
     rng = np.random.default_rng(0)
 
-    def solving(count):
+    def study(count):
         d = 8e-3 + 1e-6 * rng.standard_normal(count)
-        return disorder(gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))).solving
+        return disorder(gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist()))))
 
-    assert solving(4) == 0.0
-    few, many = solving(60), solving(600)
-    assert few > 0.0
-    assert many > 20.0 * few
+    assert study(4).solving == 0.0
+    assert not lists
+    for count, most in ((60, 60), (150, 150), (600, 192)):  # longer lists are put together
+        found = study(count)
+        assert 0.75 * most < len(found.shape.positions) <= most
+        # of 20 diameters, as all openings differ: those of n diameters are n (n + 1) / 2
+        grown = found.shape.openings.size / 210.0
+        assert found.solving == pytest.approx(3.0 * grown**1.1, rel=1e-4)
+        assert len(lists[-1].positions) == 20
+    assert len(lists) == 3
 
 
 @pytest.mark.parametrize(
