@@ -210,6 +210,12 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     assert 0.25 < peak / (guess.memory - cost._BASE) < 1.0
 
 
+def test_what_takes_more_than_a_second_or_100_mb_is_told():
+    assert cost.Cost(known=1.01).tells and cost.Cost(working=0.6e8, kept=0.41e8).tells
+    assert cost.Cost(work=1.0, balls=64, equilibria=1).tells  # a simulation always
+    assert not cost.Cost(working=0.5e8, kept=0.49e8, known=0.99).tells
+
+
 def test_costs_add_up_to_one_after_the_other():
     one, two = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",)), cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
     assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))

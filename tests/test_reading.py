@@ -436,6 +436,16 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
     assert gp.load_sweep(path).identical(gp.load_sweep(written / "sweep.nc"))
 
 
+@pytest.mark.parametrize("kind", LOADERS)
+def test_the_largest_files_are_those_of_the_page(tmp_path, kind):
+    most, words = {"scene": (100_000, "100 kB"), "sweep": (2_000_000_000, "2000 MB")}.get(kind, (256_000_000, "256 MB"))
+    name, read = LOADERS[kind]
+    with open(tmp_path / name, "wb") as stream:
+        stream.truncate(most + 1)  # of zeros that take no place
+    with pytest.raises(InputError, match=f"holds more than {words}"):
+        read(tmp_path / name)
+
+
 def test_the_command_line_tells_it_in_a_line(written, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (written / "dos.csv").read_text().splitlines(keepends=True)

@@ -473,6 +473,7 @@ def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, 
     packing = dataclasses.replace(spread, friction=friction)
     medium, force = gp.DirectSimulation(packing, (9, 8), seed=3), reduced * unit_of_force(spread)
     state, ends = medium.at_force(force), medium.at_force(force * np.exp([-STEP, STEP]))
+    np.testing.assert_allclose(ends.force / force, [0.95, 1.05], atol=0.002)  # as the pages say
     expected = np.diff(np.log(gp.sound_velocities(ends).longitudinal))[0] / np.diff(np.log(ends.pressure))[0]
     alike = [
         state, medium.at_pressure(state.pressure), medium.at_overlap(state.overlap),
@@ -527,6 +528,19 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
     assert (wide - middle) / (middle - narrow) == pytest.approx(4.0, rel=0.05)
     # of the step that is taken it is less than the standard error of a million balls
     assert abs(middle - narrow) / 3.0 * (STEP / 0.1) ** 2 < 5e-6
+
+
+def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
+    at = gp.DirectSimulation(spread, (8, 8), samples=2).at_force
+
+    def exponent(step):
+        monkeypatch.setattr("granphon.samples.STEP", step)
+        monkeypatch.setattr("granphon.simulation.STEP", step)
+        return at(unit_of_force(spread)).exponent
+
+    curvature = (exponent(0.2) - exponent(0.1)) / (0.2**2 - 0.1**2)
+    assert curvature == pytest.approx(2e-3, rel=0.2)
+    assert curvature * STEP**2 == pytest.approx(5e-6, rel=0.2)
 
 
 def test_neither_bars_nor_bias_where_balls_are_equal(packing):
