@@ -211,7 +211,8 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
 
 
 def test_what_takes_more_than_a_second_or_100_mb_is_told():
-    assert cost.Cost(known=1.01).tells and cost.Cost(working=0.6e8, kept=0.41e8).tells
+    assert cost.Cost(known=1.01).tells
+    assert cost.Cost(working=0.6e8, kept=0.41e8).tells
     assert cost.Cost(work=1.0, balls=64, equilibria=1).tells  # a simulation always
     assert not cost.Cost(working=0.5e8, kept=0.49e8, known=0.99).tells
 
