@@ -59,8 +59,9 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     """
     marked = dataset.assign_attrs({DIGEST: _digest(dataset)})
     data = netcdf_bytes(marked)
-    with path.open("wb") as stream:
-        stream.writelines([data, _TRAILER, hashlib.sha256(data).hexdigest().encode()])
+    path.write_bytes(data)
+    with path.open("ab") as stream:
+        stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
     _write_table(dataset, path.with_suffix(".csv"))
 
 
