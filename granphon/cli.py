@@ -88,7 +88,7 @@ def init(
     from importlib.resources import files
 
     from granphon.files import closest
-    from granphon.staging import check_free, write_text
+    from granphon.staging import opened, write_text
 
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
@@ -101,8 +101,8 @@ def init(
     _named("PATH", path)
     texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
     target = Path(path)
-    check_free(target.parent, [target.name], force, known=texts.values())
-    write_text(target, texts[preset])
+    with opened(target.parent, [target.name], force, known=texts.values()):
+        write_text(target, texts[preset])
     _say(f"Wrote {path}. Next: granphon check {path}")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from granphon.acoustics import contact_lattice, ideal_lattice
 from granphon.errors import InputError, message
 from granphon.scene import Scene
-from granphon.staging import check_free, staging
+from granphon.staging import files_written, opened
 
 __all__ = ["figure_name", "redraw"]
 
@@ -66,14 +66,19 @@ def redraw(
         raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
     target = source if out is None else Path(out).parent
     name = Path(out).name if out is not None else "sweep.png" if swept else figure_name("band.yaml" in have)
-    check_free(target, [name], force)
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
-    figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
-    from granphon.plot import save_figure
+    # locked before anything is read, so that a run cannot exchange the files under the figure that is to stand beside them
+    with opened(target, [name], force) as locked:
+        before = files_written(source)
+        figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
+        if files_written(source) != before:
+            what = f"{source} has been written into while it was read"
+            raise InputError(message(what, "The figure would show two results", "Draw it again"))
+        from granphon.plot import save_figure
 
-    with staging(target, [name], force) as place:
-        save_figure(figure, place / name, backend=backend)
+        with locked.staging([name]) as place:
+            save_figure(figure, place / name, backend=backend)
     return target / name
 
 

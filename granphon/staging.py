@@ -6,7 +6,7 @@ SHA-256: a file that is not in the list, or has been changed since, belongs to t
 ended. ``.granphon-staging-*`` holds new files until all of them are complete.
 
 The exchange of old files for new ones is recorded before its first step. Old files leave before new ones arrive, so a folder
-never shows files of two runs; an exchange that was cut off is carried to its end by whoever locks the folder next.
+never shows files of two runs; an exchange that was cut off is carried to its end by whoever looks at the folder next.
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from granphon.errors import FileExistsInRunError, GranphonError, OutputError, message
+from granphon.reading import read_bytes
 
 __all__ = ["ResultFolder", "check_free", "files_written", "opened", "staging", "write_bytes", "write_text"]
 
@@ -54,12 +57,17 @@ else:
 
 def files_written(folder: StrPath) -> dict[str, str]:
     """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
-    try:
-        data = json.loads((Path(folder) / LIST).read_text(encoding="utf-8"))
-        files = data["files"] if data["schema"] == SCHEMA else {}
-        return {str(name): str(digest) for name, digest in files.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {}
+    data = _plain(Path(folder) / LIST)
+    files = data.get("files") if data.get("schema") == SCHEMA else None
+    return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
+
+
+def _plain(path: Path) -> dict[str, Any]:
+    """What one of our hidden files says; empty if it is not there, or not as we write it."""
+    with suppress(GranphonError, ValueError, RecursionError):
+        data = json.loads(read_bytes(path))
+        return data if isinstance(data, dict) else {}
+    return {}
 
 
 def _digest(path: Path) -> str:
@@ -108,6 +116,18 @@ def check_free(
     OutputError : the folder is a file, or may not be written to.
     """
     target = Path(folder)
+    _recover_unless_locked(target)
+    _check(target, names, force, earlier, list(inputs), list(known))
+
+
+def _check(
+    target: Path,
+    names: Sequence[str],
+    force: bool,
+    earlier: Sequence[str],
+    inputs: Sequence[StrPath],
+    known: Sequence[str] = (),
+) -> None:
     try:
         if any("\0" in part for part in (str(target), *names)):
             raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
@@ -116,7 +136,7 @@ def check_free(
             nearest = nearest.parent
         if not nearest.is_dir():
             raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-        _check_replaceable(target, names, force, earlier, list(inputs), {_sha256(text.encode("utf-8")) for text in known})
+        _check_replaceable(target, names, force, earlier, inputs, {_sha256(text.encode("utf-8")) for text in known})
         if not os.access(nearest, os.W_OK | os.X_OK):
             raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
     except OSError as error:
@@ -142,7 +162,8 @@ def _check_replaceable(
             what = f"{target / name} is read by this run, and would be overwritten"
             raise FileExistsInRunError(message(what, kept, "Choose another folder"))
         if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
-            what = "granphon wrote it, and it has been changed since" if name in written else "granphon did not write it"
+            no_record = "there is no record that granphon wrote it"
+            what = "granphon wrote it, and it has been changed since" if name in written else no_record
             what = f"{target} already holds {name}: {what}"
             raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
     if there and not force:
@@ -153,18 +174,19 @@ def _check_replaceable(
                 "Use --force (force=True) to replace it, or choose another folder",
             )
         )
-    for name in _stale(target, names, earlier, inputs):
-        if not _is_written(target / name, written[name]):
-            what = f"{target} holds {name} of an earlier run, and it has been changed since"
+    for name in _stale(target, names, earlier):
+        read = any(_same(target / name, one) for one in inputs)
+        if read or not _is_written(target / name, written[name]):
+            what = f"{target} holds {name} of an earlier run, and "
+            what += "this run reads it" if read else "it has been changed since"
             why = "It would stand beside a result that it does not belong to, and is not removed"
             raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
 
 
-def _stale(target: Path, names: Sequence[str], earlier: Sequence[str], inputs: Sequence[StrPath]) -> list[str]:
-    """Files of an earlier result that this one does not have; one that the run reads stays."""
+def _stale(target: Path, names: Sequence[str], earlier: Sequence[str]) -> list[str]:
+    """Files of an earlier result that this one does not have."""
     written = files_written(target)
-    left = [name for name in earlier if name in written and name not in names and os.path.lexists(target / name)]
-    return [name for name in left if not any(_same(target / name, one) for one in inputs)]
+    return [name for name in earlier if name in written and name not in names and os.path.lexists(target / name)]
 
 
 def _failed(target: Path, error: OSError) -> GranphonError:
@@ -196,12 +218,14 @@ class ResultFolder:
             yield place
             made = [name for name in names if name not in optional or os.path.lexists(place / name)]
             check_free(self.path, names, self.force, earlier=self.earlier, inputs=self.inputs)
-            stale = [*_stale(self.path, names, self.earlier, self.inputs), *(name for name in names if name not in made)]
-            _exchange(place, self.path, made, stale)
+            _exchange(
+                place, self.path, made, [*_stale(self.path, names, self.earlier), *(n for n in names if n not in made)]
+            )
         except OSError as error:
             raise _failed(self.path, error) from None
         finally:
-            if place is not None:
+            # with its record there the exchange has neither ended nor been undone: it is left to whoever comes next
+            if place is not None and not os.path.lexists(place / _RECORD):
                 shutil.rmtree(place, ignore_errors=True)
 
 
@@ -213,22 +237,27 @@ def opened(
     *,
     earlier: Sequence[str] = (),
     inputs: Iterable[StrPath] = (),
+    known: Iterable[str] = (),
 ) -> Iterator[ResultFolder]:
     """The folder, made if need be and locked, so that no other run writes into it until the end of the block.
 
     Arguments and errors are those of :func:`check_free`; :class:`~granphon.errors.OutputError` too if another run has the
     lock. Folders that were made and have remained empty are removed again.
     """
-    target, made, read = Path(folder), [], list(inputs)
-    check_free(target, names, force, earlier=earlier, inputs=read)
+    target, made, read, ours = Path(folder), list[Path](), list(inputs), list(known)
+    check_free(target, names, force, earlier=earlier, inputs=read, known=ours)
     try:
-        for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
-            missing.mkdir(exist_ok=True)
-            made.append(missing)
-        with _locked(target):
-            _recover(target)
+        try:
+            for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
+                missing.mkdir(exist_ok=True)
+                made.append(missing)
+        except OSError as error:
+            raise _failed(target, error) from None
+        with _locked(target) as alone:
+            if alone:
+                _recover(target)
             # what was found free may not be so any more when the lock is had
-            check_free(target, names, force, earlier=earlier, inputs=read)
+            _check(target, names, force, earlier, read, ours)
             yield ResultFolder(target, force, earlier, read)
     finally:
         for one in reversed(made):
@@ -246,10 +275,11 @@ def staging(
 
 
 @contextmanager
-def _locked(target: Path) -> Iterator[None]:
+def _locked(target: Path) -> Iterator[bool]:
+    """Hold the lock; whether it is known that no other run is under way, which a file system without locks does not tell."""
     descriptor = _lock_file(target / LOCK)
     try:
-        yield
+        yield descriptor is not None
     finally:
         if descriptor is not None:
             with suppress(OSError):  # where an open file cannot be removed, it stays
@@ -261,9 +291,14 @@ def _lock_file(path: Path) -> int | None:
     """Its descriptor, with the lock; None on a file system that knows no locks."""
     while True:
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         except OSError as error:
             raise _failed(path.parent, error) from None
+        about = os.fstat(descriptor)
+        if not stat.S_ISREG(about.st_mode) or about.st_size:
+            os.close(descriptor)
+            what = f"{path} is not a lock that granphon made"
+            raise OutputError(message(what, "Ours is an empty file", "Move it away, or choose another folder"))
         try:
             _lock(descriptor)
         except OSError as error:
@@ -302,40 +337,61 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
     gone: list[str] = []
     come: list[str] = []
     try:
+        # noted before it is done, as an interruption may come between the two
         for name in old:
-            os.replace(target / name, replaced / name)
             gone.append(name)
+            os.replace(target / name, replaced / name)
         for name in (*names, LIST):
-            os.replace(place / name, target / name)
             come.append(name)
+            os.replace(place / name, target / name)
+        (place / _RECORD).unlink()
     except BaseException:
+        if not os.path.lexists(place / _RECORD):  # it was the last step that was interrupted, and it is done
+            raise
         for name in come:  # back to where the record says that they are
-            os.replace(target / name, place / name)
+            if not os.path.lexists(place / name):
+                os.replace(target / name, place / name)
         for name in (*gone, LIST):
             with suppress(FileNotFoundError):
                 os.replace(replaced / name, target / name)
+        (place / _RECORD).unlink()
         raise
 
 
 def _recover(target: Path) -> None:
     """End the exchanges of runs that were killed, and remove what dead runs have left."""
     for place in target.glob(PREFIX + "*"):
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            record = json.loads((place / _RECORD).read_text(encoding="utf-8"))
-            waiting = [name for name in record["new"] if _is_name(name) and (place / name).is_file()]
-            for name, digest in record["old"].items():
-                if _is_name(name) and (name in waiting or name not in record["new"]) and _is_written(target / name, digest):
-                    (target / name).unlink()
-            for name in waiting:
-                # a file that the user has put there meanwhile stays
-                if name == LIST or not os.path.lexists(target / name):
-                    os.replace(place / name, target / name)
+        if place.is_symlink() or not place.is_dir():  # none of ours, and it may lead elsewhere
+            continue
+        if os.path.lexists(place / _RECORD):
+            record = _plain(place / _RECORD)
+            new, old = record.get("new"), record.get("old")
+            if not isinstance(new, list) or not isinstance(old, dict) or not all(map(_is_name, [*new, *old])):
+                continue  # none of ours
+            waiting = [name for name in new if (place / name).is_file() and not (place / name).is_symlink()]
+            with suppress(OSError):
+                for name, digest in old.items():
+                    if (name in waiting or name not in new) and _is_written(target / name, str(digest)):
+                        (target / name).unlink()
+                for name in waiting:
+                    # a file that the user has put there meanwhile stays
+                    if name == LIST or not os.path.lexists(target / name):
+                        os.replace(place / name, target / name)
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _is_name(name: str) -> bool:
+def _recover_unless_locked(target: Path) -> None:
+    """:func:`_recover` if a run has left something, and none is under way."""
+    with suppress(OSError, ValueError):  # what is wrong with the folder, the check says
+        if any(target.glob(PREFIX + "*")):
+            with _locked(target) as alone:
+                if alone:
+                    _recover(target)
+
+
+def _is_name(name: Any) -> bool:
     """Whether it is a name alone, which leads nowhere else."""
-    return Path(name).name == name and name not in ("", ".", "..")
+    return isinstance(name, str) and Path(name).name == name and name not in ("", ".", "..")
 
 
 # -- single files ---------------------------------------------------------------------------------------------------

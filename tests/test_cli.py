@@ -642,7 +642,7 @@ def test_init_does_not_overwrite(work, capsys):
     assert "already holds scene.yaml" in one_error(capsys)
     # nor with --force, unless it is as another "init" has written it
     assert main(["init", "--force"]) == 1
-    assert "granphon did not write it" in one_error(capsys)
+    assert "there is no record that granphon wrote it" in one_error(capsys)
     assert (work / "scene.yaml").read_text() == SCENE
     (work / "scene.yaml").unlink()
     assert main(["init", "--preset", "hydrogel"]) == 0

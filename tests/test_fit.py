@@ -674,7 +674,7 @@ def test_the_command_never_replaces_what_it_reads(folder, capsys):
         assert "fit.csv is read by this run, and would be overwritten" in capsys.readouterr().err
     (folder / "fit.yaml").write_text("mine")
     assert command("scene.yaml", "flight.csv", "-o", ".", "--force") == 1
-    assert "granphon did not write it" in capsys.readouterr().err
+    assert "there is no record that granphon wrote it" in capsys.readouterr().err
     assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (before, "mine")
 
 

@@ -19,7 +19,7 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.archive import load_sweep
 from granphon.cli import main
-from granphon.errors import FileExistsInRunError
+from granphon.errors import FileExistsInRunError, InputError
 from granphon.geometry import LATTICES
 from granphon.redraw import redraw
 from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
@@ -791,3 +791,28 @@ def test_only_a_sweep_has_variables(work, capsys):
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     assert main(["plot", "out", "--variable", "bulk", "--force"]) == 2
     assert "holds no sweep" in capsys.readouterr().err
+
+
+def test_a_figure_is_not_drawn_beside_a_result_that_is_being_written(work, capsys):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    Scene.from_yaml("scene.yaml").run("out")
+    with opened("out", [], force=True):
+        assert main(["plot", "out", "--force"]) == 1
+    assert "another run is writing into out" in capsys.readouterr().err
+
+
+def test_what_is_exchanged_while_it_is_read_is_not_drawn(work, monkeypatch):
+    (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    scene = Scene.from_yaml("scene.yaml")
+    scene.run("out")
+    read = gp.DensityOfStates.read_csv
+
+    def exchanged(path: Path) -> gp.DensityOfStates:
+        found = read(path)
+        replace(scene, mesh=(5, 5)).run("out", force=True)
+        return found
+
+    monkeypatch.setattr(gp.DensityOfStates, "read_csv", exchanged)
+    with pytest.raises(InputError, match="has been written into while it was read"):
+        redraw("out", "elsewhere.png")
+    assert not (work / "elsewhere.png").exists()

@@ -137,8 +137,8 @@ def test_what_granphon_did_not_write_is_never_replaced(tmp_path: Path, force: bo
     (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
     before = tree(tmp_path)
     for name, found in {
-        "changed": "has been changed since", "mine": "did not write it", "linked": "changed since",
-        "dangling": "did not write it",
+        "changed": "has been changed since", "mine": "no record that granphon", "linked": "changed since",
+        "dangling": "no record that granphon",
     }.items():  # fmt: skip
         with pytest.raises(FileExistsInRunError, match=rf"holds {name}: .*{found}.*Move it away"):
             put(tmp_path, force, **{name: "new"})
@@ -155,12 +155,10 @@ def test_what_the_run_reads_is_never_replaced_or_removed(tmp_path: Path, force: 
     for one in (tmp_path / "data", tmp_path / "deeper" / ".." / "data", tmp_path / "same"):
         with pytest.raises(FileExistsInRunError, match="is read by this run"):
             check_free(tmp_path, ["data"], force, inputs=[one])
-    with (
-        opened(tmp_path, ["new"], force, earlier=["data"], inputs=[tmp_path / "data", tmp_path / "absent"]) as folder,
-        folder.staging(["new"]) as place,
-    ):
-        (place / "new").write_text("new")
-    assert {"data", "new"} <= set(tree(tmp_path))
+    # nor does a file of an earlier result stay beside another one, because it is read
+    with pytest.raises(FileExistsInRunError, match="data of an earlier run, and this run reads it"):
+        check_free(tmp_path, ["new"], force, earlier=["data"], inputs=[tmp_path / "data", tmp_path / "absent"])
+    assert tree(tmp_path) == {"data": "numbers", "same": "numbers", "deeper": ""}
 
 
 def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
@@ -177,7 +175,7 @@ def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> Non
 def test_a_list_that_cannot_be_read_names_no_file(tmp_path: Path, text: str) -> None:
     put(tmp_path, a="old")
     (tmp_path / LIST).write_text(text)
-    with pytest.raises(FileExistsInRunError, match="did not write it"):
+    with pytest.raises(FileExistsInRunError, match="no record that granphon wrote it"):
         put(tmp_path, force=True, a="new")
     assert tree(tmp_path) == {"a": "old"}
 
@@ -188,7 +186,7 @@ def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     with pytest.raises(FileExistsInRunError, match="--force"):
         check_free(tmp_path, ["a"], known=["a preset"])
     (tmp_path / "a").write_text("a preset, edited")
-    with pytest.raises(FileExistsInRunError, match="did not write"):
+    with pytest.raises(FileExistsInRunError, match="no record that granphon wrote it"):
         check_free(tmp_path, ["a"], force=True, known=["a preset"])
 
 
@@ -255,52 +253,84 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, mon
 
 # -- killed runs ----------------------------------------------------------------------------------------------------
 
-#: a run that is killed at its n-th change of the folder
-KILLED = """
+#: a run that gets a signal before, or after, its n-th change of the folder
+STOPPED = """
 import os, signal, sys
 from granphon.staging import opened
-folder, last = sys.argv[1], int(sys.argv[2])
+folder, last, number, after = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "after"
 count = 0
 def counted(real):
     def call(*words, **options):
         global count
         count += 1
-        if count == last:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return real(*words, **options)
+        if count == last and not after:
+            os.kill(os.getpid(), number)
+        found = real(*words, **options)
+        if count == last and after:
+            os.kill(os.getpid(), number)
+        return found
     return call
 with opened(folder, ["a", "b", "new"], force=True, earlier=["stale"]) as target:
     with target.staging(["a", "b", "new"]) as place:
         for name in ("a", "b", "new"):
             (place / name).write_text("second")
         os.replace, os.unlink = counted(os.replace), counted(os.unlink)
-print(count)
 """
+FIRST = {"a": "first", "b": "first", "stale": "first"}
+SECOND = {"a": "second", "b": "second", "new": "second"}
+
+
+def stopped(folder: Path, last: int, number: int, when: str) -> tuple[int, dict[str, str]]:
+    """How the run ended, and the files that can be seen then."""
+    put(folder, **FIRST)
+    run = subprocess.run(
+        [sys.executable, "-c", STOPPED, str(folder), str(last), str(int(number)), when], capture_output=True
+    )
+    return run.returncode, {name: text for name, text in tree(folder).items() if not name.startswith(".")}
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
-def test_a_kill_at_any_moment_never_mixes_two_results(tmp_path: Path) -> None:
-    first = {"a": "first", "b": "first", "stale": "first"}
-    second = {"a": "second", "b": "second", "new": "second"}
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(tmp_path: Path, when: str) -> None:
     outcomes = []
     for last in range(1, 40):
-        folder = tmp_path / str(last)
-        put(folder, **first)
-        run = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(last)], capture_output=True, text=True)
-        left = {name: text for name, text in tree(folder).items() if "/" not in name and not name.startswith(".")}
+        code, left = stopped(tmp_path / str(last), last, signal.SIGKILL, when)
         assert len(set(left.values())) <= 1, f"killed at change {last}, the folder holds {left}"
-        with opened(folder, ["other"]):  # the next run ends what was begun
-            pass
-        outcomes.append(tree(folder))
-        assert outcomes[-1] in (first, second)
-        assert set(files_written(folder)) == set(outcomes[-1])
-        put(folder, force=True, a="third")
+        # the same run again, as whoever was killed would do; it finds the folder as one of the two has left it
+        check_free(tmp_path / str(last), [*SECOND], force=True, earlier=["stale"])
+        outcomes.append({name: text for name, text in tree(tmp_path / str(last)).items() if name != LOCK})
+        assert outcomes[-1] in (FIRST, SECOND)
+        assert set(files_written(tmp_path / str(last))) == set(outcomes[-1])
+        put(tmp_path / str(last), force=True, a="third")
+        if code == 0:
+            break
+    assert code == 0
+    assert len(outcomes) > 6
+    # the first change is the record of the exchange, with which it counts as begun
+    assert outcomes[0] == (FIRST if when == "before" else SECOND)
+    assert outcomes[-2] == SECOND
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_an_interruption_at_any_moment_leaves_one_result_whole(tmp_path: Path, when: str) -> None:
+    for last in range(1, 40):
+        code, left = stopped(tmp_path / str(last), last, signal.SIGINT, when)
+        assert left in (FIRST, SECOND), f"interrupted at change {last}, the folder holds {left}"
+        if code == 0:
+            break
+    assert code == 0
+    assert last > 6
+
+
+def test_a_run_that_is_killed_in_a_new_folder_can_be_run_again(tmp_path: Path) -> None:
+    for last in range(1, 12):
+        folder = tmp_path / str(last)
+        run = subprocess.run([sys.executable, "-c", STOPPED, str(folder), str(last), str(int(signal.SIGKILL)), "after"])
+        put(folder, force=True, **SECOND)
+        assert tree(folder) == SECOND
         if run.returncode == 0:
             break
     assert run.returncode == 0
-    assert len(outcomes) > 6
-    assert outcomes[0] == first
-    assert outcomes[-2] == second
 
 
 def test_what_a_dead_run_left_is_removed(tmp_path: Path) -> None:
@@ -319,17 +349,50 @@ def test_a_damaged_record_moves_nothing(tmp_path_factory: pytest.TempPathFactory
     place.mkdir()
     (place / ".exchange").write_text(json.dumps(record))
     put(folder, b="b")
-    assert tree(folder) == {"a": "a", "b": "b"}
+    assert {name: text for name, text in tree(folder).items() if not name.startswith(PREFIX)} == {"a": "a", "b": "b"}
 
 
-def test_a_record_reaches_no_other_folder(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    put(tmp_path, victim="text")
-    place = tmp_path / "out" / (PREFIX + "evil")
+@pytest.mark.parametrize(
+    "text", ['{"new": [], "old": []}', '{"new": {}, "old": {}}', "[" * 100_000, "null", '{"new": [1], "old": {}}']
+)
+def test_a_record_that_is_none_of_ours_is_left_alone(tmp_path: Path, text: str) -> None:
+    place = tmp_path / (PREFIX + "x")
     place.mkdir()
-    (place / "x").write_text("evil")
-    names = ["../victim", "..", ".", "", str(tmp_path / "victim"), "../made"]
-    old = dict.fromkeys(names, files_written(tmp_path)["victim"])
-    (place / ".exchange").write_text(json.dumps({"new": names, "old": old}))
-    put(tmp_path / "out", a="a")
-    assert {name: text for name, text in tree(tmp_path).items() if text} == {"victim": "text", "out/a": "a"}
+    (place / ".exchange").write_text(text)
+    put(tmp_path, b="b")
+    assert (place / ".exchange").read_text() == text
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
+def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Path) -> None:
+    folder, victim = tmp_path / "out", tmp_path / "victim"
+    for one in (folder, victim):
+        one.mkdir()
+    (victim / "scene").write_text("precious")
+    (victim / ".exchange").write_text('{"new": ["scene"], "old": {}}')
+    (folder / (PREFIX + "link")).symlink_to(victim)
+    os.mkfifo(folder / LIST)
+    (folder / (PREFIX + "pipe")).mkdir()
+    os.mkfifo(folder / (PREFIX + "pipe") / ".exchange")
+    check_free(folder, ["a"])
+    assert (victim / "scene").read_text() == "precious"
+    (folder / LIST).unlink()
+    put(folder, a="a")
+    assert not (folder / "scene").exists()
+    for make in ("link", "text", "pipe"):
+        if make == "link":
+            (folder / LOCK).symlink_to(tmp_path / "outside")
+        elif make == "text":
+            (folder / LOCK).write_text("the user's")
+        else:
+            os.mkfifo(folder / LOCK)
+        with pytest.raises(OutputError, match=r"cannot be written|is not a lock that granphon made"):
+            put(folder, b="b")
+        assert os.path.lexists(folder / LOCK)
+        (folder / LOCK).unlink()
+    assert not (tmp_path / "outside").exists()
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="cannot be written"):
+        put(tmp_path / ("b" * 300), a="a")
