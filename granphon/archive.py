@@ -33,6 +33,7 @@ MAX_SWEEP = 2_000_000_000
 TRIAL_SECONDS = 120.0
 _TRIAL = """
 import sys
+sys.path.extend(sys.argv[1:])
 from granphon.archive import open_bytes
 open_bytes(sys.stdin.buffer.read())
 print("good")
@@ -187,13 +188,13 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     """Open a file that no digest vouches for in a process of its own first: HDF5 may hang, or crash, on a damaged one."""
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _unreadable(path, "It is no netCDF file of version 4")
-    # the modules that we have, and none of the folder where we are
-    found = [str(Path(__file__).parent.parent), *(place for place in sys.path if place)]
+    # isolated: what stands in the folder where we are, such as a sitecustomize.py, is not run when Python starts; our own
+    # modules are where they are here
+    found = [str(Path(str(sys.modules["granphon"].__file__)).parent.parent), *(place for place in sys.path if place)]
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", _TRIAL], input=data, capture_output=True, timeout=TRIAL_SECONDS, check=False,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(found)},
-        )  # fmt: skip
+            [sys.executable, "-I", "-c", _TRIAL, *found], input=data, capture_output=True, timeout=TRIAL_SECONDS, check=False
+        )
     except subprocess.TimeoutExpired:
         raise _unreadable(path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged") from None
     except OSError as error:

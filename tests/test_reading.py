@@ -418,6 +418,17 @@ def test_a_sweep_is_known_by_two_digests(written, tmp_path):
         assert gp.load_sweep(path).identical(expected)
 
 
+def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(written, tmp_path, monkeypatch):
+    (tmp_path / "sweep.nc").write_bytes((written / "sweep.nc").read_bytes()[:-101])  # without what ends it
+    code = f"import pathlib; pathlib.Path({str(tmp_path / 'ran')!r}).touch()"
+    for name in ("sitecustomize", "usercustomize", "h5netcdf", "granphon"):
+        (tmp_path / f"{name}.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path, str(tmp_path)])  # as "python -m granphon" has it
+    gp.load_sweep("sweep.nc")
+    assert not (tmp_path / "ran").exists()
+
+
 def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch):
     whole, path = (written / "sweep.nc").read_bytes(), tmp_path / "sweep.nc"
     path.write_bytes(whole[:-101])  # HDF5's own part
