@@ -33,7 +33,10 @@ MAX_SWEEP = 2_000_000_000
 TRIAL_SECONDS = 120.0
 _TRIAL = """
 import sys
-sys.path.extend(sys.argv[1:])
+sys.path.insert(0, sys.argv[1])
+import granphon
+sys.path[:1] = []
+sys.path.extend(sys.argv[2:])
 from granphon.archive import open_bytes
 open_bytes(sys.stdin.buffer.read())
 print("good")
@@ -188,8 +191,8 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     """Open a file that no digest vouches for in a process of its own first: HDF5 may hang, or crash, on a damaged one."""
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _unreadable(path, "It is no netCDF file of version 4")
-    # isolated: what stands in the folder where we are, such as a sitecustomize.py, is not run when Python starts; our own
-    # modules are where they are here
+    # isolated: what stands in the folder where we are, such as a sitecustomize.py, is not run when Python starts; granphon
+    # is this one, and whatever else it needs is looked for there last
     found = [str(Path(str(sys.modules["granphon"].__file__)).parent.parent), *(place for place in sys.path if place)]
     try:
         done = subprocess.run(
