@@ -9,8 +9,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-# before matplotlib, whatever backend the environment names
-from granphon.style import STYLE, scale_axis
+# before matplotlib, whose door it is
+from granphon.scales import scale_axis
 
 # isort: split
 import matplotlib
@@ -28,7 +28,8 @@ from granphon.errors import InputError, message
 from granphon.fit import WidthFit
 from granphon.geometry import TRIANGULAR
 from granphon.samples import Sample
-from granphon.simulation import SimulatedState
+from granphon.simulation import DirectSimulation, SimulatedState
+from granphon.style import STYLE
 from granphon.units import prefixed
 
 if TYPE_CHECKING:
@@ -67,8 +68,8 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     legend : whether to draw it, with no more than eight combinations in it.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
-    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation of
-    several samples has no line but points, its means, with bars of their standard errors; open where it is not valid.
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
+    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
 
     Raises
     ------
@@ -81,13 +82,15 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         )
         order = np.argsort(horizontal, kind="stable")
         horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
-        sampled = _sampled(dataset, variable, index)
-        style: dict[str, Any] = {"color": colour, "marker": "o" if sampled or order.size == 1 else "", "markersize": 3.0}
+        simulated = _simulated(dataset, index)
+        style: dict[str, Any] = {"color": colour, "marker": "o" if simulated or order.size == 1 else "", "markersize": 3.0}
         thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
         thin |= {"markerfacecolor": "white"}
-        if sampled:
-            deviation = np.asarray(dataset[f"{variable}_error"].isel(index, missing_dims="ignore"))[order]
-            ax.errorbar(horizontal, vertical, deviation, fmt="none", elinewidth=0.8, color=colour, gid=f"{variable}-errors")
+        if simulated:
+            deviation = np.asarray(_errors(dataset, variable).isel(index, missing_dims="ignore"))[order]
+            if np.any(deviation > 0.0):
+                bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour, "gid": f"{variable}-errors"}
+                ax.errorbar(horizontal, vertical, deviation, **bars)
             thin |= {"linestyle": "none"}
             solid |= {"linestyle": "none"}
         else:
@@ -103,10 +106,14 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     return ax
 
 
-def _sampled(dataset: Dataset, variable: str, index: dict[str, int]) -> bool:
-    """Whether the variable is a mean over several samples there, with standard errors."""
-    error = dataset.get(f"{variable}_error")
-    return error is not None and bool(np.any(error.isel(index, missing_dims="ignore") > 0.0))
+def _simulated(dataset: Dataset, index: dict[str, int]) -> bool:
+    """Whether the medium there is a simulation, by its label."""
+    return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
+
+
+def _errors(dataset: Dataset, variable: str) -> Any:
+    """Standard errors of a variable, where it has any; those of one sample are not known, and have no bar."""
+    return dataset.get(f"{variable}_error", dataset[variable] * np.nan)
 
 
 def _values(dataset: Dataset, name: str) -> Any:
@@ -183,13 +190,13 @@ def _legend(dataset: Dataset) -> list[Line2D]:
         shades = _shades(_COLOURS[0] if len(media) == 1 else "0.5", len(words))
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
-    sampled = [_sampled(dataset, "longitudinal", {"medium": m}) for m in range(len(media))]
+    simulated = [_simulated(dataset, {"medium": m}) for m in range(len(media))]
     point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
-    entries = [] if values and len(media) == 1 else list(zip(media, sampled, strict=True))
-    entries += [(value, all(sampled)) for value in values]
-    lines = [Line2D([], [], color=colour, label=label, **(point if mean else {})) for (colour, label), mean in entries]
+    entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
+    entries += [(value, all(simulated)) for value in values]
+    lines = [Line2D([], [], color=colour, label=label, **(point if points else {})) for (colour, label), points in entries]
     if not np.all(dataset["valid"]):
-        outside = point | {"markerfacecolor": "white"} if all(sampled) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+        outside = point | {"markerfacecolor": "white"} if all(simulated) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
         lines.append(Line2D([], [], color="0.3", label="outside its range", **outside))
     return lines
 

@@ -68,7 +68,7 @@ def _granphon(
     """
 
 
-_Force = Annotated[bool, typer.Option("--force", help="Overwrite what granphon wrote, and nobody has changed since.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace files that granphon wrote and that were not changed since.")]
 _SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
 
 
@@ -154,9 +154,9 @@ def run(
     The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
     phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
     with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
-    cut off waits in the folder, and the same command again goes on from it. With --force an earlier result is replaced,
-    its files that the scene does not write included, and what another sweep has finished there is discarded; a file that
-    the scene is read from, that granphon did not write, or that was changed since, is not.
+    cut off waits in the folder, and the same command again goes on from it. With --force an earlier result is replaced;
+    files of it that the new scene does not write are removed, and so is what another sweep has finished there. Never
+    replaced is a file that the scene is read from, that granphon did not write, or that was changed since.
 
     \b
     Examples:
@@ -291,12 +291,16 @@ def fit(
     )  # fmt: skip
     failures: dict[str, str] = {}
     if out is not None:
-        from granphon.charts import fit_figure
         from granphon.style import draw
+
+        def figure(_: str) -> Any:
+            from granphon.charts import fit_figure  # a failure of this import is one of the figure
+
+            return fit_figure(found)
 
         with staging(out, FIT_FILES, force, inputs, optional=["fit.png"]) as place:
             found.write(place)
-            failures = draw(lambda _: fit_figure(found), ["fit.png"], place)
+            failures = draw(figure, ["fit.png"], place)
     _warn((*found.warnings, *failures.values()))
     _table(fitted(found))
     if out is not None:
@@ -351,12 +355,16 @@ def tradeoff(
     )  # fmt: skip
     failures: dict[str, str] = {}
     if out is not None:
-        from granphon.diagrams import tradeoff_figure
         from granphon.style import draw
+
+        def figure(_: str) -> Any:
+            from granphon.diagrams import tradeoff_figure  # a failure of this import is one of the figure
+
+            return tradeoff_figure(found)
 
         with staging(out, TRADEOFF_FILES, force, read.inputs, optional=["tradeoff.png"]) as place:
             (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
-            failures = draw(lambda _: tradeoff_figure(found), ["tradeoff.png"], place)
+            failures = draw(figure, ["tradeoff.png"], place)
     _warn(tuple(failures.values()))
     if not quiet:
         for line in work_and_precision(found):

@@ -11,8 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whatever backend the environment names
-from granphon.style import STYLE, scale_axis
+# before matplotlib, whose door it is
+from granphon.scales import scale_axis
 
 # isort: split
 import matplotlib
@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from granphon.errors import InputError, message
+from granphon.style import STYLE
 from granphon.tradeoffs import Measured, TradeOff
 
 __all__ = ["plot_work_precision", "tradeoff_figure"]

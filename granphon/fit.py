@@ -314,7 +314,8 @@ class _Problem:
             what = f"sigma is as much as {np.max(part):.3g} times the velocity"
             raise InputError(message(what, "No measurement has such an error", "Check its units"))
         if len(data.force) < len(model.names) + (data.sigma is None):
-            what = f"found {len(data.force)} data, to which {' and '.join(model.names)} cannot be fitted"
+            several = "s" if len(data.force) > 1 else ""
+            what = f"found {len(data.force)} measurement{several}, to which {' and '.join(model.names)} cannot be fitted"
             why = "Without sigma one more is needed, for the scatter" if data.sigma is None else ""
             raise InputError(message(what, why, "Measure more"))
         return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))

@@ -119,16 +119,23 @@ class Goodness:
                 f"{self._datum(most)} decides the fit almost alone: its leverage is {self.leverages[most]:.4g},"
                 " and cannot be above 1"
             )
-        if not self.given and self.errors_are_known and self.dof > 1:
-            from scipy.special import stdtr
+        if self.errors_are_known and self.dof > 1:
+            from scipy.special import ndtr, stdtr
 
-            # of a residual over its own standard error, r, Student's t without the datum is r ((dof - 1)/(dof - r^2))^(1/2)
+            # a residual over its own standard error is the distance from the fit of the others, over that of it
             r = np.abs(self.residuals) / np.sqrt(np.maximum(1.0 - self.leverages, 1e-12))
             off = int(np.argmax(r))
-            t = float(r[off]) * math.sqrt((self.dof - 1) / max(self.dof - float(r[off]) ** 2, 1e-12))
-            chance = min(2.0 * len(r) * float(stdtr(self.dof - 1, -t)), 1.0)  # of the farthest of so many
+            others = max(self.chi2 - float(r[off]) ** 2, 1e-12)  # their chi-squared, about a fit of their own
+            if self.given and probability(others, self.dof - 1) >= _CHANCE:
+                distance = float(r[off])
+                one = float(ndtr(-distance))
+            else:  # by the scatter of the others, and then it is Student's
+                distance = float(r[off]) * math.sqrt((self.dof - 1) / others)
+                one = float(stdtr(self.dof - 1, -distance))
+            chance = min(2.0 * len(r) * one, 1.0)  # of the farthest of so many
             if chance < _CHANCE:
-                out.append(f"{self._datum(off)} lies {t:.3g} standard errors off the fit of the others (p = {chance:.2g})")
+                where = f"{distance:.3g} standard errors off the fit of the others (p = {chance:.2g})"
+                out.append(f"{self._datum(off)} lies {where}")
         return out
 
     def _of_errors(self) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granphon.acoustics import ideal_lattice, long_waves, velocity_scale
-from granphon.contact import contact_radius_ratio
+from granphon.contact import LEAST_YOUNG_MODULUS, contact_radius_ratio
 from granphon.results import Result
 from granphon.simulation import SimulatedState
 from granphon.state import ContactState, with_keyword
@@ -177,7 +177,7 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
     for name, value, limit, at_least in (
-        ("young_modulus", material.young_modulus, 1e3, True),
+        ("young_modulus", material.young_modulus, LEAST_YOUNG_MODULUS, True),
         ("density", material.density, 1.0, True),
         ("high_density", material.density, 3e4, False),
     ):

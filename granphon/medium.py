@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.arguments import real_array
+from granphon.contact import LEAST_YOUNG_MODULUS
 from granphon.effective import EffectiveLaw
 from granphon.errors import InputError, brief, message
 from granphon.geometry import TRIANGULAR
@@ -135,13 +136,13 @@ class _ByLaw(ABC):
         if not all(np.all((values >= _LEAST) & (values < np.inf)) for values in made):
             raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
-            raise InputError(
-                message(
-                    f"{name} = {given!r} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters",
-                    "Balls cannot overlap by their diameter or more, and the contact law fails long before",
-                    "Lower the load",
-                )
-            )
+            what = f"{name} = {given!r} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
+            why, mend = "Balls cannot overlap by their diameter or more, and the contact law fails long before", "Lower the load"
+            modulus = self.packing.material.young_modulus
+            if modulus < LEAST_YOUNG_MODULUS:
+                why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
+                mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
+            raise InputError(message(what, why, mend))
         return ContactState(
             self.packing, self.name, law, force[()], overlap[()], stiffness[()], follows, overlap_given=said
         )  # fmt: skip

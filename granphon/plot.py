@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.arguments import real_array
 
-# before matplotlib, whatever backend the environment names
-from granphon.style import POLARISATION, ROTATION, STYLE, save_figure
+# before matplotlib, whose door it is
+from granphon.scales import POLARISATION, ROTATION
 
 # isort: split
 import matplotlib
@@ -33,6 +33,7 @@ from granphon.errors import InputError, message
 from granphon.lattice import ContactLattice
 from granphon.observables import SoundVelocities
 from granphon.spectra import Bands, DensityOfStates
+from granphon.style import STYLE, save_figure
 from granphon.units import HertzPrefix
 
 if TYPE_CHECKING:

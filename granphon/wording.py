@@ -136,7 +136,8 @@ def fitted(fit: WidthFit) -> list[tuple[str, str]]:
             rows.append(("standard deviation", valued(fit.std, fit.std_stderr, "m")))
     source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
     each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
-    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, each +/- {each} m/s ({source})")]
+    known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
+    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
     if fit.sigma_given:  # of a sigma from the scatter chi^2 is the number of degrees of freedom, whatever the data
         agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
         rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import charts, style
+from granphon import charts, scales
 from granphon.errors import InputError
 from granphon.fit import fit_width
 from granphon.geometry import TRIANGULAR
@@ -153,7 +153,7 @@ def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
 @pytest.mark.parametrize("least", [0.013, 0.92, 1.01, 2.4, 351.0, 880.0])
 def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_ticks_between(ax, least, ratio):
     ax.plot([1.0, 2.0], [least, ratio * least])
-    style.scale_axis(ax, "y", np.array([least, ratio * least]))
+    scales.scale_axis(ax, "y", np.array([least, ratio * least]))
     ax.set_ylim(least, ratio * least)
     ticks = ax.get_yticks()
     assert 4 <= np.sum((ticks >= least) & (ticks <= ratio * least)) <= 9

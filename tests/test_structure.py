@@ -23,13 +23,13 @@ ORDER = [
     "acoustics", "limits", "observables", "ensemble",
     "pairs", "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "goodness", "fit", "studies", "tradeoffs",
-    "rules", "schema", "load", "scene", "style", "plot", "charts", "diagrams", "redraw", "run", "wording", "workers",
+    "rules", "schema", "load", "scene", "style", "scales", "plot", "charts", "diagrams", "redraw", "run", "wording", "workers",
     "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
 BORDERS = {
     "ase.calculators": {"calculator"}, "phonopy": {"bridge", "phonons"},
-    "matplotlib": {"style", "plot", "charts", "diagrams"}, "typer": {"cli"},
+    "matplotlib": {"style", "scales", "plot", "charts", "diagrams"}, "typer": {"cli"},
     "yaml": {"reading"}, "h5py": {"archive"},
 }  # fmt: skip
 
