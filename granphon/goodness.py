@@ -13,6 +13,8 @@ __all__ = ["Goodness", "leverages", "probability", "rounding"]
 Array = NDArray[np.float64]
 #: a chi-squared whose probability is less, or more than one less this, is not believed to be chance
 _CHANCE = 1e-3
+#: the others agree with their sigma, to judge one datum by it, if so large a chi-squared has this probability
+_AGREES = 0.05
 #: a datum with more than this part of what decides a parameter decides it alone
 _ALONE = 0.9
 #: standard errors above this part of their parameter are beyond linear theory
@@ -126,7 +128,7 @@ class Goodness:
             r = np.abs(self.residuals) / np.sqrt(np.maximum(1.0 - self.leverages, 1e-12))
             off = int(np.argmax(r))
             others = max(self.chi2 - float(r[off]) ** 2, 1e-12)  # their chi-squared, about a fit of their own
-            if self.given and probability(others, self.dof - 1) >= _CHANCE:
+            if self.given and probability(others, self.dof - 1) >= _AGREES:
                 distance = float(r[off])
                 one = float(ndtr(-distance))
             else:  # by the scatter of the others, and then it is Student's

@@ -124,6 +124,20 @@ def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):
     assert [one.get_linestyle() for one in ax.get_legend().get_lines()][:2] == ["-", "None"]
 
 
+@pytest.mark.parametrize("variable", ["transverse", "exponent", "contact_fraction"])
+def test_one_sample_of_a_simulation_is_points_without_bars(ax, variable):
+    data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8)}}))
+    charts.plot_sweep(data, ax, variable)
+    assert not ax.containers
+    line, points = (one for one in ax.lines if one.get_gid() == f"{variable}-all")
+    assert (line.get_linestyle(), line.get_marker()) == ("--", "")
+    assert {one.get_linestyle() for one in ax.lines if one.get_color() == points.get_color()} == {"None"}
+    there = data.isel(medium=1).sortby("force")
+    assert_array_equal(points.get_xydata(), np.stack([there.force, there[variable]], axis=1))
+    assert points.get_marker() == "o"
+    assert [one.get_linestyle() for one in ax.get_legend().get_lines()][:2] == ["-", "None"]
+
+
 def test_long_labels_stand_below_each_other():
     data = sweep(PACKING, force=[2.0, 9.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
     figure = charts.sweep_figure(data)

@@ -381,3 +381,13 @@ def test_a_material_in_a_wrong_unit_is_questioned(values, failed):
         said = [text for text in gp.sound_velocities(state).warnings if "wrong unit" in text]
         assert len(said) == len(failed)
         assert all(text.startswith(("Young modulus in Pa is", "density in kg/m^3 is")) for text in said)
+
+
+@pytest.mark.parametrize("medium", [gp.AveragedLattice, gp.EffectiveMedium, gp.DirectSimulation])
+def test_a_load_that_crushes_balls_of_a_modulus_in_a_wrong_unit_says_so(medium):
+    for young in (70.0, math.nextafter(1e3, 0.0), 1e3, 70e9):
+        packing = gp.Packing(gp.Material(young, 0.22, 2500.0), 8e-3)
+        with pytest.raises(InputError, match="presses the balls together by") as told:
+            medium(packing).at_force(young * 8e-3**2)
+        assert (f"The Young modulus is {young:g} Pa, probably a wrong unit" in str(told.value)) == (young < 1e3)
+        assert "ower the load" in str(told.value)

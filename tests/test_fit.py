@@ -332,7 +332,7 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"force": FORCE.reshape(3, 4)}, "force is"),
         ({"force": ["2"] * 12}, "force is"),
         ({"force": [], "velocity": []}, "force is"),
-        ({"force": 2.0, "velocity": 500.0}, "found 1 data, to which width cannot be fitted. Without sigma one more"),
+        ({"force": 2.0, "velocity": 500.0}, "found 1 measurement, to which width cannot be fitted. Without sigma one more"),
         ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
         ({"parameters": ("width", "young")}, "'young' cannot be fitted"),
         ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
@@ -516,10 +516,29 @@ def test_a_wild_datum_is_named_and_an_error_as_large_as_the_width_said():
     assert any(f"the standard error of width is {part:.2g} of its value" in warning for warning in large.warnings)
 
 
+@pytest.mark.parametrize("sigma", [4.0, 0.4])
+def test_a_wild_datum_is_named_with_sigma_too(sigma):
+    """By its sigma where the others agree with theirs, else by the scatter of the others."""
+    wild = NOISY.copy()
+    wild[5] *= 0.9
+    fit = fit_width(BALLS, FORCE, wild, sigma)
+    assert fit.p < 1e-3
+    (warning,) = [w for w in fit.warnings if "off the fit of the others" in w]
+    assert warning.startswith("datum 6")
+    others = np.arange(12) != 5
+    left = fit_width(BALLS, FORCE[others], wild[others], sigma)
+    assert (left.p > 0.05) == (sigma == 4.0)
+    error = 1.0 if left.p > 0.05 else np.sqrt(left.chi2 / left.dof)
+    slope = np.ptp([velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]) / 2e-9
+    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(sigma, slope * left.stderr) / error
+    assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=0.05)
+
+
 @pytest.mark.usefixtures("remembered")
-def test_a_datum_is_seldom_called_wild_by_chance():
+@pytest.mark.parametrize("sigma", [None, 4.0, 1.0])
+def test_a_datum_is_seldom_called_wild_by_chance(sigma):
     fits = [
-        fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), medium="afa")
+        fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), sigma, medium="afa")
         for s in range(100)
     ]
     assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
@@ -696,7 +715,7 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     printed = capsys.readouterr().out
     assert "width                 2.04 um, error not known" in printed
     assert "standard deviation    588.9 nm, error not known" in printed
-    assert f"(from the scatter, {len(FORCE) - 1} degrees of freedom)" in printed
+    assert f"velocities            {len(FORCE)}, error not known\n" in printed
     assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err

@@ -393,6 +393,16 @@ def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(tmp_path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("options", [{}, {"backend": "nonsense"}])
+def test_what_may_be_mended_is_the_backend_if_one_was_asked_for(tmp_path, options):
+    figure = Figure()
+    figure.subplots().set_xlabel("x" if options else r"$\Gama$")
+    with pytest.raises(FigureError) as caught:
+        plot.save_figure(figure, tmp_path / "bands.png", **options)
+    assert ("--backend" in str(caught.value)) == bool(options)
+    assert ("the labels" in str(caught.value)) and list(tmp_path.iterdir()) == []
+
+
 def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
     with pytest.raises(FileNotFoundError):
         plot.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")

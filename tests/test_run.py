@@ -482,6 +482,42 @@ def test_a_backend_of_the_environment_does_no_harm(work):
         assert (work / backend[:4] / "dos.png").exists()
 
 
+FIT = "force (N),velocity (m/s)\n" + "".join(f"{f},{v}\n" for f, v in ((2, 460), (4, 550), (9, 668), (18, 772)))
+
+
+@pytest.mark.parametrize(
+    ("words", "numbers"),
+    [
+        (("run", "scene.yaml", "-o", "out", "-q"), "dos.csv"),
+        (("fit", "scene.yaml", "data.csv", "-o", "out"), "fit.yaml"),
+        (("tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "-q"), "tradeoff.csv"),
+    ],
+)
+def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(work, words, numbers):
+    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
+    (work / "data.csv").write_text(FIT)
+    (work / "rc").write_bytes(b"\xff\xfe\x00")
+    environment = os.environ | {"MATPLOTLIBRC": str(work / "rc")}
+
+    def granphon(*words):
+        call = [sys.executable, "-m", "granphon", *words]
+        return subprocess.run(call, env=environment, capture_output=True, text=True)
+
+    done = granphon(*words)
+    assert done.returncode == 0
+    (told,) = [line for line in done.stderr.splitlines() if "could not be drawn" in line]
+    assert told.startswith("granphon: warning: ")
+    assert "matplotlib cannot be imported" in told
+    assert str(work / "rc") in told
+    assert "Traceback" not in done.stderr
+    assert (work / "out" / numbers).is_file()
+    assert not list((work / "out").glob("*.png"))
+    if words[0] == "run":
+        done = granphon("plot", "out")
+        assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+        assert done.stderr.startswith("granphon: error: matplotlib cannot be imported: ")
+
+
 def test_a_result_of_another_kind_is_replaced_as_a_whole(work):
     Scene.from_text(SWEEP).run("out")
     Scene.from_text(ONE).run("out", force=True)
