@@ -17,7 +17,15 @@ from numpy.typing import ArrayLike
 from granphon.arguments import real_array
 from granphon.errors import InputError, brief, message
 
-__all__ = ["LEAST_YOUNG_MODULUS", "HertzLaw", "Material", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction", "positive"]
+__all__ = [
+    "LEAST_YOUNG_MODULUS",
+    "HertzLaw",
+    "Material",
+    "contact_radius_ratio",
+    "harmonic_diameter",
+    "mindlin_reduction",
+    "positive",
+]
 
 #: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
 LEAST_YOUNG_MODULUS = 1e3

@@ -137,7 +137,10 @@ class _ByLaw(ABC):
             raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
             what = f"{name} = {given!r} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
-            why, mend = "Balls cannot overlap by their diameter or more, and the contact law fails long before", "Lower the load"
+            why, mend = (
+                "Balls cannot overlap by their diameter or more, and the contact law fails long before",
+                "Lower the load",
+            )
             modulus = self.packing.material.young_modulus
             if modulus < LEAST_YOUNG_MODULUS:
                 why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"

@@ -114,5 +114,3 @@ def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
         step = ticks[1] - ticks[0]
         within = 4 if f"{step:.0e}".startswith("2") else 5  # of a step of one or five, which stays round
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
-
-

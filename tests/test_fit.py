@@ -539,7 +539,7 @@ def test_a_wild_datum_is_named_with_sigma_too(sigma):
 def test_a_datum_is_seldom_called_wild_by_chance(sigma):
     fits = [
         fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), sigma, medium="afa")
-        for s in range(100)
+        for s in range(50)
     ]
     assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
 
