@@ -105,6 +105,14 @@ def test_the_versions_of_a_release_agree():
     assert re.fullmatch(r"unreleased|\d{4}-\d\d-\d\d", dated)
 
 
+def test_each_version_of_the_changelog_has_a_list_of_each_kind_once():
+    for text in re.split(r"^## ", read("CHANGELOG.md"), flags=re.MULTILINE)[1:]:
+        kinds = re.findall(r"^### (\w+)$", text, re.MULTILINE)
+        assert len(kinds) == len(set(kinds))
+        assert set(kinds) <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+        assert not re.search(r"^- .*(\n  .*)*\n\n- ", text, re.MULTILINE), "a blank line parts the entries of one list"
+
+
 # -- what is run before a change ------------------------------------------------------------------------------------
 
 

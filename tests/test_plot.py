@@ -400,7 +400,8 @@ def test_what_may_be_mended_is_the_backend_if_one_was_asked_for(tmp_path, option
     with pytest.raises(FigureError) as caught:
         plot.save_figure(figure, tmp_path / "bands.png", **options)
     assert ("--backend" in str(caught.value)) == bool(options)
-    assert ("the labels" in str(caught.value)) and list(tmp_path.iterdir()) == []
+    assert "the labels" in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):

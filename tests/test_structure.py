@@ -23,8 +23,8 @@ ORDER = [
     "acoustics", "limits", "observables", "ensemble",
     "pairs", "calculator", "spectra", "bridge", "phonons", "references",
     "tasks", "archive", "jobs", "sweeps", "measurements", "velocity_model", "goodness", "fit", "studies", "tradeoffs",
-    "rules", "schema", "load", "scene", "style", "scales", "plot", "charts", "diagrams", "redraw", "run", "wording", "workers",
-    "cli", "__main__",
+    "rules", "schema", "load", "scene", "style", "scales", "plot", "charts", "diagrams", "redraw", "run", "wording",
+    "workers", "cli", "__main__",
 ]  # fmt: skip
 #: the one module that may import each of these
 BORDERS = {
