@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
+from granphon.reading import require_path
 from granphon.units import Units
 
 if TYPE_CHECKING:
@@ -169,10 +170,15 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
     The writer of ASE keeps eight decimals. Of balls of 8 mm that is 0.1 nm, in positions, displacements and diameters
-    alike, and forces go as differences of these. Results of the calculator are not written.
+    alike, and forces go as differences of these. Results of the calculator are not written. :class:`InputError` for what is
+    no Atoms, or no path.
     """
+    from ase import Atoms
     from ase.io.extxyz import output_column_format
 
+    require_path(path)
+    if not isinstance(atoms, Atoms):
+        raise InputError(message(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms"))
     first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
     arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)

@@ -188,11 +188,12 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         n = len(masses)
         points = data["unit_cell"]["points"]
         matrix = np.array(data["supercell_matrix"])
-        if matrix.shape != (3, 3) or matrix.dtype.kind != "i" or len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
+        if len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
             raise InputError("its cell is not one of balls and the auxiliary atom")
+        cells = _layer_cells(matrix)
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("its masses and scales are not above zero")
-        constants = _read_force_constants(data["force_constants"], n + 1, round(abs(np.linalg.det(matrix))))
+        constants = _read_force_constants(data["force_constants"], n + 1, cells)
         cell = PhonopyAtoms(
             symbols=[BALL] * n, cell=_finite(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
             scaled_positions=_finite([point["coordinates"] for point in points[:n]], (n, 3)),
@@ -203,6 +204,15 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     if not verified:
         warn_unverified(path)
     return bridge, scales
+
+
+def _layer_cells(matrix: NDArray[Any]) -> int:
+    """How many cells a supercell of n1 x n2 x 1 has; granphon writes no other, and phonopy may build others for ever."""
+    # as Python's numbers, whose product does not wrap around
+    n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
+    if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
+        raise InputError("its supercell_matrix is not that of n1 x n2 x 1 cells")
+    return n1 * n2
 
 
 def _finite(values: Any, shape: tuple[int, ...]) -> Array:

@@ -99,8 +99,6 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def __init__(self, state: ContactState, finite_overlap: bool | None = None, **unknown: Any) -> None:
         super().__init__(**unknown)
-        if not isinstance(state, ContactState):
-            raise InputError(message(f"state is {state!r}", mend="Give what medium.at_force(...) returns"))
         self.state = state = with_keyword(state, finite_overlap)
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.arguments import real_array
+from granphon.arguments import not_negative, real_array
 from granphon.errors import InputError, message
 from granphon.geometry import ContactTable
 from granphon.results import read_only
@@ -68,16 +68,14 @@ class Compatibility:
         masses: ArrayLike = 1.0,
         gyration: ArrayLike = GYRATION,
     ) -> None:
-        self.cell: Array = read_only(cell, float)
-        self.positions: Array = read_only(positions, float)
+        self.cell: Array = read_only(real_array("cell", cell))
+        self.positions: Array = read_only(real_array("positions", positions))
         self.contacts = contacts
-        self.mindlin_ratio = float(mindlin_ratio)
+        self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
         self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
-        if not self.mindlin_ratio >= 0.0:
-            raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a number, zero or above"))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
             raise InputError(message("a mass or a contact stiffness is not above zero"))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.arguments import real_array
+from granphon.arguments import positive, real_array, real_number
 from granphon.errors import InputError, brief, message
 
 __all__ = [
@@ -24,23 +24,10 @@ __all__ = [
     "contact_radius_ratio",
     "harmonic_diameter",
     "mindlin_reduction",
-    "positive",
 ]
 
 #: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
-
-
-def positive(name: str, value: float, unit: str = "") -> float:
-    """``value`` as a float, or :class:`InputError` if it is not a finite number above zero."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        where = f" (in {unit})" if unit else ""
-        raise InputError(message(f"{name} is {brief(value)}", f"It must be a finite number above zero{where}"))
-    return number
 
 
 @dataclass(frozen=True)
@@ -67,10 +54,7 @@ class Material:
     def __post_init__(self) -> None:
         object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
         object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
-        try:
-            sigma = float(self.poisson_ratio)
-        except (TypeError, ValueError, OverflowError):
-            sigma = math.nan
+        sigma = real_number(self.poisson_ratio)
         if not -1.0 < sigma <= 0.5:
             raise InputError(
                 message(
@@ -204,9 +188,16 @@ class HertzLaw:
     coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
 
     All methods take scalars or arrays: floats in, floats out.
+
+    Raises
+    ------
+    InputError : a coefficient that is not a finite number above zero.
     """
 
     coefficient: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)"))
 
     @property
     def least_overlap(self) -> float:
@@ -218,7 +209,10 @@ class HertzLaw:
         """The law of two balls of the given diameters (m); of equal balls if only one is given."""
         one = positive("diameter", first, "m")
         two = one if second is None else positive("diameter", second, "m")
-        return cls(2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two))))
+        coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
+        if not 0.0 < coefficient < math.inf:
+            raise InputError(message(f"balls of {one:g} m and {two:g} m of this material are beyond double precision"))
+        return cls(coefficient)
 
     def energy(self, overlap: ArrayLike) -> Any:
         """(2/5) c delta_+^(5/2), J."""

@@ -17,8 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.arguments import real_array
-from granphon.contact import positive
+from granphon.arguments import is_whole, not_negative, positive, real_array
 from granphon.errors import InputError, brief, message
 from granphon.quantities import LENGTH
 from granphon.shapes import GRAIN, NormalShape, PointShape, Shape, UniformShape, condensed, cut_rms, merged, passed
@@ -42,15 +41,16 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     longer sample begins with a shorter one. :class:`InputError` for lengths that are not whole numbers >= 0, or a seed that
     is not one of 0 ... 2^64 - 1.
     """
-    lengths = tuple(np.atleast_1d(np.asarray(shape, dtype=object)).tolist())
-    if not lengths or not all(_is_whole(length) for length in lengths) or math.prod(lengths) > _MOST_NUMBERS:
+    given: Any = shape.tolist() if isinstance(shape, np.ndarray) else shape
+    lengths = tuple(given) if isinstance(given, Sequence) else (given,)
+    if not lengths or not all(map(_is_count, lengths)) or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(
             message(
                 f"the shape of the sample is {brief(shape)}",
                 mend="Give whole numbers, none negative, of 2^48 balls or fewer",
             )
         )
-    if not _is_whole(seed) or seed >= 2**64:
+    if not _is_count(seed) or seed >= 2**64:
         raise InputError(message(f"seed is {brief(seed)}", mend="Give a whole number from 0 to 2^64 - 1"))
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
@@ -134,7 +134,7 @@ class Uniform(Spread):
     width: float = field()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "width", _at_least_zero("width", self.width))
+        object.__setattr__(self, "width", not_negative("width", self.width, "m"))
 
     @property
     def rms(self) -> float:
@@ -159,7 +159,7 @@ class Normal(Spread):
     cutoff: float = 3.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "std", _at_least_zero("std", self.std))
+        object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not 1e-3 <= self.cutoff <= 10.0:
             raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give a number of std from 0.001 to 10, such as 3"))
@@ -269,19 +269,8 @@ class Measured(_Listed):
         return cls(tuple(table.column(name, LENGTH).tolist()))
 
 
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
-
-
-def _at_least_zero(name: str, value: Any) -> float:
-    """``value`` as a float, or :class:`InputError` if it is not a finite number, zero or above."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not 0.0 <= number < math.inf:
-        raise InputError(message(f"{name} is {brief(value)}", "It must be a finite number, zero or above (in m)"))
-    return number
+def _is_count(value: Any) -> bool:
+    return is_whole(value) and value >= 0
 
 
 def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:

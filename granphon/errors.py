@@ -7,6 +7,8 @@ why it matters, and how to mend it.
 
 from __future__ import annotations
 
+import re
+
 __all__ = [
     "ConvergenceError",
     "FigureError",
@@ -29,6 +31,8 @@ __all__ = [
 
 #: bits of a whole number that no float holds
 _TOO_LARGE = 1024
+#: what ends a line, with the space about it
+_BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
 
 class GranphonError(Exception):
@@ -92,19 +96,25 @@ class UnverifiedFileWarning(UserWarning):
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Join the three parts of an error message: what is wrong, why, and how to mend it."""
-    sentences = [part.rstrip(". ") for part in (what, why, mend) if part]
+    """Join the three parts of an error message, what is wrong, why, and how to mend it, to one line."""
+    sentences = [_one_line(part).rstrip(". ") for part in (what, why, mend) if part]
     return " ".join(one if one.endswith("?") else f"{one}." for one in sentences)
 
 
 def brief(value: object, most: int = 80) -> str:
-    """A value as a message shows it: its repr, cut; a whole number beyond the range of floats by how large it is."""
+    """A value as a message shows it: its repr on one line, cut; a whole number beyond the range of floats by its size."""
     if isinstance(value, int) and value.bit_length() >= _TOO_LARGE:
         return f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is too large"
-    if isinstance(value, list | tuple) and any(brief(one, most).endswith("too large") for one in value):
+    if isinstance(value, list | tuple) and any(isinstance(one, int) and one.bit_length() >= _TOO_LARGE for one in value):
         return "a list with a number that is too large"
     try:
-        text = repr(value)
+        text = _one_line(repr(value))
     except ValueError:  # Python does not write whole numbers of more than 4300 digits
         return "an array with a number that is too large"
+    except RecursionError:
+        return "a list that is nested without end"
     return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def _one_line(text: str) -> str:
+    return _BREAK.sub(" ", text)

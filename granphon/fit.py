@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.arguments import real_array
+from granphon.arguments import real_array, texts
 from granphon.errors import InputError, message
 from granphon.files import dump_yaml, versions
 from granphon.geometry import one_direction
@@ -235,7 +235,7 @@ def fit_width(
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
     waves = Waves(branch, one_direction(direction), data.frequency, finite_overlap)
-    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium)
     if choice.is_automatic:
         what, why = f"the medium {choice.label!r} is not fitted with", "It is another one at each load and width"

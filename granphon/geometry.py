@@ -80,8 +80,8 @@ class Lattice:
 
     Raises
     ------
-    InputError : the cell has no area, balls overlap, a ball touches no other, or equal contact forces leave a ball out of
-        balance.
+    InputError : the name is no text, the cell has no area, balls overlap, a ball touches no other, or equal contact forces
+        leave a ball out of balance.
     """
 
     name: str
@@ -89,6 +89,8 @@ class Lattice:
     sites: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text"))
         # whatever came in (lists, arrays) is kept as tuples, so that a Lattice is hashable and cannot change
         try:
             cell = real_array("cell", self.cell).reshape(2, 2)
@@ -212,7 +214,9 @@ def lattice_named(lattice: str | Lattice) -> Lattice:
         return lattice
     if isinstance(lattice, str) and lattice in LATTICES:
         return LATTICES[lattice]
-    raise InputError(message(f"unknown lattice {lattice!r}", mend="Use " + ", ".join(LATTICES) + ", or a granphon.Lattice"))
+    raise InputError(
+        message(f"unknown lattice {brief(lattice)}", mend="Use " + ", ".join(LATTICES) + ", or a granphon.Lattice")
+    )
 
 
 def as_direction(direction: ArrayLike) -> Array:

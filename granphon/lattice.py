@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.arguments import not_negative, positive
 from granphon.compatibility import in_plane
 from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import Lattice, as_direction, lattice_named
@@ -86,11 +87,14 @@ class ContactLattice(LongWaves):
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
         itself, the lever arm a/2 and the sideways push of the static force. Left out, they are dropped.
 
-        Raises :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
+        Raises :class:`~granphon.errors.InputError` for a number that is not finite, or out of range, and
+        :class:`~granphon.errors.MechanismError` if a strain of the lattice costs no energy.
         """
-        if not (0.0 < spacing < 2.0 and 0.0 <= prestress < np.inf):
-            raise InputError(message(f"spacing {spacing!r} or prestress {prestress!r} cannot be"))
-        return cls._equal_balls(lattice_named(lattice), float(mindlin_ratio), float(spacing), float(prestress))
+        apart = positive("spacing", spacing)
+        if apart >= 2.0:
+            raise InputError(message(f"spacing is {apart:g}", "It is that of touching balls in diameters, and below 2"))
+        eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
+        return cls._equal_balls(lattice_named(lattice), eta, apart, load)
 
     @classmethod
     @lru_cache(maxsize=128)

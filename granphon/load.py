@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from granphon import rules
+from granphon.arguments import positive, real_array
 from granphon.blocks import ruled
-from granphon.contact import positive
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.quantities import LOADS
 
 __all__ = ["Load", "force_of_frame"]
@@ -41,9 +41,9 @@ class Load:
     balls_per_side: int | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in LOADS:
-            raise InputError(message(f"unknown kind of load {self.kind!r}", mend="Use " + ", ".join(LOADS)))
-        given = np.atleast_1d(self.values)
+        if not isinstance(self.kind, str) or self.kind not in LOADS:
+            raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
+        given = np.atleast_1d(real_array(self.kind, self.values))
         if given.ndim != 1 or not given.size:
             raise InputError(message(f"{self.kind}: {self.values!r:.80}", mend="Give one number, or a list of them"))
         object.__setattr__(self, "values", tuple(self._checked(value) for value in given.tolist()))
@@ -53,7 +53,7 @@ class Load:
             ruled("balls_per_side", rules.balls_on_side, self.balls_per_side)
 
     def _checked(self, value: Any) -> float:
-        if self.kind == "overlap" and isinstance(value, float) and math.isfinite(value):
+        if self.kind == "overlap" and math.isfinite(value):
             return value  # where balls differ it may be negative
         return positive(self.kind, value, LOADS[self.kind].unit)
 

@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.errors import InputError, PrecisionError, brief, message
+from granphon.arguments import not_negative
+from granphon.errors import InputError, PrecisionError, message
 from granphon.geometry import TRIANGULAR, Lattice, lattice_named
 from granphon.lattice import ContactLattice
 from granphon.results import Result
@@ -77,7 +78,7 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
 
     They do not satisfy their own definition (see the errata); they are kept to reproduce the paper's curves.
     """
-    eta = _checked(mindlin_ratio)
+    eta = not_negative("mindlin_ratio", mindlin_ratio)
     alpha, beta = 0.585405, 0.232971
     return LocalField(alpha, beta, xi_of(alpha, beta, eta), eta, TRIANGULAR.name)
 
@@ -103,7 +104,7 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
     MechanismError : the lattice has a motion that costs no energy.
     PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
     """
-    return _local_field(lattice_named(lattice), _checked(mindlin_ratio))
+    return _local_field(lattice_named(lattice), not_negative("mindlin_ratio", mindlin_ratio))
 
 
 @lru_cache(maxsize=256)
@@ -135,19 +136,8 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
     """
     if points < 2:
         raise InputError(message(f"points is {points!r}", "It must be two or more"))
-    medium = ContactLattice.of(TRIANGULAR, _checked(mindlin_ratio))
+    medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
     return float(1.0 / _response(medium, points, _zone if graded else _uniform)[0] - 1.0)
-
-
-def _checked(mindlin_ratio: float) -> float:
-    """eta as a float; :class:`InputError` if it cannot be."""
-    try:
-        eta = float(mindlin_ratio)
-    except OverflowError:
-        eta = np.inf
-    if not 0.0 <= eta < np.inf:
-        raise InputError(message(f"mindlin_ratio is {brief(mindlin_ratio)}", "It must be a finite number, zero or above"))
-    return eta
 
 
 # -- the response of the lattice ------------------------------------------------------------------------------------

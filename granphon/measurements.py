@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.contact import positive
+from granphon.arguments import positive
 from granphon.errors import InputError, message
 from granphon.files import closest
 from granphon.parameters import numbers

@@ -198,8 +198,8 @@ class EffectiveMedium(_ByLaw):
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if local_field not in self.options["local_field"]:
-            raise InputError(message(f"local_field is {local_field!r}", mend="Give 'computed' or 'paper'"))
+        if not isinstance(local_field, str) or local_field not in self.options["local_field"]:
+            raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
         if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
             raise InputError(
                 message(f"the paper has no local field of the {packing.structure.name} lattice", mend="Use 'computed'")

@@ -19,7 +19,7 @@ from granphon.acoustics import (
     over_directions,
     prestress,
 )
-from granphon.arguments import real_array
+from granphon.arguments import real_array, texts
 from granphon.branches import AcousticBranch, AcousticBranches
 from granphon.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.geometry import as_direction
@@ -29,7 +29,7 @@ from granphon.response import bulk_and_shear, shears
 from granphon.results import Result
 from granphon.samples import standard_error
 from granphon.simulation import SimulatedState
-from granphon.state import ContactState, with_keyword
+from granphon.state import ContactState, given_state, with_keyword
 
 __all__ = [
     "Moduli",
@@ -54,7 +54,7 @@ def local_exponent(state: ContactState) -> Any:
     ``state.exponent_error`` is its standard error over the samples: 0 of a medium, which samples nothing, and nan of one
     sample. :class:`~granphon.errors.ConvergenceError` if a simulation beside the load fails.
     """
-    return state.exponent
+    return given_state(state).exponent
 
 
 # -- velocities and moduli ------------------------------------------------------------------------------------------
@@ -292,10 +292,10 @@ def pulse_velocities(
     hertz = real_array("frequency", frequency)
     if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
         raise InputError(message(f"frequency is {brief(frequency)}", "It must be finite and above zero (Hz)"))
-    names = (branches,) if isinstance(branches, str) else tuple(branches)
+    names = texts("branches", branches)
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:
-        raise InputError(message(f"unknown branch {unknown}", mend="Use longitudinal, transverse or both"))
+        raise InputError(message(f"unknown branch {brief(unknown)}", mend="Use longitudinal, transverse or both"))
     d, along = state.packing.diameter, as_direction(direction)
     scales = branch_scales(state, along, names)
     axes = along.ndim - 1

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granphon.contact import HertzLaw, Material, positive
+from granphon.arguments import positive
+from granphon.contact import HertzLaw, Material
 from granphon.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.errors import InputError, message
 from granphon.geometry import Lattice, lattice_named

@@ -17,12 +17,11 @@ from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumu
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.acoustics import contact_lattice
-from granphon.arguments import real_array
+from granphon.arguments import positive, real_array
 from granphon.bridge import ContactPhonopy, load_phonopy, write_phonopy
 from granphon.calculator import HertzMindlin, contact_blocks
 from granphon.calculator import atoms as lattice_atoms
-from granphon.contact import positive
-from granphon.errors import InputError, InstabilityError, message
+from granphon.errors import InputError, InstabilityError, brief, message
 from granphon.geometry import BALL, contacts_apart
 from granphon.lattice import ContactLattice
 from granphon.limits import validity
@@ -272,8 +271,8 @@ class Phonons:
         points : how many frequencies, 12 or more, from zero to just above the top.
         """
         numbers = grid_numbers("mesh", mesh)
-        if method not in ("tetrahedron", "smearing"):
-            raise InputError(message(f"method is {method!r}", mend="Use tetrahedron or smearing"))
+        if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
+            raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12)
         grid = self._mesh(numbers)
         values, vectors = self._eigen(grid.qpoints, vectors=True)

@@ -11,9 +11,9 @@ import re
 import stat
 from typing import Any
 
-from granphon.errors import InputError, MissingFileError, message
+from granphon.errors import InputError, MissingFileError, brief, message
 
-__all__ = ["MAX_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_utf8"]
+__all__ = ["MAX_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_utf8", "require_path"]
 
 #: the largest file that is read
 MAX_BYTES = 256_000_000
@@ -27,8 +27,9 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is a folder, a device or a pipe, larger than ``limit``, or may not be read.
+    InputError : it is a folder, a device or a pipe, larger than ``limit``, or may not be read; or ``path`` is none.
     """
+    require_path(path)
     try:
         with open(path, "rb", opener=_without_waiting) as stream:
             about = os.fstat(stream.fileno())
@@ -49,6 +50,12 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
         size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
         raise InputError(message(f"{path} holds more than {size}", mend="Is this the right file?"))
     return raw
+
+
+def require_path(path: str | os.PathLike[str]) -> None:
+    """:class:`~granphon.errors.InputError` if ``path`` is no text or path: ``open`` takes a number for an open file."""
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(message(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path"))
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -87,8 +87,8 @@ class Result:
         there is a ``digest`` that is not that of the data. Without one, damage that leaves all these right is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}
-        if given.get("class") != cls.__name__:
-            raise InputError(message(f"these data describe a {given.get('class')!r:.60}, not a {cls.__name__!r}"))
+        if _class_of(given) != cls.__name__:
+            raise InputError(message(f"these data describe a {shown(given.get('class'))}, not a {cls.__name__!r}"))
         schema = given.get("schema", cls.schema)
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
             raise InputError(message(f"{cls.__name__} data have the schema {shown(schema)}", mend="It is a whole number"))
@@ -102,11 +102,12 @@ class Result:
         try:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
             # last, as the other errors say more
-            if "digest" in given and given.pop("digest") != digest(plain(given)):
+            if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
                 raise damaged(f"a {cls.__name__} in plain data", "under 'digest'")
+            units = plain(given.get("units", restored.said_units()))  # an array among them becomes a list, which is no unit
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested without end")) from None
-        if given.get("units", restored.said_units()) != restored.said_units():
+        if units != restored.said_units():
             mend = "They are those that to_dict gives; other units are not converted"
             raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
         return restored
@@ -198,7 +199,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and value.get("class") == getattr(hint, "__name__", ""):
+        if isinstance(value, Mapping) and _class_of(value) == getattr(hint, "__name__", None):
             return _restore_fields(value, hint)
     elif _is_scalar(value, hint):
         return value
@@ -211,6 +212,12 @@ def _is_scalar(value: Any, hint: Any) -> bool:
     if hint is int:
         return isinstance(value, int) and not isinstance(value, bool)
     return hint in (str, bool, NoneType) and isinstance(value, hint)
+
+
+def _class_of(data: Mapping[str, Any]) -> str:
+    """The name of the class that plain data are of; "" if they name none, or something else than a text as one."""
+    name = data.get("class")
+    return name if isinstance(name, str) else ""
 
 
 def _kind(value: Any) -> str:
@@ -249,7 +256,7 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
 def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
     """By the first of the hints that the value serves; if it names its class, by that one's alone."""
     if isinstance(value, Mapping):
-        hints = tuple(hint for hint in hints if getattr(hint, "__name__", "") == value.get("class")) or hints
+        hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _class_of(value)) or hints
     for hint in hints[:-1]:
         try:
             return restore(value, hint, name)

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.arguments import real_array
+from granphon.arguments import is_whole, real_array
 from granphon.contact import HertzLaw
 from granphon.diameters import Measured
 from granphon.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
@@ -330,10 +330,9 @@ class DirectSimulation:
                     "Use another medium, or the triangular lattice",
                 )
             )
-        if self.diameters is None:
-            shape = tuple(_whole("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
-            object.__setattr__(self, "shape", shape)
-        else:
+        shape = tuple(_whole("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
+        object.__setattr__(self, "shape", shape)
+        if self.diameters is not None:
             self._take(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
@@ -371,7 +370,7 @@ class DirectSimulation:
             packing = replace(packing, spread=spread, diameter=spread.mean)
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "diameters", array)
-        if tuple(_pair(self.shape)) not in (DirectSimulation.shape, array.shape):
+        if self.shape not in (DirectSimulation.shape, array.shape):
             what = f"shape is {self.shape!r}, and the diameters have {array.shape}"
             raise InputError(message(what, "A sample of given balls has their shape", "Leave shape out"))
         object.__setattr__(self, "shape", array.shape)
@@ -540,7 +539,7 @@ def _pair(shape: Any) -> tuple[Any, Any]:
 
 
 def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= (most or value):
+    if is_whole(value) and least <= value <= (most or value):
         return int(value)
     bounds = f"{least} or more" if most is None else f"from {least} to {most}"
     raise InputError(message(f"{name} is {brief(value)}", f"It must be a whole number, {bounds}"))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.arguments import real_array
+from granphon.arguments import real_array, texts
 from granphon.branches import connect_branches
 from granphon.digests import own_file, read_sealed, sealed, warn_unverified
 from granphon.errors import InputError, brief, message
@@ -119,8 +119,10 @@ def band_path(
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
             raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
-        if corners[0].ndim == 3:
+        if corners and corners[0].ndim == 3:
             corners = list(corners[0])
+        if not corners:
+            raise InputError(message(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"))
         for piece in corners:
             if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
                 raise InputError(message("a path is a list of corners of two or three finite numbers"))
@@ -147,7 +149,8 @@ def band_path(
 
 
 def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
-    flat, count = [str(label) for label in labels], sum(map(len, pieces))
+    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # letters of one text are labels, too
+    count = sum(map(len, pieces))
     if len(flat) != count:
         raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
     ends = np.cumsum([len(piece) for piece in pieces]).tolist()

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.blocks import ruled, truth
 from granphon.contact import HertzLaw
 from granphon.effective import VALID_FORCE, EffectiveLaw
-from granphon.errors import InputError, message
+from granphon.errors import InputError, brief, message
 from granphon.laws import AveragedLaw
 from granphon.packing import Packing
 from granphon.results import Result
 from granphon.units import Units
 
-__all__ = ["ContactLaw", "ContactState", "Law", "overlap_flag", "with_keyword"]
+__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "overlap_flag", "with_keyword"]
 
 Array = NDArray[np.float64]
 #: scalar in, scalar out; array in, array out
@@ -249,11 +249,20 @@ def overlap_flag(given: bool | None) -> tuple[bool, bool]:
     return said and ruled("finite_overlap", truth, value), said
 
 
+def given_state(state: ContactState) -> ContactState:
+    """The state that a public function was given; :class:`InputError` if it is none."""
+    if not isinstance(state, ContactState):
+        raise InputError(message(f"state is {brief(state)}", mend="Give a ContactState, as medium.at_force gives it"))
+    return state
+
+
 def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactState:
     """The state as the deprecated keyword ``finite_overlap`` of the caller, a public function, would have it.
 
-    None leaves it as it is. Otherwise a state on which nobody set it takes it; :class:`InputError` if it was set otherwise.
+    None leaves it as it is. Otherwise a state on which nobody set it takes it; :class:`InputError` if it was set otherwise,
+    or is no state.
     """
+    given_state(state)
     if finite_overlap is None:
         return state
     wanted, _ = overlap_flag(finite_overlap)

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from granphon.arguments import positive
 from granphon.errors import InputError, message
 
 __all__ = ["HertzPrefix", "Units", "file_header", "prefixed", "read_header"]
@@ -75,12 +76,17 @@ class HertzPrefix:
 class Units:
     """The scales of reduced units, in SI: ``length`` (m), ``stiffness`` (N/m), ``mass`` (kg).
 
-    A quantity in reduced units times the property of its name is the quantity in SI.
+    A quantity in reduced units times the property of its name is the quantity in SI. :class:`InputError` for a scale that
+    is not a finite number above zero.
     """
 
     length: float
     stiffness: float
     mass: float
+
+    def __post_init__(self) -> None:
+        for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
+            object.__setattr__(self, name, positive(name, getattr(self, name), unit))
 
     @property
     def angular_frequency(self) -> float:
@@ -115,11 +121,11 @@ class Units:
 
     def to_info(self) -> dict[str, float]:
         """The scales under the names they have in ``Atoms.info`` and in exported files."""
-        return {key: float(getattr(self, name)) for name, key in _INFO.items()}
+        return {key: getattr(self, name) for name, key in _INFO.items()}
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales back; :class:`InputError` if they are not all there."""
+        """Read the scales back; :class:`InputError` if they are not all there, or not finite numbers above zero."""
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
             raise InputError(
@@ -129,7 +135,7 @@ class Units:
                     "Make the object with granphon, or add the missing entries",
                 )
             )
-        return cls(**{name: float(info[key]) for name, key in _INFO.items()})
+        return cls(**{name: info[key] for name, key in _INFO.items()})
 
 
 def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
@@ -149,6 +155,6 @@ def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
     if own["schema"] != 1:
         raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
     hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
-    if own["hertz"] != hertz or not all(0.0 < scale < math.inf for scale in scales.to_info().values()):
-        raise InputError("its scales contradict each other, or are not above zero")
+    if own["hertz"] != hertz:
+        raise InputError("its unit of frequency and the size of it contradict each other")
     return hertz, scales

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.acoustics import contact_lattice
+from granphon.arguments import positive
 from granphon.blocks import ruled, truth
 from granphon.branches import acoustic_branches
-from granphon.contact import positive
 from granphon.diameters import Discrete, Measured, Spread, Uniform
-from granphon.errors import InputError, UnreachableFrequencyError, message
+from granphon.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.files import closest
 from granphon.ladder import MediumChoice, no_simulation
 from granphon.medium import AveragedLattice
@@ -69,8 +69,8 @@ class Waves(Result):
     finite_overlap: bool
 
     def __post_init__(self) -> None:
-        if self.branch not in ("longitudinal", "transverse"):
-            raise InputError(message(f"unknown branch {self.branch!r}", mend="Use longitudinal or transverse"))
+        if not isinstance(self.branch, str) or self.branch not in ("longitudinal", "transverse"):
+            raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use longitudinal or transverse"))
         ruled("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
