@@ -44,6 +44,8 @@ def real_array(name: str, values: Any) -> NDArray[np.float64]:
             return given.astype(np.float64)
         except OverflowError:
             raise _refused(name, values, "is too large for double precision") from None
+        except ValueError:  # a signalling nan among decimals
+            raise _refused(name, values, mend=_REAL) from None
     if given.dtype.kind not in "iuf":
         raise _refused(name, values, "is complex" if given.dtype.kind == "c" else "", _REAL)
     with np.errstate(over="ignore"):

@@ -42,7 +42,7 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     is not one of 0 ... 2^64 - 1.
     """
     given: Any = shape.tolist() if isinstance(shape, np.ndarray) else shape
-    lengths = tuple(given) if isinstance(given, Sequence) else (given,)
+    lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
     if not lengths or not all(map(_is_count, lengths)) or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(
             message(

@@ -1,4 +1,4 @@
-"""Arrays of real numbers at every public border, and what NumPy would make of others."""
+"""Numbers, names and states at every public border, and what Python and NumPy would make of others."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.arguments import real_array
-from granphon.contact import harmonic_diameter, mindlin_reduction
+from granphon.contact import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.cost import estimate
-from granphon.errors import InputError
+from granphon.errors import InputError, brief, message
+from granphon.load import Load
+from granphon.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
 
@@ -149,3 +151,176 @@ def test_wave_vectors_are_pairs(shape):
             find(np.ones(shape))
     with pytest.raises(InputError, match="fractions of shape"):
         LATTICE.wavevectors(np.ones(4))
+
+
+# -- single numbers, names, states ----------------------------------------------------------------------------------
+
+ENDLESS = [1.0]
+ENDLESS.append(ENDLESS)
+TWICE = []
+TWICE += [TWICE, TWICE]
+#: what is no positive real number, though float() takes some of it, and NumPy's classes of numbers some more
+NO_NUMBERS = [
+    "1", b"1", "8e-3", True, np.True_, None, 1j, np.nan, np.inf, -1.0, np.float16(np.inf), np.ma.masked, 10**400,
+    np.timedelta64(1), Decimal("inf"), Decimal("sNaN"), np.array([1.0, 2.0]), [1.0], ENDLESS, object(),
+]  # fmt: skip
+MATERIAL = {"young_modulus": 1e9, "poisson_ratio": 0.2, "density": 1e3}
+#: what is called, and a number that it takes
+SINGLE = {
+    **{f"material.{name}": (lambda x, name=name: gp.Material(**MATERIAL | {name: x}), 0.25) for name in MATERIAL},
+    "yield_strength": (lambda x: gp.Material(**MATERIAL, yield_strength=1.0 if x is None else x), 1e9),
+    "diameter": (lambda x: gp.Packing(BALLS.material, x), 8e-3),
+    "uniform": (gp.Uniform, 1e-6),
+    "normal": (gp.Normal, 1e-6),
+    "cutoff": (lambda x: gp.Normal(1e-6, x), 2.0),
+    "hertz law": (HertzLaw, 1.0),
+    "between": (lambda x: HertzLaw.between(BALLS.material, x), 8e-3),
+    "friction": (lambda x: mindlin_reduction(0.1, 10.0, x), 0.5),
+    "length": (lambda x: gp.Units(x, 1.0, 1.0), 1e-300),
+    "stiffness": (lambda x: gp.Units(1.0, x, 1.0), 1e300),
+    "mass": (lambda x: gp.Units(1.0, 1.0, x), 5e-324),
+    "mindlin_ratio": (lambda x: gp.ContactLattice.of("triangular", x), 0.75),
+    "spacing": (lambda x: gp.ContactLattice.of("triangular", 0.75, x), 0.5),
+    "prestress": (lambda x: gp.ContactLattice.of("triangular", 0.75, 1.0, x), 0.001),
+    "local field": (lambda x: local_field("triangular", x), 0.75),
+    "load": (lambda x: Load("force", [x]), 1.0),
+}
+
+
+@pytest.mark.parametrize(("call", "number"), SINGLE.values(), ids=SINGLE)
+def test_a_number_is_a_real_number(call, number):
+    call(number)
+    for same in (np.float64(number), np.array(number), Decimal(number), Fraction(number)):
+        call(same)
+    for wrong in NO_NUMBERS:
+        if wrong is None and call is SINGLE["yield_strength"][0]:
+            continue  # leaves it out
+        with pytest.raises(InputError) as error:
+            call(wrong)
+        assert "\n" not in str(error.value)
+
+
+def test_numbers_are_kept_as_floats():
+    kept = (gp.Units(1, np.float32(2.0), Fraction(1, 2)), HertzLaw(3), gp.Uniform(Decimal("0.5")))
+    numbers = [one for held in kept for one in vars(held).values()]
+    assert numbers == [1.0, 2.0, 0.5, 3.0, 0.5]
+    assert {type(one) for one in numbers} == {float}
+
+
+def test_a_law_beyond_double_precision_is_refused():
+    with pytest.raises(InputError, match="beyond double precision"):
+        HertzLaw.between(gp.Material(1e308, -0.999999, 1.0), 1e300)
+
+
+@pytest.mark.parametrize("endless", [ENDLESS, TWICE], ids=["once", "twice"])
+@pytest.mark.parametrize("call", [call for call, _ in BORDERS.values()], ids=BORDERS)
+def test_a_list_that_contains_itself_is_refused(call, endless):
+    with pytest.raises(InputError):
+        call(endless)
+    with pytest.raises(InputError, match="nested more than 64 levels deep"):
+        real_array("x", endless)
+
+
+TAKES_A_STATE = {
+    "sound_velocities": gp.sound_velocities,
+    "moduli": gp.moduli,
+    "local_exponent": gp.local_exponent,
+    "validity": gp.validity,
+    "pulse_velocities": lambda state: gp.pulse_velocities(state, 1e3),
+    "Phonons": gp.Phonons,
+    "atoms": gp.atoms,
+    "HertzMindlin": gp.HertzMindlin,
+}
+
+
+@pytest.mark.parametrize("call", TAKES_A_STATE.values(), ids=TAKES_A_STATE)
+def test_what_is_no_state_is_refused(call):
+    for wrong in (None, 1.0, "state", BALLS, np.array([1.0]), gp.AveragedLattice(BALLS), [STATE]):
+        with pytest.raises(InputError, match="^state is .* Give a ContactState, as medium.at_force gives it"):
+            call(wrong)
+
+
+NO_NAMES = (
+    1,
+    None,
+    1.5,
+    object(),
+    {},
+    np.array(["a", "b"]),
+    np.array(["width"], object),
+    [["width"]],
+    [1],
+    b"width",
+    ENDLESS,
+)
+TAKES_A_NAME = {
+    "local_field": lambda name: gp.EffectiveMedium(BALLS, name),
+    "branch": lambda name: gp.fit_width(BALLS, FORCE, SPEED, branch=name),
+    "parameters": lambda names: gp.fit_width(
+        BALLS, FORCE, SPEED, parameters=["mass"] if "width" in np.array(names) else names
+    ),
+    "branches": lambda names: gp.pulse_velocities(STATE, 1e3, branches=names),
+    "labels": lambda names: PHONONS.bands("GKM", 3, ["one"] if names is None else names),
+    "path": lambda path: PHONONS.bands("GX" if path is None else path, 3),
+    "method": lambda name: PHONONS.dos((4, 4), method=name),
+    "kind of load": lambda name: Load(name, 1.0),
+}
+
+
+@pytest.mark.parametrize("call", TAKES_A_NAME.values(), ids=TAKES_A_NAME)
+def test_what_is_no_name_is_refused(call):
+    for wrong in NO_NAMES:
+        with pytest.raises(InputError):
+            call(wrong)
+
+
+def test_names_come_as_a_text_a_list_or_an_array():
+    for names in ("transverse", ["transverse"], ("transverse",), np.array(["transverse"])):
+        assert gp.pulse_velocities(STATE, 1e3, branches=names).branches == ("transverse",)
+    for labels in ("GKM", ["G", "K", "M"], np.array(["G", "K", "M"])):
+        assert PHONONS.bands("GKM", 3, labels).labels == ("G", "K", "M")
+    with pytest.raises(InputError, match="labels is"):
+        PHONONS.bands("GKM", 3, np.ma.array(["G", "K", "M"], mask=[0, 1, 0]))
+
+
+@pytest.mark.parametrize("keyword", ["seed", "samples", "shape"])
+def test_sizes_of_a_simulation_are_whole_numbers(keyword):
+    for wrong in (
+        np.timedelta64(3),
+        True,
+        2.0,
+        "2",
+        None,
+        ENDLESS,
+        np.ma.masked,
+        {},
+        [np.timedelta64(3), 4],
+        [[1, 2], [3, 4]],
+    ):
+        for diameters in (None, [[8e-3, 8e-3]]):
+            with pytest.raises(InputError):
+                gp.DirectSimulation(BALLS, diameters=diameters, **{keyword: wrong})
+
+
+def test_the_name_of_a_lattice_is_a_text():
+    for wrong in (None, 1, [], {}, object(), np.array(["a"])):
+        with pytest.raises(InputError, match="the name of a lattice is"):
+            gp.Lattice(wrong, ((1.0, 0.0), (0.0, 1.0)))
+
+
+def test_what_is_no_atoms_is_not_written(tmp_path):
+    for wrong in (None, "balls", 1.0, STATE):
+        with pytest.raises(InputError, match="Give an ase.Atoms"):
+            gp.write_extxyz(tmp_path / "balls.xyz", wrong)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="the path is True"):
+        gp.write_extxyz(True, gp.atoms(STATE))
+
+
+def test_a_message_is_one_line():
+    for wrong in (np.ones((3, 2)), np.array([["a"], ["b"]])):
+        assert "\n" in repr(wrong)
+        assert "\n" not in brief(wrong)
+        assert len(brief(wrong)) <= 80
+        assert message(f"x is {wrong!r}", f"It\nis\r\n{wrong!r}", "No\x0bway\u2028out").count("\n") == 0
+    assert message("a  b", "c\n   d") == "a  b. c d."  # spaces of a path stay

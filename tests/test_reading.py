@@ -291,6 +291,36 @@ def test_only_regular_files_are_read(tmp_path, kind):
             read(path)
 
 
+@pytest.mark.parametrize("kind", LOADERS)
+def test_a_path_is_a_text_or_a_path(kind):
+    # open() takes whole numbers, and True, for files that are open: it closed standard output
+    out = os.fstat(1)
+    for wrong in (None, 1.5, [], object(), True, 1, b"file", np.ma.masked):
+        with pytest.raises(InputError, match="the path is"):
+            LOADERS[kind][1](wrong)
+    assert os.path.samestat(os.fstat(1), out)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[3, 100000000, 0], [0, 3, 0], [0, 0, 1]], [[3, 0, 0], [0, 3, 0], [0, 1, 1]], [[0, 3, 0], [3, 0, 0], [0, 0, 1]],
+        [[-3, 0, 0], [0, -3, 0], [0, 0, 1]], [[3, 0, 0], [0, 1, 0], [0, 0, 3]], [[9, 0], [0, 1]], [[3.0, 0, 0]] * 3,
+        [[2**62, 0, 0], [0, 2**62, 0], [0, 0, 1]], [[1000000000, 0, 0], [0, 1000000000, 0], [0, 0, 1]], [[2**70, 0, 0]] * 3,
+    ],
+)  # fmt: skip
+def test_supercells_that_granphon_does_not_write_are_refused(written, tmp_path, rows):
+    # phonopy would build the first for ever: its determinant is that of the stored force constants
+    lines = (written / "phonopy_params.yaml").read_text().split("\n")
+    lines = [line for line in lines if "sha256" not in line]
+    place = lines.index("supercell_matrix:")
+    assert lines[place + 1 : place + 3] == ["- [ 3, 0, 0 ]", "- [ 0, 3, 0 ]"]
+    path = tmp_path / "phonopy_params.yaml"
+    path.write_text("\n".join([*lines[: place + 1], *(f"- {row}" for row in rows), *lines[place + 4 :]]))
+    with pytest.raises(InputError, match="supercell_matrix is not that of|force constants of shape"):
+        gp.load_phonopy(path)
+
+
 def test_large_files_are_refused(tmp_path):
     (tmp_path / "large").write_bytes(b"")
     os.truncate(tmp_path / "large", 300_000_000)  # takes no room

@@ -254,6 +254,20 @@ def test_damaged_plain_data_are_refused(every):
                 assert type(cls.from_dict(damaged)) is cls
 
 
+@pytest.mark.parametrize("wrong", [np.array([1.0, 2.0]), np.array(["a", "b"]), np.ma.array([1, 2], mask=[0, 1]), [[]]])
+def test_arrays_where_names_and_digests_belong_are_refused(results, wrong):
+    data = results["state"].to_dict()
+    bare = {name: value for name, value in data.items() if name != "digest"}
+    for name in ("class", "digest", "units", "schema"):
+        with pytest.raises(InputError):
+            gp.ContactState.from_dict(data | {name: wrong})
+    for one in (bare | {"units": dict.fromkeys(bare["units"], wrong)}, bare | {"packing": bare["packing"] | {"class": wrong}},
+                bare | {"law": bare["law"] | {"class": wrong}}):  # fmt: skip
+        with pytest.raises(InputError) as error:
+            gp.ContactState.from_dict(one)
+        assert "\n" not in str(error.value)
+
+
 def test_state_comes_back_whole(results):
     again = gp.ContactState.from_dict(json.loads(json.dumps(results["state"].to_dict())))
     assert again.packing == results["state"].packing
