@@ -314,10 +314,10 @@ def test_supercells_that_granphon_does_not_write_are_refused(written, tmp_path, 
     lines = (written / "phonopy_params.yaml").read_text().split("\n")
     lines = [line for line in lines if "sha256" not in line]
     place = lines.index("supercell_matrix:")
-    assert lines[place + 1 : place + 3] == ["- [ 3, 0, 0 ]", "- [ 0, 3, 0 ]"]
+    assert lines[place + 1 : place + 3] == ["- [   3,   0,   0 ]", "- [   0,   3,   0 ]"]
     path = tmp_path / "phonopy_params.yaml"
     path.write_text("\n".join([*lines[: place + 1], *(f"- {row}" for row in rows), *lines[place + 4 :]]))
-    with pytest.raises(InputError, match="supercell_matrix is not that of|force constants of shape"):
+    with pytest.raises(InputError, match=r"supercell_matrix is not that of|force constants of shape"):
         gp.load_phonopy(path)
 
 

@@ -261,10 +261,10 @@ def test_arrays_where_names_and_digests_belong_are_refused(results, wrong):
     for name in ("class", "digest", "units", "schema"):
         with pytest.raises(InputError):
             gp.ContactState.from_dict(data | {name: wrong})
-    for one in (bare | {"units": dict.fromkeys(bare["units"], wrong)}, bare | {"packing": bare["packing"] | {"class": wrong}},
-                bare | {"law": bare["law"] | {"class": wrong}}):  # fmt: skip
+    parts = [{name: bare[name] | {"class": wrong}} for name in ("packing", "law")]
+    for part in ({"units": dict.fromkeys(bare["units"], wrong)}, *parts):
         with pytest.raises(InputError) as error:
-            gp.ContactState.from_dict(one)
+            gp.ContactState.from_dict(bare | part)
         assert "\n" not in str(error.value)
 
 
