@@ -94,8 +94,8 @@ def is_whole(value: Any) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
-def texts(name: str, given: str | Sequence[str]) -> tuple[str, ...]:
-    """One text, or a list of texts, as a tuple; :class:`InputError`, which calls it ``name``, for anything else."""
+def texts(name: str, given: str | Sequence[str] | NDArray[Any]) -> tuple[str, ...]:
+    """One text, or a list or array of texts, as a tuple; :class:`InputError`, which calls it ``name``, for anything else."""
     if isinstance(given, str):
         return (given,)
     plain: Any = given.tolist() if isinstance(given, np.ndarray) else given  # masked entries become None

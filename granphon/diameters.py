@@ -41,7 +41,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     longer sample begins with a shorter one. :class:`InputError` for lengths that are not whole numbers >= 0, or a seed that
     is not one of 0 ... 2^64 - 1.
     """
-    given: Any = shape.tolist() if isinstance(shape, np.ndarray) else shape
+    given: Any = shape
+    given = given.tolist() if isinstance(given, np.ndarray) else given
     lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
     if not lengths or not all(map(_is_count, lengths)) or math.prod(lengths) > _MOST_NUMBERS:
         raise InputError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class Load:
         if self.balls_per_side is not None:
             ruled("balls_per_side", rules.balls_on_side, self.balls_per_side)
 
-    def _checked(self, value: Any) -> float:
+    def _checked(self, value: float) -> float:
         if self.kind == "overlap" and math.isfinite(value):
             return value  # where balls differ it may be negative
         return positive(self.kind, value, LOADS[self.kind].unit)
