@@ -18,7 +18,7 @@ from granphon.arguments import not_negative, positive
 from granphon.compatibility import in_plane
 from granphon.errors import InputError, InstabilityError, message
 from granphon.geometry import Lattice, as_direction, lattice_named
-from granphon.jacobi import cholesky_factor, jacobi_svd
+from granphon.jacobi import MOST_COLUMNS, cholesky_factor, graded_svd, lapack_svd
 from granphon.longwave import LongWaves
 from granphon.results import Result
 
@@ -31,8 +31,6 @@ _DEGENERATE = 1e-9
 _NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
 #: |q|d below which acoustic columns are so small that the iteration might take them for rounding
 _FAINT = 1e-80
-#: columns beyond which the Jacobi iteration, whose cost grows with their square, gives way to LAPACK
-_MANY = 36
 #: |dq|d at which branches that touch with one slope are told apart
 _STEP = 1e-3
 
@@ -177,7 +175,7 @@ class ContactLattice(LongWaves):
         # at Gamma itself everything is its limit along the direction, and very near it the limit along q
         at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
         limit = at_gamma | faint
-        small = _NEAR_GAMMA if self.n_branches <= _MANY else _NEAR_GAMMA_LAPACK
+        small = _NEAR_GAMMA if self.n_branches <= MOST_COLUMNS else _NEAR_GAMMA_LAPACK
         near = np.where(at_gamma[:, None], small * along, q)
         if np.any(faint):
             near[faint] = small * as_direction(q[faint])
@@ -197,18 +195,12 @@ class ContactLattice(LongWaves):
 
     def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
         """Frequencies and eigenvectors in the frame."""
-        factor = self._factor(wavevectors) if self.is_prestressed else self._rows(wavevectors)
-        if self.n_branches > _MANY:
-            # fewer contacts than motions leave free ones: a row of zeros for each
-            lacking = max(0, self.n_branches - factor.shape[1])
-            factor = np.pad(factor, ((0, 0), (0, lacking), (0, 0)))
-            _, values, adjoint = np.linalg.svd(factor, full_matrices=False)
-            return values[:, ::-1], adjoint[:, ::-1].swapaxes(1, 2).conj()
-        values, right, _ = jacobi_svd(factor)
-        return values, right
+        return graded_svd(self._factor(wavevectors))
 
     def _factor(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """L^H of D = L L^H, which takes the place of K^1/2 C M^-1/2 where prestress makes K indefinite."""
+        """K^1/2 C M^-1/2 or, where prestress makes K indefinite, L^H of D = L L^H."""
+        if not self.is_prestressed:
+            return self._rows(wavevectors)
         matrix = self._frame_matrix(wavevectors)
         try:
             return cholesky_factor(matrix)
@@ -224,34 +216,37 @@ class ContactLattice(LongWaves):
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
-        values, vectors = self._solve(q)
-        slopes = self._slopes_of_dynamical_matrix(q) if self.is_prestressed else self._slopes_of_compatibility(q)
-        further: dict[int, NDArray[Any]] = {}
+        factor = self._factor(q)
+        values, vectors = graded_svd(factor)
+        slopes = self._slopes_of_dynamical_matrix(q) if self.is_prestressed else self._slopes_of_compatibility(q, factor)
+        alike: list[tuple[int, slice]] = []
         for point, start, stop in _runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
             block = vectors[point][:, start:stop]
             slope, turn = np.linalg.eigh(np.einsum("abc,a->bc", slopes(point, block), along[point]))
             vectors[point][:, start:stop] = block @ turn
-            # branches of one slope part at second order only: take what they are a step further on
-            for _, first, last in _runs((np.diff(slope) <= 1e-9)[None]):
-                part = slice(start + first, start + last)
-                if point not in further:
-                    further[point] = self._solve(q[point] + _STEP * along[point])[1][0]
-                u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[point][:, part])
+            alike += [(point, slice(start + a, start + b)) for _, a, b in _runs((np.diff(slope) <= 1e-9)[None])]
+        if alike:
+            # branches of one slope part at second order only: take what they are a step further on, where the length of
+            # the step, and not LAPACK, limits what is known of them
+            points, place = np.unique([point for point, _ in alike], return_inverse=True)
+            _, further = lapack_svd(self._factor(q[points] + _STEP * along[points]))
+            for (point, part), there in zip(alike, place.tolist(), strict=True):
+                u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[there][:, part])
                 vectors[point][:, part] = vectors[point][:, part] @ u @ vh
         # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         diagonal = slopes(slice(None), vectors, diagonal=True)
         return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
 
-    def _slopes_of_compatibility(self, q: Array) -> Callable[..., NDArray[Any]]:
+    def _slopes_of_compatibility(self, q: Array, rows: NDArray[Any]) -> Callable[..., NDArray[Any]]:
         """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too."""
-        rows, slope = self._rows(q), self._rows(q, derivative=True)
+        slope = self._rows(q, derivative=True)
         half = self._half_vectors(rows)
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
             left, right = (rows[point] @ v).conj(), slope[point] @ v
             if diagonal:
-                return np.asarray(2.0 * np.einsum("ra,qrb->qab", half, (left * right).real))
+                return np.asarray(2.0 * half.T @ (left * right).real)
             one = np.einsum("rb,ra,rc->abc", left, half, right)
             return np.asarray(one + one.swapaxes(-1, -2).conj())
 

@@ -126,7 +126,7 @@ class LongWaves(Compatibility):
                     mend,
                 )
             )
-        values, right, _ = jacobi_svd(self._relaxed_rows @ _STRAINS)
+        values, right = jacobi_svd(self._relaxed_rows @ _STRAINS)
         if values[0] <= _SOFT * values[-1]:
             strain = right[:, 0] * [1.0, 1.0, np.sqrt(2.0)]
             xx, yy, xy = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
@@ -197,7 +197,7 @@ class LongWaves(Compatibility):
                 raise InstabilityError(
                     message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
                 ) from None
-        values, right, _ = jacobi_svd(factor)
+        values, right = jacobi_svd(factor)
         ahead = np.abs(np.einsum("...i,...ib->...b", along, right))
         first = np.where(ahead[..., 0] > ahead[..., 1], 0, 1)[..., None]
         order = np.concatenate([first, 1 - first], axis=-1)
