@@ -53,7 +53,7 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     values, right = lapack_svd(matrices)
     if n <= MOST_COLUMNS:
         again = _loses_digits(matrices, values)
-        if np.any(again):
+        if again.size:
             values[again], right[again] = jacobi_svd(matrices[again])
     return values, right
 
@@ -67,20 +67,23 @@ def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
 
-def _loses_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n_matrices,): whether LAPACK's ``values`` lack digits that :func:`jacobi_svd` has; zeros are made exact.
+def _loses_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has; zeros are made exact.
 
     A column of zeros is a singular value of zero, and no reason to doubt the others.
     """
-    # the largest element stands for the length of a column: its square cannot underflow
-    size = np.max(np.abs(matrices), axis=1)
-    zeros = np.sum(size == 0.0, axis=1)
-    values[np.arange(values.shape[1]) < zeros[:, None]] = 0.0
-    full = zeros < values.shape[1]
-    smallest = np.take_along_axis(values, np.where(full, zeros, 0)[:, None], 1)[:, 0]
-    shortest = np.min(size, axis=1, where=size > 0.0, initial=np.inf)
-    uncertain = smallest * _TOLERANCE < _LAPACK * _EPS * values[:, -1]
-    return np.asarray(full & uncertain & (_GRADED * shortest < np.max(size, axis=1)))
+    limit = _LAPACK * _EPS / _TOLERANCE
+    doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
+    # the largest element stands for the length of a column: its square might underflow
+    size = np.max(np.abs(matrices[doubtful]), axis=1)
+    found = []
+    for place, lengths in zip(doubtful.tolist(), size, strict=True):
+        zeros = np.count_nonzero(lengths == 0.0)
+        values[place, :zeros] = 0.0
+        rest = lengths[lengths > 0.0]
+        if rest.size and values[place, zeros] <= limit * values[place, -1] and _GRADED * rest.min() < rest.max():
+            found.append(place)
+    return np.array(found, np.intp)
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
