@@ -28,6 +28,8 @@ __all__ = ["GYRATION", "Compatibility", "in_plane"]
 Array = NDArray[np.float64]
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
+#: relative difference of vectors that are equal but for rounding
+_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def in_plane(wavevectors: ArrayLike) -> Array:
@@ -201,25 +203,82 @@ class Compatibility:
                 rows[:, b, ..., 2] = -root[:, None] * turning
         return rows.reshape(len(q), len(blocks) * len(table), self.n_branches)
 
+    @cached_property
+    def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+        """Contacts and their images, if the lattice looks the same inverted about each of its balls; else None.
+
+        The image of a contact is one of the same balls with the opposite vector. A contact of a ball with itself is its
+        own, and is left out.
+        """
+        table = self.contacts
+        # seen from the ball of the lower number: what an image shares, and what it has with the opposite sign
+        turned = (table.i > table.j)[:, None]
+        ends = np.sort(np.stack([table.i, table.j], axis=1), axis=1)
+        arms = np.where(turned, np.stack([table.arm_j, table.arm_i], axis=1), np.stack([table.arm_i, table.arm_j], axis=1))
+        same = np.column_stack([ends, arms, self.stiffness, self.prestress])
+        opposite = np.where(turned, -1.0, 1.0) * np.column_stack([table.vector, table.normal])
+        left, first, image = ends[:, 0] != ends[:, 1], [], []
+        while np.any(left):
+            c = int(np.argmax(left))
+            left[c] = False
+            inverted = np.all(np.abs(opposite + opposite[c]) <= _ROUNDING * np.max(np.abs(opposite[c])), axis=1)
+            alike = np.all(np.abs(same - same[c]) <= _ROUNDING * np.abs(same[c]), axis=1)
+            others = np.flatnonzero(left & inverted & alike)
+            if not others.size:
+                return None
+            left[others[0]] = False
+            first.append(c)
+            image.append(int(others[0]))
+        return np.array(first, np.intp), np.array(image, np.intp)
+
+    @cached_property
+    def _wave_contacts(self) -> NDArray[np.intp]:
+        """(n_c,): to which contact each row of :meth:`_waves` belongs."""
+        found = np.arange(len(self.contacts))
+        if self._images is not None:
+            first, image = self._images
+            found[image] = first
+        return found
+
+    def _waves(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """Rows with the same C^H C as those of :meth:`_rows`: real ones if each contact has an image.
+
+        The row of an image is the complex conjugate: 2^1/2 times the real and the imaginary part of one replace both.
+        """
+        rows = self._rows(wavevectors, derivative, prestress)
+        if self.n_balls == 1 or self._images is None:
+            return rows
+        first, image = self._images
+        kinds = rows.reshape(len(rows), -1, len(self.contacts), self.n_branches)
+        real = kinds.real.copy()
+        real[:, :, image] = kinds.imag[:, :, first]
+        paired = np.ones((len(self.contacts), 1))
+        paired[[first, image]] = np.sqrt(2.0)
+        return np.asarray((real * paired).reshape(rows.shape))
+
+    def _wave_half_vectors(self, waves: NDArray[Any]) -> Array:
+        """(n_rows, 2): gradient of the half angle of the contact of each row of :meth:`_waves`."""
+        return 0.5 * np.tile(self.contacts.vector[self._wave_contacts], (waves.shape[1] // len(self.contacts), 1))
+
     def _frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """D(q) in the frame, prestress included."""
-        rows = self._rows(wavevectors)
+        rows = self._waves(wavevectors)
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
-            across = self._rows(wavevectors, prestress=True)
-            matrix = matrix - across.conj().swapaxes(1, 2) @ (np.sign(self.prestress)[:, None] * across)
+            across = self._waves(wavevectors, prestress=True)
+            matrix = matrix - across.conj().swapaxes(1, 2) @ (np.sign(self.prestress[self._wave_contacts])[:, None] * across)
         return np.asarray(matrix)
 
     def _frame_gradient(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Gradient of D(q) in the frame, (n_q, 2, n_branches, n_branches), prestress included."""
-        signs: list[Any] = [1.0, -np.sign(self.prestress)[:, None]]
+        signs: list[Any] = [1.0, -np.sign(self.prestress[self._wave_contacts])[:, None]]
         total: Any = 0.0
         for sign, prestress in zip(signs, (False, True), strict=True):
             if prestress and not self.is_prestressed:
                 continue
-            value = self._rows(wavevectors, prestress=prestress)
-            change = sign * self._rows(wavevectors, derivative=True, prestress=prestress)
-            half = self._half_vectors(value).T[None, :, :, None] * change[:, None]
+            value = self._waves(wavevectors, prestress=prestress)
+            change = sign * self._waves(wavevectors, derivative=True, prestress=prestress)
+            half = self._wave_half_vectors(value).T[None, :, :, None] * change[:, None]
             product = value.conj().swapaxes(1, 2)[:, None] @ half
             total = total + product + product.conj().swapaxes(-1, -2)
         return np.asarray(total)

@@ -198,9 +198,9 @@ class ContactLattice(LongWaves):
         return graded_svd(self._factor(wavevectors))
 
     def _factor(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """K^1/2 C M^-1/2 or, where prestress makes K indefinite, L^H of D = L L^H."""
+        """K^1/2 C M^-1/2, in real numbers if possible; or, where prestress makes K indefinite, L^H of D = L L^H."""
         if not self.is_prestressed:
-            return self._rows(wavevectors)
+            return self._waves(wavevectors)
         matrix = self._frame_matrix(wavevectors)
         try:
             return cholesky_factor(matrix)
@@ -240,8 +240,8 @@ class ContactLattice(LongWaves):
 
     def _slopes_of_compatibility(self, q: Array, rows: NDArray[Any]) -> Callable[..., NDArray[Any]]:
         """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too."""
-        slope = self._rows(q, derivative=True)
-        half = self._half_vectors(rows)
+        slope = self._waves(q, derivative=True)
+        half = self._wave_half_vectors(rows)
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
             left, right = (rows[point] @ v).conj(), slope[point] @ v

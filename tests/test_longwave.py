@@ -253,6 +253,29 @@ def test_kagome_velocities_against_the_sums_at_fifty_digits(twin, eta, angle):
             assert abs(value / (mpmath.sqrt(square) / q) - 1) < 1e-13
 
 
+@pytest.mark.parametrize("lattice", ["triangular", "kagome"])
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12])
+def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
+    cell, sites = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+    contacts = gp.ContactLattice.of(lattice, ETA)
+    with mpmath.workdps(40 + 2 * 12):
+        neighbours = twin.exact_hexagon()
+        if lattice == "kagome":
+            angle = [(i, j, round(math.atan2(y, x) / (math.pi / 3))) for i, j, (x, y) in twin.neighbours(cell, sites)]
+            neighbours = [(i, j, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))) for i, j, p in angle]
+        for way in (0.3, 2.0):
+            q = [size * math.cos(way), size * math.sin(way)]
+            exact = twin.exact_squares(neighbours, [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
+            # the same from a list of its own, of many, and with velocities
+            for found in (
+                contacts.frequencies([q])[0],
+                contacts.frequencies([[0.9, 0.4], q, [0.0, 0.0]])[1],
+                contacts.modes([[0.9, 0.4], q]).frequencies[1],
+            ):
+                for value, square in zip(found, exact, strict=True):
+                    assert abs(value / mpmath.sqrt(square) - 1) < 4e-15
+
+
 # -- finite overlap ---------------------------------------------------------------------------------------------------
 
 
