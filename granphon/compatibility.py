@@ -269,20 +269,6 @@ class Compatibility:
             matrix = matrix - across.conj().swapaxes(1, 2) @ (np.sign(self.prestress[self._wave_contacts])[:, None] * across)
         return np.asarray(matrix)
 
-    def _frame_gradient(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """Gradient of D(q) in the frame, (n_q, 2, n_branches, n_branches), prestress included."""
-        signs: list[Any] = [1.0, -np.sign(self.prestress[self._wave_contacts])[:, None]]
-        total: Any = 0.0
-        for sign, prestress in zip(signs, (False, True), strict=True):
-            if prestress and not self.is_prestressed:
-                continue
-            value = self._waves(wavevectors, prestress=prestress)
-            change = sign * self._waves(wavevectors, derivative=True, prestress=prestress)
-            half = self._wave_half_vectors(value).T[None, :, :, None] * change[:, None]
-            product = value.conj().swapaxes(1, 2)[:, None] @ half
-            total = total + product + product.conj().swapaxes(-1, -2)
-        return np.asarray(total)
-
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
         """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""

@@ -218,7 +218,7 @@ class ContactLattice(LongWaves):
         """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
         factor = self._factor(q)
         values, vectors = graded_svd(factor)
-        slopes = self._slopes_of_dynamical_matrix(q) if self.is_prestressed else self._slopes_of_compatibility(q, factor)
+        slopes = self._slopes(q, factor)
         alike: list[tuple[int, slice]] = []
         for point, start, stop in _runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
             block = vectors[point][:, start:stop]
@@ -238,29 +238,26 @@ class ContactLattice(LongWaves):
         diagonal = slopes(slice(None), vectors, diagonal=True)
         return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
 
-    def _slopes_of_compatibility(self, q: Array, rows: NDArray[Any]) -> Callable[..., NDArray[Any]]:
-        """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too."""
-        slope = self._waves(q, derivative=True)
-        half = self._wave_half_vectors(rows)
+    def _slopes(self, q: Array, factor: NDArray[Any]) -> Callable[..., NDArray[Any]]:
+        """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too; less that of prestress."""
+        kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
+        for prestress in (False, True)[: 1 + self.is_prestressed]:
+            rows = self._waves(q, prestress=prestress) if self.is_prestressed else factor
+            half = self._wave_half_vectors(rows)
+            if prestress:
+                half = -np.sign(self.prestress[self._wave_contacts])[:, None] * half
+            kinds.append((rows, self._waves(q, derivative=True, prestress=prestress), half))
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
-            left, right = (rows[point] @ v).conj(), slope[point] @ v
-            if diagonal:
-                return np.asarray(2.0 * half.T @ (left * right).real)
-            one = np.einsum("rb,ra,rc->abc", left, half, right)
-            return np.asarray(one + one.swapaxes(-1, -2).conj())
-
-        return slopes
-
-    def _slopes_of_dynamical_matrix(self, q: Array) -> Callable[..., NDArray[Any]]:
-        """<v_b| dD/dq_a |v_c>, prestress included."""
-        gradient = self._frame_gradient(q)
-
-        def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
-            turned = gradient[point] @ v[..., None, :, :]
-            if diagonal:
-                return np.asarray(np.einsum("qmb,qamb->qab", v.conj(), turned).real)
-            return np.asarray(np.einsum("mb,amc->abc", v.conj(), turned))
+            total: Any = 0.0
+            for rows, slope, half in kinds:
+                left, right = (rows[point] @ v).conj(), slope[point] @ v
+                if diagonal:
+                    total = total + 2.0 * half.T @ (left * right).real
+                else:
+                    one = np.einsum("rb,ra,rc->abc", left, half, right)
+                    total = total + one + one.conj().swapaxes(-1, -2)
+            return np.asarray(total)
 
         return slopes
 
