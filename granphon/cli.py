@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,6 +27,7 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
 #: what will take more seconds is announced
 _LONG = 10.0
 
+_NOTHING_WRITTEN = "no result was written."
 _GO_ON = "What a sweep has finished is kept: the same command again goes on."
 
 _EXIT_CODES = """\b
@@ -165,9 +166,16 @@ def run(
       granphon run sweep.yaml -o out --resume --workers 4
     """
     from granphon.progress import on_stderr
-    from granphon.run import is_complete
+    from granphon.run import WORK_FOLDER, is_complete
     from granphon.scene import Scene
     from granphon.workers import worker_processes
+
+    def left() -> str:
+        """What an interruption has left."""
+        if is_complete(read, out):
+            return f"{out} holds the whole result of this scene."
+        kept = read.is_sweep and os.path.isdir(os.path.join(out, WORK_FOLDER))
+        return f"{_NOTHING_WRITTEN} {_GO_ON}" if kept else _NOTHING_WRITTEN
 
     _named("--out", out)
     read = Scene.from_yaml(scene)
@@ -178,12 +186,13 @@ def run(
     cost = read.cost()
     if cost is not None and not quiet and cost.seconds > _LONG:
         print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
-    with worker_processes(workers if read.is_sweep else 1) as executor:
-        result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
-    _warn(result.warnings)
-    if not quiet:
-        _table(results(result))
-        _say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
+    with _interruption_told(left):
+        with worker_processes(workers if read.is_sweep else 1) as executor:
+            result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
+        _warn(result.warnings)
+        if not quiet:
+            _table(results(result))
+            _say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 
 @app.command()
@@ -301,10 +310,11 @@ def fit(
         with staging(out, FIT_FILES, force, inputs, optional=["fit.png"]) as place:
             found.write(place)
             failures = draw(figure, ["fit.png"], place)
-    _warn((*found.warnings, *failures.values()))
-    _table(fitted(found))
-    if out is not None:
-        _say(f"Wrote {', '.join(name for name in FIT_FILES if name not in failures)} into {out}")
+    with _interruption_told(lambda: _NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
+        _warn((*found.warnings, *failures.values()))
+        _table(fitted(found))
+        if out is not None:
+            _say(f"Wrote {', '.join(name for name in FIT_FILES if name not in failures)} into {out}")
 
 
 @app.command()
@@ -365,12 +375,13 @@ def tradeoff(
         with staging(out, TRADEOFF_FILES, force, read.inputs, optional=["tradeoff.png"]) as place:
             (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
             failures = draw(figure, ["tradeoff.png"], place)
-    _warn(tuple(failures.values()))
-    if not quiet:
-        for line in work_and_precision(found):
-            _say(line)
-        if out is not None:
-            _say(f"Wrote {', '.join(name for name in TRADEOFF_FILES if name not in failures)} into {out}")
+    with _interruption_told(lambda: _NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
+        _warn(tuple(failures.values()))
+        if not quiet:
+            for line in work_and_precision(found):
+                _say(line)
+            if out is not None:
+                _say(f"Wrote {', '.join(name for name in TRADEOFF_FILES if name not in failures)} into {out}")
 
 
 def _of_one_packing(what: str, scene: str, read: Scene) -> None:
@@ -412,6 +423,19 @@ def _fail(text: str, code: int) -> int:
 
 #: the base of typer's usage errors, wherever this version of typer keeps it
 _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
+
+
+class _Interrupted(Exception):
+    """An interruption; says what it has left."""
+
+
+@contextmanager
+def _interruption_told(left: Callable[[], str]) -> Iterator[None]:
+    """Let an interruption of the block say what it has ``left``."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise _Interrupted(left()) from None
 
 
 @contextmanager
@@ -468,8 +492,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(
             "there is not enough memory for this scene. Take a coarser mesh, or fewer points, loads, balls or samples.", 1
         )
+    except _Interrupted as interrupted:
+        return _fail(f"interrupted; {interrupted}", 130)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail(f"interrupted; no result was written. {_GO_ON}", 130)
+        return _fail(f"interrupted; {_NOTHING_WRITTEN}", 130)
     except BrokenPipeError:
         # whoever read our output has gone: keep the interpreter from writing into the pipe again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -41,7 +41,7 @@ from granphon.progress import Progress, Step, silent
 from granphon.redraw import figure_name
 from granphon.scene import DIAMETERS_FILE, Scene
 from granphon.simulation import SimulatedState
-from granphon.staging import opened
+from granphon.staging import files_written, is_written, opened
 from granphon.state import ContactState
 from granphon.tasks import kept
 
@@ -283,11 +283,12 @@ def run(
     result: RunResult | SweepResult
     with (
         opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
-        kept(target / WORK_FOLDER if scene.is_sweep else None, force) as store,
+        kept(target / WORK_FOLDER, force) as store,
     ):
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
+            store.claim(None)
             result = _single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         with locked.staging(every, optional=drawn) as place, progress.step("writing", len(every)) as step:
@@ -309,15 +310,20 @@ def run(
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds all that a run of ``scene`` gives, figures aside, made with the versions at hand."""
-    target = Path(folder)
-    if not all((target / name).is_file() for name in expected_files(scene, figures=False)):
+    """Whether ``folder`` holds all that a run of ``scene`` gives, figures aside, made with the versions at hand.
+
+    A file that is not as it was written does not count.
+    """
+    target, written = Path(folder), files_written(folder)
+    if not all(name in written for name in expected_files(scene, figures=False)):
         return False
     try:
         made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
-        return Scene.from_yaml(target / "scene.yaml") == scene and bool(made == made | packages())
+        if Scene.from_yaml(target / "scene.yaml") != scene or made != made | packages():
+            return False
     except (InputError, KeyError, TypeError):
         return False
+    return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
 
 
 def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:

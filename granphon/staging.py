@@ -27,7 +27,7 @@ from typing import Any
 from granphon.errors import FileExistsInRunError, GranphonError, OutputError, message
 from granphon.reading import read_bytes
 
-__all__ = ["ResultFolder", "check_free", "files_written", "opened", "staging", "write_bytes", "write_text"]
+__all__ = ["ResultFolder", "check_free", "files_written", "is_written", "opened", "staging", "write_bytes", "write_text"]
 
 LIST = ".granphon-files"
 LOCK = ".granphon-lock"
@@ -79,7 +79,7 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _is_written(path: Path, *digests: str) -> bool:
+def is_written(path: Path, *digests: str) -> bool:
     """Whether the file is one that granphon wrote, byte for byte."""
     return bool(digests) and path.is_file() and not path.is_symlink() and _digest(path) in digests
 
@@ -161,7 +161,7 @@ def _check_replaceable(
         if any(_same(target / name, one) for one in inputs):
             what = f"{target / name} is read by this run, and would be overwritten"
             raise FileExistsInRunError(message(what, kept, "Choose another folder"))
-        if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
+        if not is_written(target / name, *known, *([written[name]] if name in written else [])):
             no_record = "there is no record that granphon wrote it"
             what = "granphon wrote it, and it has been changed since" if name in written else no_record
             what = f"{target} already holds {name}: {what}"
@@ -176,7 +176,7 @@ def _check_replaceable(
         )
     for name in _stale(target, names, earlier):
         read = any(_same(target / name, one) for one in inputs)
-        if read or not _is_written(target / name, written[name]):
+        if read or not is_written(target / name, written[name]):
             what = f"{target} holds {name} of an earlier run, and "
             what += "this run reads it" if read else "it has been changed since"
             why = "It would stand beside a result that it does not belong to, and is not removed"
@@ -371,7 +371,7 @@ def _recover(target: Path) -> None:
             waiting = [name for name in new if (place / name).is_file() and not (place / name).is_symlink()]
             with suppress(OSError):
                 for name, digest in old.items():
-                    if (name in waiting or name not in new) and _is_written(target / name, str(digest)):
+                    if (name in waiting or name not in new) and is_written(target / name, str(digest)):
                         (target / name).unlink()
                 for name in waiting:
                     # a file that the user has put there meanwhile stays

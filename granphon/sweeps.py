@@ -33,7 +33,7 @@ from granphon.progress import Progress, silent
 from granphon.results import restore
 from granphon.simulation import SimulatedState
 from granphon.spectra import band_path
-from granphon.staging import opened
+from granphon.staging import files_written, is_written, opened
 from granphon.tasks import Part, Store, kept, solve_all
 
 if TYPE_CHECKING:
@@ -257,7 +257,8 @@ def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
 
 def _complete(target: Path, frame: Dataset) -> Dataset | None:
     """The sweep in ``target`` if it is that of ``frame``; else None."""
-    if not all(target.with_name(name).is_file() for name in file_names(target)):
+    written = files_written(target.parent)
+    if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
         return None
     there = load_sweep(target)
     return there if _identity(there) == json.loads(to_json(_identity(frame))) else None

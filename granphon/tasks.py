@@ -11,6 +11,7 @@ import io
 import json
 import os
 import shutil
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
@@ -66,88 +67,149 @@ class Task(Protocol):
 class Store:
     """The results of finished tasks and steps, one file a task in ``folder``; None keeps nothing.
 
-    The folder is made when the first is kept. It belongs to one work, see :meth:`claim`; ``force`` lets another discard it.
+    The folder is made when the first is kept, in one that is there. It belongs to one work, see :meth:`claim`; ``force`` lets
+    another discard it. Files in it that hold no result are the user's, and stay.
     """
 
     def __init__(self, folder: Path | None = None, force: bool = False) -> None:
         self.folder, self.force = folder, force
         self._identity: bytes | None = None
+        self._names: set[str] = set()
+        self._home: tuple[int, int] | None = None
 
-    def claim(self, identity: Mapping[str, Any], names: Callable[[], Iterable[str]]) -> None:
-        """Say what the results are to belong to, plain data; what is there serves it.
+    def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
+        """Say what the results are to belong to, plain data; what is there serves it. None claims none.
 
-        :class:`~granphon.errors.FileExistsInRunError` if there is a result of another work that is none of this one's
-        ``names``, and nobody has said ``force``: then all are discarded.
+        The work may be another than the one that has left results there, if all of them are among its ``names``. They belong to
+        it from its first own result on.
+
+        Raises
+        ------
+        OutputError : what is there is no folder, or a symbolic link.
+        FileExistsInRunError : there is a result of another work that is none of ``names``, and nobody has said ``force``:
+            then all are discarded.
         """
         if self.folder is None:
             return
+        self._check()
+        self._home = _place(self.folder.parent)
         text = json.dumps(identity, sort_keys=True)
-        mine, before = json.loads(text), self._read_identity()
-        if before != mine and self._parts() - set(names()):
+        mine, before, self._names = json.loads(text), self._read_identity(), set(names())
+        if (identity is None or before != mine) and self._others():
             if not self.force:
-                differences = "; ".join(_differences(before, mine))
                 raise FileExistsInRunError(
                     message(
                         f"{self.folder} holds what another sweep has finished, which was cut off",
-                        f"They differ: {differences}" if before else "What it belongs to is not said there",
+                        _why(before, mine),
                         "Run that one again to go on with it, use --force (force=True, overwrite=True) to discard what it "
                         "has finished, or choose another folder",
                     )
                 )
             self.clear()
-        data = {"digest": hashlib.sha256(text.encode()).hexdigest(), "sweep": mine}
-        self._identity = json.dumps(data, indent=1).encode()
+        if identity is not None:
+            data = {"digest": hashlib.sha256(text.encode()).hexdigest(), "sweep": mine}
+            self._identity = json.dumps(data, indent=1).encode()
+
+    def _check(self) -> None:
+        """Raise unless the folder is one, or is not there: what is kept in it is nowhere else."""
+        if self.folder is None:
+            return
+        try:
+            found = os.lstat(self.folder)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
+        if not stat.S_ISDIR(found.st_mode):
+            what = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "a file"
+            why = "What a sweep has finished is kept in a folder of that name"
+            raise OutputError(message(f"{self.folder} is {what}", why, "Move it away, or choose another folder"))
 
     def _read_identity(self) -> Any:
         """What is said of the results that are there; None if nothing is, or it is damaged."""
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            data = json.loads((self.folder / IDENTITY).read_bytes()) if self.folder else {}
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            data = json.loads(read_bytes(self.folder / IDENTITY)) if self.folder else {}
             if hashlib.sha256(json.dumps(data["sweep"], sort_keys=True).encode()).hexdigest() == data["digest"]:
                 return data["sweep"]
         return None
 
-    def _parts(self) -> set[str]:
-        """Names of the results that are there."""
+    def _others(self) -> set[str]:
+        """Names of the results that are there and are not this work's."""
         with suppress(OSError):
-            names = set(os.listdir(self.folder)) if self.folder else set()
-            return {name for name in names if name != IDENTITY and not name.startswith(".")}
+            there = set(os.listdir(self.folder)) if self.folder else set()
+            return {name for name in there - self._names if self._data(name) is not None}
         return set()
 
-    def read(self, task: Task) -> Part | None:
-        """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
+    def _data(self, name: str) -> memoryview | None:
+        """The content of the result of that name; None if there is none, or it is damaged."""
         if self.folder is None:
             return None
         try:
-            raw = read_bytes(self.folder / task.name)
-            digest, data = raw[:32], raw[32:]
-            if digest != _digest(task, data):
-                return None
+            raw = memoryview(read_bytes(self.folder / name))
+        except (InputError, OSError):
+            return None
+        return raw[32:] if raw[:32] == _digest(name, raw[32:]) else None
+
+    def read(self, task: Task) -> Part | None:
+        """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
+        data = self._data(task.name)
+        if data is None:
+            return None
+        try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 return dict(arrays)
-        except (InputError, BadZipFile, EOFError, KeyError, OSError, ValueError):
+        except (BadZipFile, EOFError, KeyError, OSError, ValueError):
             return None
 
     def write(self, task: Task, part: Part) -> None:
-        """Keep the result of ``task``, or of its first steps; :class:`~granphon.errors.OutputError` if that fails."""
+        """Keep the result of ``task``, or of its first steps; :class:`~granphon.errors.OutputError` if that fails.
+
+        It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that one
+        writes there alone.
+        """
         if self.folder is None:
             return
         stream = io.BytesIO()
         np.savez(stream, **part)  # type: ignore[arg-type]  # no array is called allow_pickle
+        self._make()
         try:
             if self._identity is not None:
                 write_bytes(self.folder / IDENTITY, self._identity)
                 self._identity = None
             data = stream.getbuffer()  # no copy: results may be large
-            write_bytes(self.folder / task.name, _digest(task, data), data)
-        except OutputError:
+            write_bytes(self.folder / task.name, _digest(task.name, data), data)
+        except BaseException:
             with suppress(OSError):  # it holds something
                 self.folder.rmdir()
             raise
 
+    def _make(self) -> None:
+        """Make the folder, but not the one that holds it."""
+        if self.folder is None:
+            return
+        self._check()
+        home = self.folder.parent
+        try:
+            if self._home not in (None, _place(home)):
+                raise FileNotFoundError
+            self.folder.mkdir(exist_ok=True)
+        except FileNotFoundError:
+            what, why = f"{home} has been removed while a sweep was writing into it", "What it had finished there is gone"
+            raise OutputError(message(what, why, "The same command begins again")) from None
+        except OSError as error:
+            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
+
     def clear(self) -> None:
         """Forget every result."""
-        if self.folder is not None:
-            shutil.rmtree(self.folder, ignore_errors=True)
+        if self.folder is None or self.folder.is_symlink():
+            return
+        for name in self._names | self._others():
+            _remove(self.folder / name)
+        for left in self.folder.glob(".granphon-*/"):  # of a process that was killed while it wrote
+            shutil.rmtree(left, ignore_errors=True)
+        _remove(self.folder / IDENTITY)
+        with suppress(OSError):  # it holds something of the user's
+            self.folder.rmdir()
 
 
 @contextmanager
@@ -158,11 +220,32 @@ def kept(folder: Path | None, force: bool = False) -> Iterator[Store]:
     store.clear()
 
 
-def _digest(task: Task, data: bytes | memoryview) -> bytes:
+def _digest(name: str, data: bytes | memoryview) -> bytes:
     # of the name too: a file that was renamed is another task's
-    found = hashlib.sha256(task.name.encode())
+    found = hashlib.sha256(name.encode())
     found.update(data)
     return found.digest()
+
+
+def _place(folder: Path) -> tuple[int, int] | None:
+    """Which folder it is, whatever its name; None if it is not there."""
+    with suppress(OSError):
+        found = os.stat(folder)
+        return found.st_dev, found.st_ino
+    return None
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink()
+
+
+def _why(there: Any, here: Any) -> str:
+    """In words how the work there differs from the one here."""
+    if here is None:
+        return "A result of one state would stand beside it"
+    differences = "; ".join(_differences(there, here))
+    return f"They differ: {differences}" if there else "What it belongs to is not said there"
 
 
 def _differences(there: Any, here: Any) -> list[str]:

@@ -1,86 +1,167 @@
-"""Worker processes that stop when they are told to, and do not outlive the process that has started them."""
+"""Worker processes that stop when they are told to, and do not outlive the process that has started them.
+
+Each has a pipe to a thread of this process, and nothing is shared: no lock that a killed one could keep, and no semaphore
+that would be left behind. A worker ends when its pipe is closed, whoever closes it, in the middle of what it does.
+"""
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any
 
 from granphon.errors import GranphonError, message
 
 __all__ = ["worker_processes"]
 
-
-class _Worker(SpawnProcess):
-    def start(self) -> None:
-        """Start with the signals of the terminal held back, which are for the process that we are in.
-
-        A process inherits what is held back, so that no moment is left in which it would end with a traceback.
-        """
-        if not hasattr(signal, "pthread_sigmask"):
-            super().start()
-            return
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-        try:
-            super().start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+#: a function with its arguments, and the future of its result
+_Order = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]]
 
 
-class _Context(SpawnContext):
-    """Spawned, not forked: numerical libraries may have threads by now."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.started: list[_Worker] = []
-
-    def Process(self, *args: Any, **kwargs: Any) -> _Worker:  # type: ignore[override]  # its name there
-        worker = _Worker(*args, **kwargs)
-        self.started.append(worker)
-        return worker
+# -- in a worker ----------------------------------------------------------------------------------------------------
 
 
-def _begin() -> None:
-    """What a worker does first."""
+def _serve(pipe: Connection) -> None:
+    """Do what comes through the pipe, one after the other."""
     # where signals cannot be held back; the process that has started us ends us
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    orders: SimpleQueue[Any] = SimpleQueue()
+    threading.Thread(target=_listen, args=(pipe, orders), daemon=True).start()
+    while True:
+        try:
+            function, args, kwargs = orders.get()
+            answer = (True, function(*args, **kwargs))
+        except BaseException as error:
+            answer = (False, _noted(error))
+        try:
+            pipe.send(answer)
+        except OSError:  # nobody listens any more
+            return
+        except Exception as error:  # it cannot be pickled
+            pipe.send((False, _noted(RuntimeError(f"{type(error).__name__}: {error}"))))
 
 
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
+    """Take orders while others are carried out; end the process when no more can come."""
+    try:
+        while True:
+            orders.put(pipe.recv())
+    except (OSError, EOFError):
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+
+
+def _noted(error: BaseException) -> BaseException:
+    """With the place where it arose, which is not sent with it."""
+    error.add_note("In a worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
+    return error
+
+
+# -- in the process that has started them -----------------------------------------------------------------------------
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Let the signals that interrupt us wait until the end of the block; processes that it starts never take them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        # raises what has come before
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Workers(Executor):
+    """An executor of ``count`` processes, which are spawned, not forked: numerical libraries may have threads by now."""
+
+    def __init__(self, count: int) -> None:
+        self._orders: SimpleQueue[_Order | None] = SimpleQueue()
+        self._processes: list[Any] = []
+        context = multiprocessing.get_context("spawn")
+        if os.name == "posix":
+            # the first start would start it, and let signals through again
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()
+        atexit.register(self.shutdown)  # before multiprocessing waits for them, should an interruption keep us from it
+        with _held_back():
+            for _ in range(count):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=_serve, args=(theirs,), daemon=True)
+                process.start()
+                theirs.close()
+                self._processes.append(process)
+                # nobody waits for a daemon at the end of the interpreter
+                threading.Thread(target=self._lead, args=(ours,), daemon=True).start()
+
+    def _lead(self, pipe: Connection) -> None:
+        """Give one worker what is next, and its result to who has ordered it."""
+        while (given := self._orders.get()) is not None:
+            future, order = given
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                pipe.send(order)
+                done, answer = pipe.recv()
+            except (OSError, EOFError):
+                future.set_exception(BrokenExecutor("a worker process has ended"))
+            except BaseException as error:  # it cannot be pickled
+                future.set_exception(error)
+            else:
+                if done:
+                    future.set_result(answer)
+                else:
+                    future.set_exception(answer)
+        pipe.close()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have ``fn`` done by the next worker that is free."""
+        future: Future[Any] = Future()
+        self._orders.put((future, (fn, args, kwargs)))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes at once, in the middle of what they do."""
+        with _held_back():
+            for process in self._processes:
+                process.kill()
+            for process in self._processes:
+                process.join()
+                self._orders.put(None)
+            self._processes.clear()
+        atexit.unregister(self.shutdown)
 
 
 @contextmanager
 def worker_processes(count: int) -> Iterator[Executor | None]:
     """An executor of that many processes; None for one, which is this.
 
-    Whatever ends the block early ends the processes at once, in the middle of what they do. They end too when this process
-    does. :class:`~granphon.errors.GranphonError` if one has been killed.
+    The end of the block ends the processes at once, in the middle of what they do. They end too when this process does.
+    :class:`~granphon.errors.GranphonError` if one has been killed.
     """
     if count == 1:
         yield None
         return
-    context = _Context()
-    executor = ProcessPoolExecutor(count, context, _begin)
+    workers = _Workers(count)
     try:
-        yield executor
-    except BaseException as error:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for worker in context.started:
-            if worker.is_alive():
-                worker.kill()
-        if isinstance(error, BrokenExecutor):
-            what, why = "a worker process has ended", "It was killed, or ran out of memory"
-            raise GranphonError(message(what, why, "Take fewer --workers; the same command again goes on")) from None
-        raise
-    executor.shutdown()
+        yield workers
+    except BrokenExecutor:
+        what, why = "a worker process has ended", "It was killed, or ran out of memory"
+        raise GranphonError(message(what, why, "Take fewer --workers; the same command again goes on")) from None
+    finally:
+        workers.shutdown()

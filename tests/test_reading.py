@@ -212,7 +212,7 @@ def test_a_kept_part_of_a_sweep_is_never_unpickled(tmp_path):
 
     # with the right digest too
     for data in (stream.getvalue(), pickle.dumps(Bomb(marker)), b"", b"PK\x03\x04" + bytes(50)):
-        path.write_bytes(_digest(Piece(), data) + data)
+        path.write_bytes(_digest("piece", data) + data)
         assert store.read(Piece()) is None
     assert not marker.exists()
 
