@@ -71,35 +71,60 @@ def _noted(error: BaseException) -> BaseException:
 # -- in the process that has started them -----------------------------------------------------------------------------
 
 
+#: what a terminal or a batch system stops us with
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """Let the signals that interrupt us wait until the end of the block; processes that it starts never take them."""
+    """Let the signals that stop us wait until the end of the block."""
+    if threading.current_thread() is not threading.main_thread():  # which alone is interrupted
+        yield
+        return
+    come: list[int] = []
+    before = {kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None}
+    try:
+        for kind in before:
+            signal.signal(kind, lambda number, _: come.append(number))
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        for number in come[:1]:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def _masked() -> Iterator[None]:
+    """Let processes that are started in the block never be stopped by a signal that is meant for us: they inherit that."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:
-        # raises what has come before
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Workers(Executor):
-    """An executor of ``count`` processes, which are spawned, not forked: numerical libraries may have threads by now."""
+    """An executor of processes, which are spawned, not forked: numerical libraries may have threads by now."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self) -> None:
         self._orders: SimpleQueue[_Order | None] = SimpleQueue()
         self._processes: list[Any] = []
-        context = multiprocessing.get_context("spawn")
-        if os.name == "posix":
-            # the first start would start it, and let signals through again
-            from multiprocessing import resource_tracker
 
-            resource_tracker.ensure_running()
+    def start(self, count: int) -> None:
+        """Start so many."""
+        context = multiprocessing.get_context("spawn")
         atexit.register(self.shutdown)  # before multiprocessing waits for them, should an interruption keep us from it
-        with _held_back():
+        with _held_back(), _masked():
+            if os.name == "posix":
+                # the first start of a process would start it, and let signals through again
+                from multiprocessing import resource_tracker
+
+                resource_tracker.ensure_running()
+                signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
             for _ in range(count):
                 ours, theirs = context.Pipe()
                 process = context.Process(target=_serve, args=(theirs,), daemon=True)
@@ -157,8 +182,9 @@ def worker_processes(count: int) -> Iterator[Executor | None]:
     if count == 1:
         yield None
         return
-    workers = _Workers(count)
+    workers = _Workers()
     try:
+        workers.start(count)
         yield workers
     except BrokenExecutor:
         what, why = "a worker process has ended", "It was killed, or ran out of memory"

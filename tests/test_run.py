@@ -2,12 +2,13 @@
 
 import json
 import math
+import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,11 +23,12 @@ from granphon.cli import main
 from granphon.errors import FileExistsInRunError, InputError
 from granphon.geometry import LATTICES
 from granphon.redraw import redraw
-from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files
+from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files, is_complete
 from granphon.scene import Load, Scene
 from granphon.staging import LIST, LOCK, opened
 from granphon.sweeps import sweep
 from granphon.wording import human
+from granphon.workers import worker_processes
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -541,16 +543,63 @@ def test_workers_give_the_same_numbers(work, capsys):
     assert "--workers" in capsys.readouterr().err
 
 
-def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
-    def submit(*_: object) -> None:
-        raise BrokenExecutor
+#: a module whose import in a worker process kills that process
+DEADLY = """
+import multiprocessing, os, signal
 
-    monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor.submit", submit)
+def solve(begun=None):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
+def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
+    (work / "deadly.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(work)
+    import deadly  # by name, so that the worker finds it
+
+    monkeypatch.setattr("granphon.jobs.Job.solve", property(lambda _: deadly.solve))
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert "a worker process has ended" in err
-    assert listed(work) == {"scene.yaml"}
+    assert listed(work) == {"scene.yaml", "deadly.py"}
+    assert not multiprocessing.active_children()
+
+
+def test_errors_come_back_from_workers_as_they_are():
+    with worker_processes(2) as executor:
+        assert list(executor.map(math.sqrt, [4.0, 9.0])) == [2.0, 3.0]
+        with pytest.raises(ValueError, match="math domain error") as caught:
+            executor.submit(math.sqrt, -1.0).result()
+        assert caught.value.__notes__[0].startswith("In a worker process:")
+        with pytest.raises(RuntimeError, match="pickle"):  # what cannot come back
+            executor.submit(eval, "lambda: 0").result()
+        with pytest.raises(AttributeError, match="pickle"):  # what cannot go there
+            executor.submit(lambda: 0).result()
+        assert executor.submit(abs, -1).result() == 1
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("moment", ["Process.start", "Process.kill"])
+def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, moment):
+    name = moment.removeprefix("Process.")
+    method = getattr(multiprocessing.process.BaseProcess, name)
+
+    def signalled(process):
+        method(process)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(f"multiprocessing.process.BaseProcess.{name}", signalled)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 130
+    assert not multiprocessing.active_children()
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGTERM}
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    told = "no result was written." if name == "start" else "out holds the whole result of this scene."
+    assert err == f"granphon: error: interrupted; {told}\n"
+    assert listed(work) == {"scene.yaml"} | ({"out"} if name == "kill" else set())
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError()])
@@ -704,7 +753,9 @@ if __name__ == "__main__":
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind):
-    (work / "scene.yaml").write_text(SWEEP.replace("[ala, afa, ema]", "[ala, afa]"))
+    # more tasks than are under way
+    scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace("[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}")
+    (work / "scene.yaml").write_text(scene)
     (work / "held.py").write_text(HELD)
     command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", "--workers", "2"]
     with subprocess.Popen(
@@ -726,6 +777,7 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     assert out == ""
     if kind == "SIGKILL":
         assert running.returncode == -signal.SIGKILL
+        assert err == ""  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
         told = "interrupted; no result was written. What a sweep has finished is kept: the same command again goes on."
@@ -734,7 +786,158 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
     with pytest.MonkeyPatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
-    assert [where.split(",")[0] for where in begun] == ["afa"] * 2
+    assert [where.split(",")[0] for where in begun] == ["afa"] * 2 + ["ala", "afa"] * 4
+
+
+#: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the end of the interpreter
+MOMENT = """
+import atexit, os, signal, sys
+
+def stop(*_):
+    os.kill(os.getpid(), signal.{which})
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "{moment}":
+            exec("stop()")
+
+sys.meta_path.insert(0, Finder())
+if "{moment}" == "end":
+    atexit.register(stop)
+from granphon.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("moment", "which", "code", "told"),
+    [
+        ("granphon.cli", "SIGINT", 130, "interrupted."),
+        ("typer", "SIGTERM", 130, "interrupted."),
+        ("granphon.scene", "SIGINT", 130, "interrupted; no result was written."),
+        ("end", "SIGINT", 2, None),
+        ("end", "SIGTERM", 2, None),
+    ],
+)
+def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, told):
+    (work / "moment.py").write_text(MOMENT.format(moment=moment, which=which))
+    command = [sys.executable, "moment.py", "check", "scene.yaml" if told else "not there.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1)
+    assert told is None or done.stderr == f"granphon: error: {told}\n"
+
+
+@pytest.mark.parametrize("moment", ["granphon.staging._exchange", "granphon.tasks.Store.clear", "granphon.cli._table"])
+def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
+    from granphon import cli, staging, tasks
+
+    places = {"_exchange": staging, "clear": tasks.Store, "_table": cli}
+    name = moment.rpartition(".")[2]
+    before = getattr(places[name], name)
+
+    def then(*arguments):
+        before(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(places[name], name, then)
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert err == "granphon: error: interrupted; out holds the whole result of this scene."
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 0
+    assert "out is complete" in capsys.readouterr().out
+
+
+def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsys):
+    for text in (SWEEP, ONE):
+        (work / "scene.yaml").write_text(text)
+        with monkeypatch.context() as patch:
+            patch.setattr("granphon.run.opened", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
+            assert main(["run", "scene.yaml", "-o", "out"]) == 130
+        assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
+
+
+def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        interrupted_after(4, patch, KeyboardInterrupt())
+        assert main(["run", "scene.yaml", "-o", "out"]) == 130
+    kept = {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()}
+    (work / "one.yaml").write_text(ONE)
+    capsys.readouterr()
+    for option in ([], ["--resume"]):
+        assert main(["run", "one.yaml", "-o", "out", *option]) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "out/.granphon-sweep holds what another sweep has finished" in err
+        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
+    assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
+    assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
+
+
+@pytest.mark.parametrize("name", ["sweep.csv", "sweep.nc", "summary.yaml", "scene.yaml"])
+@pytest.mark.parametrize("damage", [b"", b"junk", None])
+def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
+    Scene.from_yaml("scene.yaml").run("out", figures=False)
+    path = work / "out" / name
+    path.write_bytes(path.read_bytes()[:-1] if damage is None else damage)
+    capsys.readouterr()
+    assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert f"out already holds {name}: granphon wrote it, and it has been changed since" in err
+
+
+def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
+    from granphon.jobs import Job
+
+    solve, again = Job.solve, []
+
+    def solved(*arguments):
+        if not again:
+            shutil.rmtree("out")
+            again.append(None)
+        return solve(*arguments)
+
+    monkeypatch.setattr(Job, "solve", solved)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert listed(work) == {"scene.yaml"}
+
+
+def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
+    from granphon.jobs import Job
+
+    solve = Job.solve
+
+    def solved(*arguments):
+        if not Path("moved").exists():
+            os.rename("out", "moved")  # while it is there, no other folder has its number
+            os.mkdir("out")
+            Path("out", "mine").touch()
+        return solve(*arguments)
+
+    monkeypatch.setattr(Job, "solve", solved)
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "out has been removed while a sweep was writing into it" in capsys.readouterr().err
+    assert listed(work / "out") == {"mine"}
+
+
+def test_a_scene_in_the_folder_of_finished_tasks_stays(work, monkeypatch):
+    place = work / "out" / WORK_FOLDER
+    place.mkdir(parents=True)
+    users = {"scene.yaml": SWEEP, ".note": "mine", "ala-0": "mine"}
+    for name, text in users.items():
+        (place / name).write_text(text)
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch, KeyboardInterrupt())
+        assert main(["run", str(place / "scene.yaml"), "-o", "out"]) == 130
+    assert len(listed(place)) == len(users) + 2 + 1
+    (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
+    assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
+    assert main(["run", "other.yaml", "-o", "out", "-q", "--force"]) == 0
+    assert {path.name: path.read_text() for path in place.iterdir()} == users
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")

@@ -1003,8 +1003,6 @@ def _swap(path):
         (lambda path: _flip(path, 0.3), 6),
         (lambda path: _flip(path, 1.0), 6),
         (_swap, 7),
-        (lambda path: path.rename(path.with_name("elsewhere")), 6),
-        (lambda path: path.with_name("stray").write_text("x"), 5),
     ],
 )
 def test_damaged_and_foreign_parts_are_done_again(rough, serial, interrupted, damage, redone):
@@ -1111,6 +1109,74 @@ def test_a_store_without_a_folder_keeps_nothing():
     store.write(Piece(0), {"x": np.zeros(1)})
     assert store.read(Piece(0)) is None
     store.clear()
+
+
+@pytest.mark.parametrize(
+    ("name", "done"),
+    [("elsewhere", lambda path: path.rename(path.with_name("elsewhere"))),
+     ("stray", lambda path: path.with_name("stray").write_text("x")),
+     ("deep", lambda path: path.with_name("deep").mkdir())],
+)  # fmt: skip
+def test_what_is_no_part_stays(rough, serial, interrupted, name, done):
+    done(parts_in(interrupted)[1])
+    place = interrupted / ".sweep.nc.partial"
+    (place / ".granphon-cut").mkdir()  # of a process that was killed while it wrote
+    sweep(rough, path=interrupted / "sweep.nc", **ARGUMENTS)
+    assert load_sweep(interrupted / "sweep.nc").identical(serial)
+    assert [path.name for path in place.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_link_is_no_store(rough, tmp_path, overwrite):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / IDENTITY).write_text("mine")
+    (tmp_path / ".sweep.nc.partial").symlink_to("elsewhere")
+    with pytest.raises(OutputError, match="is a symbolic link"):
+        sweep(rough, force=5.0, path=tmp_path / "sweep.nc", overwrite=overwrite)
+    assert (tmp_path / "elsewhere" / IDENTITY).read_text() == "mine"
+    assert {path.name for path in tmp_path.rglob("*")} == {"elsewhere", ".sweep.nc.partial", IDENTITY}
+
+
+@pytest.mark.parametrize("damage", ["pipe", "deep", "number", "link"])
+def test_a_damaged_identity_is_none(rough, serial, interrupted, damage):
+    path = interrupted / ".sweep.nc.partial" / IDENTITY
+    path.unlink()
+    if damage == "pipe":
+        os.mkfifo(path)  # a reader would wait for good
+    elif damage == "link":
+        path.symlink_to("/dev/zero")
+    else:
+        path.write_text("[" * 100_000 if damage == "deep" else "1")
+    with pytest.raises(FileExistsInRunError, match="What it belongs to is not said there"):
+        sweep(rough, path=interrupted / "sweep.nc", force=5.0)
+    assert len(parts_in(interrupted)) == 4
+    assert resumed(rough, interrupted, serial) == 5
+
+
+def test_an_identity_is_that_of_the_sweep_to_which_all_parts_belong(rough, tmp_path):
+    def run(stop, samples):
+        media = {"simulation": SAMPLES["simulation"] | {"samples": samples}}
+        with pytest.raises(KeyboardInterrupt):
+            sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=stop), force=18.446, media=media)
+
+    def said():
+        return json.loads((tmp_path / ".sweep.nc.partial" / IDENTITY).read_text())["sweep"]["media"]
+
+    def refused():
+        with pytest.raises(FileExistsInRunError) as caught:
+            sweep(rough, path=tmp_path / "sweep.nc", force=5.0)
+        return str(caught.value)
+
+    run(1, 3)
+    first = said()
+    run(1, 4)  # it takes what is there, and ends before it has added to it
+    assert said() == first
+    assert "18.446" in refused()
+    run(2, 4)
+    assert said() != first
+    run(2, 3)  # one that has all that is there, and adds nothing
+    assert said() != first
+    assert len(parts_in(tmp_path)) == 2
 
 
 def test_a_part_that_cannot_be_kept_ends_the_sweep(rough, tmp_path):

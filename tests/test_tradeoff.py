@@ -821,7 +821,7 @@ def test_an_interruption_leaves_nothing(work, which):
             running.kill()
     assert running.returncode == 130
     assert out == ""
-    assert err.startswith("granphon: error: interrupted; no result was written. ")
+    assert err.startswith("granphon: error: interrupted; no result was written.")
     assert err.count("\n") == 1
     assert [path.name for path in work.iterdir()] == ["scene.yaml"]
 
