@@ -1,4 +1,4 @@
-"""The process of the command line, ``granphon`` or ``python -m granphon``: it can be interrupted from its first moment on."""
+"""The process of the command line, ``granphon`` or ``python -m granphon``, which can be interrupted from its start on."""
 
 import signal
 import sys

@@ -67,8 +67,8 @@ class Task(Protocol):
 class Store:
     """The results of finished tasks and steps, one file a task in ``folder``; None keeps nothing.
 
-    The folder is made when the first is kept, in one that is there. It belongs to one work, see :meth:`claim`; ``force`` lets
-    another discard it. Files in it that hold no result are the user's, and stay.
+    The folder is made when the first is kept, in one that is there. It belongs to one work, see :meth:`claim`; ``force``
+    lets another discard it. Files in it that hold no result are the user's, and stay.
     """
 
     def __init__(self, folder: Path | None = None, force: bool = False) -> None:
@@ -80,8 +80,8 @@ class Store:
     def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
         """Say what the results are to belong to, plain data; what is there serves it. None claims none.
 
-        The work may be another than the one that has left results there, if all of them are among its ``names``. They belong to
-        it from its first own result on.
+        The work may be another than the one that has left results there, if all of them are among its ``names``. They
+        belong to it from its first own result on.
 
         Raises
         ------
@@ -164,8 +164,8 @@ class Store:
     def write(self, task: Task, part: Part) -> None:
         """Keep the result of ``task``, or of its first steps; :class:`~granphon.errors.OutputError` if that fails.
 
-        It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that one
-        writes there alone.
+        It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that
+        one writes there alone.
         """
         if self.folder is None:
             return
