@@ -23,6 +23,8 @@ _NOTHING = 1e-100
 _ROUNDING = 16.0 * _EPS
 #: columns up to which the iteration is as fast as LAPACK, and beyond which it, whose cost grows with their cube, is left out
 _FEW_COLUMNS, MOST_COLUMNS = 3, 36
+#: elements of matrices that are turned at a time
+_TOGETHER = 4096
 #: LAPACK's errors over rounding of the largest singular value (2.1 at most on lattices), and the relative error it may make
 _LAPACK, _TOLERANCE = 4.0, 1e-13
 #: ratio of the norms of columns from which on the iteration can gain a digit
@@ -54,7 +56,11 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if n <= MOST_COLUMNS:
         again = _loses_digits(matrices, values)
         if again.size:
-            values[again], right[again] = jacobi_svd(matrices[again])
+            # Householder's triangle has errors relative to each column alone, and fewer rows to turn
+            triangles = np.linalg.qr(matrices[again], mode="r")
+            # as many at a time as stay in the cache
+            for some in np.array_split(np.arange(again.size), max(1, again.size * n * n // _TOGETHER)):
+                values[again[some]], right[again[some]] = jacobi_svd(triangles[some])
     return values, right
 
 

@@ -169,7 +169,7 @@ def test_only_graded_columns_that_lose_digits_are_done_again(iterated):
     assert iterated == []
     values, right = graded_svd(np.concatenate([plain, graded, singular]))
     assert iterated == [3]
-    assert_allclose(values[3:6], jacobi_svd(graded)[0], rtol=1e-15)
+    assert_allclose(values[3:6], jacobi_svd(graded)[0], rtol=1e-14)
     assert_allclose(right.conj().swapaxes(1, 2) @ right, np.broadcast_to(np.eye(6), (9, 6, 6)), atol=5e-15)
     # what a matrix gets does not depend on its company
     assert np.array_equal(values[4], graded_svd(graded[1:2])[0][0])
