@@ -36,8 +36,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
             if not stat.S_ISREG(about.st_mode):
                 what = f"{path} cannot be read: it is a device or a pipe"
                 raise InputError(message(what, mend="Give a regular file"))
-            # as much is read as is allowed, should the file grow
-            raw = stream.read(limit + 1) if about.st_size <= limit else b""
+            # no more than is there: the room for what is asked is taken at once
+            raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
     except InputError:
         raise
     except FileNotFoundError:
@@ -49,6 +49,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
     if max(len(raw), about.st_size) > limit:
         size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
         raise InputError(message(f"{path} holds more than {size}", mend="Is this the right file?"))
+    if len(raw) > about.st_size:
+        raise InputError(message(f"{path} has grown while it was read", "Somebody is writing it", "Read it again"))
     return raw
 
 

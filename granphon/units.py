@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from granphon.arguments import positive
 from granphon.errors import InputError, message
 
 __all__ = ["HertzPrefix", "Units", "file_header", "prefixed", "read_header"]
@@ -85,6 +84,8 @@ class Units:
     mass: float
 
     def __post_init__(self) -> None:
+        from granphon.arguments import positive  # here alone, so that the command's help needs no numpy
+
         for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
             object.__setattr__(self, name, positive(name, getattr(self, name), unit))
 
