@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from granphon import errors
+from granphon.base import errors
 
 #: a section's title, underlined
 _TITLES = ("Parameters", "Attributes", "Returns", "Raises", "Warns", "Notes")
@@ -58,4 +58,4 @@ def _bold(name: str) -> str:
 
 
 def _exception(name: str) -> str:
-    return f":exc:`~granphon.errors.{name}`" if hasattr(errors, name) else f":exc:`{name}`"
+    return f":exc:`~granphon.base.errors.{name}`" if hasattr(errors, name) else f":exc:`{name}`"

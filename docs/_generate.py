@@ -43,21 +43,21 @@ from _meanings import (
 from pydantic import BaseModel
 from typer.models import OptionInfo
 
-from granphon import rules
-from granphon.archive import load_sweep
-from granphon.cli import app
-from granphon.cli import main as granphon
-from granphon.diameters import Normal
-from granphon.files import parse_yaml
-from granphon.fit import FIT_FILES
-from granphon.ladder import MEDIA, OPTIONS
-from granphon.parameters import PARAMETERS
-from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Refused
-from granphon.results import Result
-from granphon.run import RESULT_FILES
-from granphon.schema import SceneFile
-from granphon.state import ContactState
-from granphon.tradeoffs import TRADEOFF_FILES, TradeOff
+from granphon.balls.diameters import Normal
+from granphon.balls.parameters import PARAMETERS
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Refused
+from granphon.base.results import Result
+from granphon.base.text import parse_yaml
+from granphon.cli.commands import app
+from granphon.cli.commands import main as granphon
+from granphon.fits.fit import FIT_FILES
+from granphon.media.choice import MEDIA, OPTIONS
+from granphon.media.state import ContactState
+from granphon.scene import fields as rules
+from granphon.scene.run import RESULT_FILES
+from granphon.scene.schema import SceneFile
+from granphon.sweeps.archive import load_sweep
+from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent
 PAGES = [HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files")]

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import granphon as gp
-from granphon.charts import fit_figure
-from granphon.measurements import Measurements
+from granphon.figures.charts import fit_figure
+from granphon.fits.measurements import Measurements
 
 HERE = Path(sys.argv[0]).parent
 TRUE = 2.04e-6  # m

@@ -17,8 +17,8 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 
 import granphon as gp
-from granphon.plot import ROTATION, STYLE, plot_bands
-from granphon.units import HertzPrefix
+from granphon.base.scales import HertzPrefix
+from granphon.figures.bands import ROTATION, STYLE, plot_bands
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 smooth, rough = (

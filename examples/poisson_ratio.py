@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import granphon as gp
-from granphon.plot import ROTATION
-from granphon.style import LONGITUDINAL, STYLE, TRANSVERSE
+from granphon.figures.bands import ROTATION
+from granphon.figures.style import LONGITUDINAL, STYLE, TRANSVERSE
 
 POINTS = {"M": (1 / 2, 0), "K": (1 / 3, 1 / 3)}
 

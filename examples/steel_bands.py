@@ -12,7 +12,7 @@ import sys
 import numpy as np
 
 import granphon as gp
-from granphon.plot import bands_figure
+from granphon.figures.bands import bands_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 state = gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446)

@@ -10,8 +10,8 @@ that other algorithms have made; open points are those whose reference is less t
 import sys
 
 import granphon as gp
-from granphon.diagrams import tradeoff_figure
-from granphon.wording import work_and_precision
+from granphon.cli.wording import work_and_precision
+from granphon.figures.work_precision import tradeoff_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))

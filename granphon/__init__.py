@@ -12,44 +12,44 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "AutoMedium": "ladder",
-    "AveragedForce": "medium",
-    "AveragedLattice": "medium",
-    "Bands": "spectra",
-    "ContactLattice": "lattice",
-    "ContactState": "state",
-    "DensityOfStates": "spectra",
-    "DirectSimulation": "simulation",
-    "Discrete": "diameters",
-    "EffectiveMedium": "medium",
-    "GranphonError": "errors",
-    "HertzLaw": "contact",
-    "HertzMindlin": "calculator",
-    "Lattice": "geometry",
-    "Material": "contact",
-    "Measured": "diameters",
-    "Medium": "medium",
-    "Normal": "diameters",
-    "Packing": "packing",
-    "Phonons": "phonons",
-    "Sample": "samples",
-    "Scene": "scene",
-    "SimulatedState": "simulation",
-    "Uniform": "diameters",
-    "Units": "units",
-    "atoms": "calculator",
-    "fit_width": "fit",
-    "load_phonopy": "bridge",
-    "load_sweep": "archive",
-    "local_exponent": "observables",
-    "mindlin_reduction": "contact",
-    "moduli": "observables",
-    "pulse_velocities": "observables",
-    "sound_velocities": "observables",
-    "sweep": "sweeps",
-    "tradeoff": "tradeoffs",
-    "validity": "limits",
-    "write_extxyz": "balls",
+    "AutoMedium": "media.choice",
+    "AveragedForce": "media.mean_field",
+    "AveragedLattice": "media.mean_field",
+    "Bands": "phonons.bands",
+    "ContactLattice": "dynamics.modes",
+    "ContactState": "media.state",
+    "DensityOfStates": "phonons.bands",
+    "DirectSimulation": "media.simulation",
+    "Discrete": "balls.diameters",
+    "EffectiveMedium": "media.mean_field",
+    "GranphonError": "base.errors",
+    "HertzLaw": "balls.contact",
+    "HertzMindlin": "phonons.calculator",
+    "Lattice": "balls.lattices",
+    "Material": "balls.contact",
+    "Measured": "balls.diameters",
+    "Medium": "media.mean_field",
+    "Normal": "balls.diameters",
+    "Packing": "balls.packing",
+    "Phonons": "phonons.phonons",
+    "Sample": "array.sample",
+    "Scene": "scene.scene",
+    "SimulatedState": "media.simulation",
+    "Uniform": "balls.diameters",
+    "Units": "base.scales",
+    "atoms": "phonons.calculator",
+    "fit_width": "fits.fit",
+    "load_phonopy": "phonons.phonopy_bridge",
+    "load_sweep": "sweeps.archive",
+    "local_exponent": "observables.velocities",
+    "mindlin_reduction": "balls.contact",
+    "moduli": "observables.velocities",
+    "pulse_velocities": "observables.velocities",
+    "sound_velocities": "observables.velocities",
+    "sweep": "sweeps.sweep",
+    "tradeoff": "tradeoffs.measure",
+    "validity": "observables.validity",
+    "write_extxyz": "array.atoms",
 }
 
 __all__ = [
@@ -95,30 +95,30 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from granphon.archive import load_sweep
-    from granphon.balls import write_extxyz
-    from granphon.bridge import load_phonopy
-    from granphon.calculator import HertzMindlin, atoms
-    from granphon.contact import HertzLaw, Material, mindlin_reduction
-    from granphon.diameters import Discrete, Measured, Normal, Uniform
-    from granphon.errors import GranphonError
-    from granphon.fit import fit_width
-    from granphon.geometry import Lattice
-    from granphon.ladder import AutoMedium
-    from granphon.lattice import ContactLattice
-    from granphon.limits import validity
-    from granphon.medium import AveragedForce, AveragedLattice, EffectiveMedium, Medium
-    from granphon.observables import local_exponent, moduli, pulse_velocities, sound_velocities
-    from granphon.packing import Packing
-    from granphon.phonons import Phonons
-    from granphon.samples import Sample
-    from granphon.scene import Scene
-    from granphon.simulation import DirectSimulation, SimulatedState
-    from granphon.spectra import Bands, DensityOfStates
-    from granphon.state import ContactState
-    from granphon.sweeps import sweep
-    from granphon.tradeoffs import tradeoff
-    from granphon.units import Units
+    from granphon.array.atoms import write_extxyz
+    from granphon.array.sample import Sample
+    from granphon.balls.contact import HertzLaw, Material, mindlin_reduction
+    from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+    from granphon.balls.lattices import Lattice
+    from granphon.balls.packing import Packing
+    from granphon.base.errors import GranphonError
+    from granphon.base.scales import Units
+    from granphon.dynamics.modes import ContactLattice
+    from granphon.fits.fit import fit_width
+    from granphon.media.choice import AutoMedium
+    from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium, Medium
+    from granphon.media.simulation import DirectSimulation, SimulatedState
+    from granphon.media.state import ContactState
+    from granphon.observables.validity import validity
+    from granphon.observables.velocities import local_exponent, moduli, pulse_velocities, sound_velocities
+    from granphon.phonons.bands import Bands, DensityOfStates
+    from granphon.phonons.calculator import HertzMindlin, atoms
+    from granphon.phonons.phonons import Phonons
+    from granphon.phonons.phonopy_bridge import load_phonopy
+    from granphon.scene.scene import Scene
+    from granphon.sweeps.archive import load_sweep
+    from granphon.sweeps.sweep import sweep
+    from granphon.tradeoffs.measure import tradeoff
 
 
 else:

@@ -10,7 +10,7 @@ def main() -> int:
     """Run the command line; returns the exit code. An interruption before it has begun is told as any other."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        from granphon.cli import main as command  # takes a moment
+        from granphon.cli.commands import main as command  # takes a moment
 
         code = command()
     except KeyboardInterrupt:

@@ -1,8 +1,8 @@
 """The edges of the package, one case each: what is asked, and how exact the answer is claimed to be.
 
 A :class:`Case` measures the worst relative error over its range against a closed form or a reference at many digits that
-owes nothing to the package; where there is none, against another algorithm, of :mod:`granphon.references` or
-:mod:`granphon.direct`. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
+owes nothing to the package; where there is none, against another algorithm, of :mod:`granphon.tradeoffs.references` or
+:mod:`granphon.array.sparse`. ``test_extremes.py`` runs them, ``extreme_refusals.py`` puts what they find on a page.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from conftest import Twin
 from mpmath import mpf
 
 import granphon as gp
-from granphon.acoustics import contact_lattice
-from granphon.direct import SparseArray
-from granphon.local_field import local_field
-from granphon.references import curve_by_integration, integrated_dos, local_field_by_cubature
+from granphon.array.sparse import SparseArray
+from granphon.dynamics.local_field import local_field
+from granphon.observables.acoustics import contact_lattice
+from granphon.tradeoffs.references import curve_by_integration, integrated_dos, local_field_by_cubature
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
 #: eta = 4/3 (nearly), that of steel, 2/3; and no friction

@@ -16,8 +16,8 @@ from typing import Any
 from extreme_cases import CASES, STEEL, TAILS, D, K, M, worst
 
 import granphon as gp
-from granphon import errors
-from granphon.local_field import local_field
+from granphon.base import errors
+from granphon.dynamics.local_field import local_field
 
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "extremes.md"
 BEGIN, END = "<!-- table: python tests/extreme_refusals.py --write -->", "<!-- end -->"

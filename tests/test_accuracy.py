@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import accuracy as module
-from granphon.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
-from granphon.ensemble import Moments, observed
-from granphon.errors import InputError
+from granphon.base.errors import InputError
+from granphon.media import accuracy as module
+from granphon.media.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
+from granphon.tradeoffs.ensemble import Moments, observed
 
 WIDTH = 2e-6
 KINDS = ("force", "pressure", "overlap")
@@ -296,7 +296,7 @@ def test_a_table_that_promises_too_much_is_found_out(maker, monkeypatch):
         for media in kinds.values():
             for name, rows in media.items():
                 media[name] = (0.2 * np.array(rows)).tolist()
-    monkeypatch.setattr("granphon.ladder.accuracy", lambda: Accuracy(data))
+    monkeypatch.setattr("granphon.media.choice.accuracy", lambda: Accuracy(data))
     found = [one for one in maker.trials(3, (32, 32), 2, loads=4, ratios=1, spreads=("uniform",)) if one.medium]
     assert len(found) >= 20
     assert np.mean([one.kept for one in found]) < 0.8

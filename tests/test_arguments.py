@@ -11,12 +11,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import granphon as gp
-from granphon.arguments import real_array
-from granphon.contact import HertzLaw, harmonic_diameter, mindlin_reduction
-from granphon.cost import estimate
-from granphon.errors import InputError, brief, message
-from granphon.load import Load
-from granphon.local_field import local_field
+from granphon.balls.contact import HertzLaw, harmonic_diameter, mindlin_reduction
+from granphon.balls.loads import Load
+from granphon.base.arguments import real_array
+from granphon.base.errors import InputError, brief, message
+from granphon.dynamics.local_field import local_field
+from granphon.media.cost import estimate
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
 

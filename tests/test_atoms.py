@@ -17,7 +17,7 @@ from ase.optimize import BFGS, FIRE
 from ase.vibrations import Vibrations, VibrationsData
 
 import granphon as gp
-from granphon.errors import InputError
+from granphon.base.errors import InputError
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -14,13 +14,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon.accuracy import accuracy
-from granphon.archive import load_sweep
-from granphon.cli import main
-from granphon.errors import InputError, SceneError
-from granphon.ladder import MediumChoice, _options_by_cost, expected_error
-from granphon.scene import Scene
-from granphon.sweeps import sweep
+from granphon.base.errors import InputError, SceneError
+from granphon.cli.commands import main
+from granphon.media.accuracy import accuracy
+from granphon.media.choice import MediumChoice, _options_by_cost, expected_error
+from granphon.scene.scene import Scene
+from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.sweep import sweep
 
 WIDTH = 2.04e-6
 KINDS = ("force", "pressure", "overlap")
@@ -99,7 +99,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
 
 
 def test_the_order_is_that_of_cost(rough, unit):
-    from granphon.cost import estimate
+    from granphon.media.cost import estimate
 
     options = _options_by_cost(rough, "force", np.array([unit]))
     assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
@@ -279,7 +279,7 @@ def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
 
 
 def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_path, monkeypatch):
-    from granphon import jobs
+    from granphon.sweeps import jobs
 
     forces = (np.array([4.0, 0.3, 1.0, 0.31]) * unit).tolist()
     options = {"force": forces, "media": [{"auto": {"tolerance": 5e-3}}, "ala"]}
@@ -309,7 +309,7 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
     """So that a sweep that is resumed finds it under the same name."""
-    from granphon.jobs import Job
+    from granphon.sweeps.jobs import Job
 
     def names(forces):
         job = Job("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), "force", tuple(forces), False, None)
@@ -335,8 +335,8 @@ def test_an_error_of_a_sweep_says_at_which_load(rough, unit):
 
 
 def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, unit, monkeypatch):
-    from granphon import simulation
-    from granphon.errors import ConvergenceError
+    from granphon.base.errors import ConvergenceError
+    from granphon.media import simulation
 
     forces = (np.array([4.0, 0.3, 1.0, 0.35]) * unit).tolist()
     known = simulation.equilibrate

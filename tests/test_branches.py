@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import granphon as gp
-from granphon.branches import acoustic_branches, connect_branches, zone_boundary
-from granphon.errors import InputError, UnreachableFrequencyError
+from granphon.base.errors import InputError, UnreachableFrequencyError
+from granphon.dynamics.branches import acoustic_branches, connect_branches, zone_boundary
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 CORNER = 4 * math.pi / 3

@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
-import granphon.pairs
-from granphon.errors import InputError, PrecisionError
-from granphon.pairs import PairList
+import granphon.phonons.neighbours
+from granphon.base.errors import InputError, PrecisionError
+from granphon.phonons.neighbours import PairList
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -1049,8 +1049,8 @@ def test_small_moves_search_once(monkeypatch):
         searched.append(len(args[0]))
         return real(*args)
 
-    real = granphon.pairs._search
-    monkeypatch.setattr(granphon.pairs, "_search", counting)
+    real = granphon.phonons.neighbours._search
+    monkeypatch.setattr(granphon.phonons.neighbours, "_search", counting)
     _, balls, calc = make("3x5")
     for seed in range(5):
         calc.get_property("energy", shaken(balls, seed))

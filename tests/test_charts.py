@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import charts, scales
-from granphon.errors import InputError
-from granphon.fit import fit_width
-from granphon.geometry import TRIANGULAR
-from granphon.medium import EffectiveMedium
-from granphon.observables import pulse_velocities, sound_velocities
-from granphon.samples import STEP
-from granphon.sweeps import sweep
+from granphon.array.sample import STEP
+from granphon.balls.lattices import TRIANGULAR
+from granphon.base.errors import InputError
+from granphon.figures import charts, scales
+from granphon.fits.fit import fit_width
+from granphon.media.mean_field import EffectiveMedium
+from granphon.observables.velocities import pulse_velocities, sound_velocities
+from granphon.sweeps.sweep import sweep
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -395,7 +395,7 @@ def test_the_forces_of_several_loads_are_not_one_figure():
 def test_the_global_state_of_matplotlib_is_left_alone():
     code = (
         "import matplotlib\nbefore = dict(matplotlib.rcParams)\nimport numpy as np, granphon as gp\n"
-        "from granphon.charts import sweep_figure\nfrom granphon.sweeps import sweep\n"
+        "from granphon.figures.charts import sweep_figure\nfrom granphon.sweeps.sweep import sweep\n"
         "packing = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, gp.Uniform(1e-6))\n"
         "sweep_figure(sweep(packing, force=[1.0, 2.0], media=('afa',))).canvas.draw()\n"
         "assert dict(matplotlib.rcParams) == before"

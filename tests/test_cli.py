@@ -12,13 +12,13 @@ import pytest
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon import files
-from granphon.cli import main
-from granphon.errors import FileExistsInRunError, OutputError
-from granphon.progress import Silent, Terminal, on_stderr, silent
-from granphon.run import expected_files, run
-from granphon.scene import Scene
-from granphon.staging import LIST
+from granphon.base import text as files
+from granphon.base.errors import FileExistsInRunError, OutputError
+from granphon.base.progress import Silent, Terminal, on_stderr, silent
+from granphon.base.staging import LIST
+from granphon.cli.commands import main
+from granphon.scene.run import expected_files, run
+from granphon.scene.scene import Scene
 
 SCENE = """\
 schema: 1
@@ -745,7 +745,7 @@ def test_interruption_is_clean(work, capsys, monkeypatch, moment):
 
 def test_help_loads_no_library_of_the_computation():
     code = (
-        "import sys\nfrom granphon.cli import main\nmain(['run', '--help'])\n"
+        "import sys\nfrom granphon.cli.commands import main\nmain(['run', '--help'])\n"
         "assert not {'numpy', 'scipy', 'ase', 'phonopy', 'pint', 'ruamel', 'matplotlib', 'rich'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
@@ -842,7 +842,7 @@ def test_an_empty_name_is_wrong(work, capsys):
 
 
 def test_a_closed_stdout_is_no_failure(work):
-    code = "import sys; sys.stdout = None\nfrom granphon.cli import main\nsys.exit(main(['check', 'scene.yaml']))"
+    code = "import sys; sys.stdout = None\nfrom granphon.cli.commands import main\nsys.exit(main(['check', 'scene.yaml']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -857,7 +857,7 @@ def test_termination_cleans_up_like_an_interruption(work, capsys, monkeypatch):
         os.kill(os.getpid(), signal.SIGTERM)
         raise AssertionError("the signal came too late")
 
-    monkeypatch.setattr("granphon.files.os.fsync", write)
+    monkeypatch.setattr("granphon.base.text.os.fsync", write)
     assert main(["run", "scene.yaml", "-o", "out"]) == 130
     assert "interrupted" in one_error(capsys)
     assert tree(work) == {"scene.yaml"}

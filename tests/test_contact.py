@@ -14,10 +14,10 @@ from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
 import granphon as gp
-from granphon.contact import contact_radius_ratio, harmonic_diameter
-from granphon.errors import InputError
-from granphon.load import Load
-from granphon.local_field import local_field
+from granphon.balls.contact import contact_radius_ratio, harmonic_diameter
+from granphon.balls.loads import Load
+from granphon.base.errors import InputError
+from granphon.dynamics.local_field import local_field
 
 lengths = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
 loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon import cost
-from granphon.cost import estimate
+from granphon.media import cost
+from granphon.media.cost import estimate
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH = 2.04e-6

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from granphon.diameters import Discrete, Measured, Normal, Uniform, uniform_numbers
-from granphon.errors import InputError
-from granphon.shapes import MOST_POINTS, NormalShape, UniformShape
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, uniform_numbers
+from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
+from granphon.base.errors import InputError
 
 POWERS = (-0.5, 0.0, 0.5, 1.5, 3.0)
 UNIFORM = UniformShape()
@@ -408,7 +408,7 @@ def test_a_hundred_thousand_balls_need_little():
 def test_blocks_do_not_show(monkeypatch):
     y = np.linspace(-0.4, 2.0, 7)
     whole = [shape.force(y) for shape in SHAPES.values()]
-    monkeypatch.setattr("granphon.shapes._BLOCK", 8)
+    monkeypatch.setattr("granphon.balls.distributions._BLOCK", 8)
     for shape, expected in zip(SHAPES.values(), whole, strict=True):
         np.testing.assert_array_equal(shape.force(y), expected)
 

@@ -11,12 +11,12 @@ from test_response import dense_tensor
 from test_stencils import ETA, every_eta
 
 import granphon as gp
-from granphon import direct
-from granphon.direct import SparseArray
-from granphon.equilibrium import Load, equilibrate
-from granphon.errors import ConvergenceError
-from granphon.geometry import TRIANGULAR
-from granphon.response import elasticity
+from granphon.array import sparse as direct
+from granphon.array.equilibrium import Load, equilibrate
+from granphon.array.response import elasticity
+from granphon.array.sparse import SparseArray
+from granphon.balls.lattices import TRIANGULAR
+from granphon.base.errors import ConvergenceError
 
 every_shape = pytest.mark.parametrize("shape", [(16, 16), (24, 17), (1, 9), (2, 3)], ids=str)
 

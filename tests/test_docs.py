@@ -36,8 +36,12 @@ import pytest
 from pydantic import BaseModel
 
 import granphon as gp
-from granphon import ladder, measurements, observables, schema, simulation
-from granphon.cli import main
+from granphon.cli.commands import main
+from granphon.fits import measurements
+from granphon.media import choice as ladder
+from granphon.media import simulation
+from granphon.observables import velocities as observables
+from granphon.scene import schema
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -423,7 +427,7 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
     import _docstrings
 
     def role(error: str) -> str:
-        return f":exc:`~granphon.errors.{error}`" if hasattr(gp.errors, error) else f":exc:`{error}`"
+        return f":exc:`~granphon.base.errors.{error}`" if hasattr(gp.errors, error) else f":exc:`{error}`"
 
     assert len(DOCUMENTED) > 50
     for name, text in DOCUMENTED:

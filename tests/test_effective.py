@@ -20,14 +20,14 @@ from numpy.polynomial import chebyshev
 from scipy.integrate import solve_ivp
 
 import granphon as gp
-from granphon import collocation
-from granphon.curve import LEAST_FORCE, VALID_FORCE
-from granphon.effective import DensityAverages, EffectiveLaw, effective_curve
-from granphon.errors import PrecisionError
-from granphon.laws import ENERGY, FORCE, SLOPE, STIFFNESS
-from granphon.local_field import local_field
-from granphon.points import PointAverages
-from granphon.shapes import NormalShape, PointShape, UniformShape
+from granphon.balls.distributions import NormalShape, PointShape, UniformShape
+from granphon.base.errors import PrecisionError
+from granphon.dynamics.local_field import local_field
+from granphon.laws import collocation
+from granphon.laws.effective import DensityAverages, EffectiveLaw, effective_curve
+from granphon.laws.effective_curve import LEAST_FORCE, VALID_FORCE
+from granphon.laws.listed import PointAverages
+from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 
 #: without friction, and that of steel
 XI = {eta: local_field(mindlin_ratio=eta).xi for eta in (0.0, 0.84)}

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import ensemble
-from granphon.ensemble import QUANTITIES, Moments, observed
-from granphon.errors import InputError
+from granphon.base.errors import InputError
+from granphon.tradeoffs import ensemble
+from granphon.tradeoffs.ensemble import QUANTITIES, Moments, observed
 
 KINDS = ("force", "pressure", "overlap")
 

@@ -17,13 +17,13 @@ from scipy.sparse.linalg import splu
 from test_stencils import Explicit
 
 import granphon as gp
-from granphon import equilibrium as module
-from granphon.effective import EffectiveLaw
-from granphon.equilibrium import Equilibrium, Load, equilibrate
-from granphon.errors import ConvergenceError, InputError
-from granphon.local_field import local_field
-from granphon.shapes import UniformShape
-from granphon.stencils import Stencils
+from granphon.array import equilibrium as module
+from granphon.array.equilibrium import Equilibrium, Load, equilibrate
+from granphon.array.stencils import Stencils
+from granphon.balls.distributions import UniformShape
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.dynamics.local_field import local_field
+from granphon.laws.effective import EffectiveLaw
 
 #: a* of tests that go down to loads of few contacts
 SPACINGS = (1.0, 0.7, 0.5, 0.42)

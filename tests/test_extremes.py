@@ -13,7 +13,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.errors import GranphonError
+from granphon.base.errors import GranphonError
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])

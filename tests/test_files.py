@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from granphon import files
-from granphon.errors import SceneError
-from granphon.files import closest, dump_yaml, parse_yaml, read_text, versions
+from granphon.base import text as files
+from granphon.base.errors import SceneError
+from granphon.base.text import closest, dump_yaml, parse_yaml, read_text, versions
 
 # -- reading --------------------------------------------------------------------------------------------------------
 

@@ -16,15 +16,15 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
 
 import granphon as gp
-from granphon.errors import InputError, UnreachableFrequencyError
-from granphon.fit import WidthFit, fit_width
-from granphon.goodness import leverages, rounding
-from granphon.ladder import MediumChoice
-from granphon.measurements import Measurements
-from granphon.observables import pulse_velocities, sound_velocities
-from granphon.parameters import changed
-from granphon.reading import plain_yaml
-from granphon.velocity_model import VelocityModel, Waves
+from granphon.balls.parameters import changed
+from granphon.base.errors import InputError, UnreachableFrequencyError
+from granphon.base.reading import plain_yaml
+from granphon.fits.fit import WidthFit, fit_width
+from granphon.fits.goodness import leverages, rounding
+from granphon.fits.measurements import Measurements
+from granphon.fits.velocity_model import VelocityModel, Waves
+from granphon.media.choice import MediumChoice
+from granphon.observables.velocities import pulse_velocities, sound_velocities
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 #: the fit of Section IV, at forces of its range
@@ -680,7 +680,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def command(*words):
-    from granphon.cli import main
+    from granphon.cli.commands import main
 
     return main(["fit", *words])
 
@@ -701,7 +701,7 @@ def test_a_figure_that_fails_leaves_the_fit(folder, capsys, monkeypatch):
     def fail(*_):
         raise ValueError("odd")
 
-    monkeypatch.setattr("granphon.charts.fit_figure", fail)
+    monkeypatch.setattr("granphon.figures.charts.fit_figure", fail)
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     out, err = capsys.readouterr()
     assert "granphon: warning: fit.png could not be drawn: ValueError: odd" in err

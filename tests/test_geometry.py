@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.errors import InputError
-from granphon.geometry import KAGOME, SQUARE, TRIANGULAR, as_direction, lattice_named
+from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, as_direction, lattice_named
+from granphon.base.errors import InputError
 
 HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon import jacobi
-from granphon.jacobi import cholesky_factor, graded_svd, jacobi_svd, lapack_svd
+from granphon.dynamics import linalg as jacobi
+from granphon.dynamics.linalg import cholesky_factor, graded_svd, jacobi_svd, lapack_svd
 
 
 def exact_values(matrix):

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.errors import InputError
-from granphon.ladder import MEDIA, OPTIONS, MediumChoice, expected_error
+from granphon.base.errors import InputError
+from granphon.media.choice import MEDIA, OPTIONS, MediumChoice, expected_error
 
 CLASSES = {
     "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
@@ -101,7 +101,7 @@ def test_only_one_of_them_leaves_the_choice_to_the_load():
 
 @pytest.mark.parametrize("shape", [(2,), (2, 2)])
 def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(steel, shape):
-    from granphon.accuracy import accuracy
+    from granphon.media.accuracy import accuracy
 
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     loads = np.linspace(10.0, 40.0, int(np.prod(shape))).reshape(shape)
@@ -126,7 +126,7 @@ def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):
     def asked():
         raise AssertionError("nobody asked for an error")
 
-    monkeypatch.setattr("granphon.ladder.accuracy", asked)
+    monkeypatch.setattr("granphon.media.choice.accuracy", asked)
     scene = gp.Scene.from_text(
         "material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}\n"
         "packing: {diameter: 1 mm, spread: {uniform: 0.3 um}}\nload: {force: 1 N}\nmedium: ema\n"

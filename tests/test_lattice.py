@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.branches import connect_branches
-from granphon.errors import InputError, InstabilityError, MechanismError
+from granphon.base.errors import InputError, InstabilityError, MechanismError
+from granphon.dynamics.branches import connect_branches
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 HEXAGON = ((1.0, 0.0), (-0.5, math.sqrt(0.75)))

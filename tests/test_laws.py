@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.effective import EffectiveLaw
-from granphon.errors import InputError, PrecisionError
-from granphon.laws import ENERGY, FORCE, SLOPE, STIFFNESS, AveragedLaw, high_pressure_series
-from granphon.local_field import local_field
-from granphon.shapes import NormalShape, UniformShape
+from granphon.balls.distributions import NormalShape, UniformShape
+from granphon.base.errors import InputError, PrecisionError
+from granphon.dynamics.local_field import local_field
+from granphon.laws.effective import EffectiveLaw
+from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, AveragedLaw, high_pressure_series
 
 SKEW = gp.Discrete([7.998e-3, 8.0e-3, 8.004e-3], [0.5, 0.3, 0.2]).shape
 SHAPES = {"uniform": UniformShape(), "normal": NormalShape(3.0), "skew": SKEW}

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from granphon.errors import InputError, MechanismError, PrecisionError
-from granphon.geometry import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, lattice_named
-from granphon.lattice import ContactLattice
-from granphon.local_field import LocalField, _response, _zone, local_field, paper_local_field, xi_of
+from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, lattice_named
+from granphon.base.errors import InputError, MechanismError, PrecisionError
+from granphon.dynamics.local_field import LocalField, _response, _zone, local_field, paper_local_field, xi_of
+from granphon.dynamics.modes import ContactLattice
 
 ROOT3 = np.sqrt(3.0)
 DIVISOR = 4.0 * np.pi - 3.0 * ROOT3

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.errors import InputError, InstabilityError
+from granphon.base.errors import InputError, InstabilityError
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from granphon.errors import InputError
-from granphon.load import force_of_frame
-from granphon.measurements import Measurements, read_sigma
+from granphon.balls.loads import force_of_frame
+from granphon.base.errors import InputError
+from granphon.fits.measurements import Measurements, read_sigma
 
 
 def read(tmp_path, text, **options):

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.errors import InputError, MechanismError, PrecisionError
-from granphon.observables import local_exponent
+from granphon.base.errors import InputError, MechanismError, PrecisionError
+from granphon.observables.velocities import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
 REDUCED = (

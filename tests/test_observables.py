@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 
 import granphon as gp
-from granphon.errors import InputError, UnreachableFrequencyError
+from granphon.base.errors import InputError, UnreachableFrequencyError
 
 DIRECTIONS = [(1.0, 0.0), (0.0, 1.0), (0.3, 0.7)]
 NAMES = ("longitudinal", "transverse")

@@ -13,8 +13,8 @@ import pytest
 from phonopy import Phonopy
 
 import granphon as gp
-from granphon.bridge import READ_ONLY, REFUSED, ContactPhonopy
-from granphon.errors import UnsupportedError
+from granphon.base.errors import UnsupportedError
+from granphon.phonons.phonopy_bridge import READ_ONLY, REFUSED, ContactPhonopy
 
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "phonopy.md"
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -17,9 +17,10 @@ from matplotlib.quiver import Quiver
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import plot, style
-from granphon.errors import FigureError, InputError
-from granphon.units import HertzPrefix
+from granphon.base.errors import FigureError, InputError
+from granphon.base.scales import HertzPrefix
+from granphon.figures import bands as plot
+from granphon.figures import style
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -336,7 +337,7 @@ def test_global_state_is_left_alone(bands):
     before = dict(matplotlib.rcParams)
     plot.bands_figure(bands)
     assert dict(matplotlib.rcParams) == before
-    code = "import sys; import granphon.plot; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
+    code = "import sys; import granphon.figures.bands; print('matplotlib.pyplot' in sys.modules, 'phonopy' in sys.modules)"
     run = subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, capture_output=True, text=True)
     assert run.stdout.split() == ["False", "False"]
 
@@ -345,7 +346,7 @@ MADE = """
 import sys
 import numpy as np, granphon as gp
 from granphon.{module} import *
-from granphon.plot import bands_figure, save_figure
+from granphon.figures.bands import bands_figure, save_figure
 state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
 save_figure(bands_figure(gp.Phonons(state).bands("GKM", npoints=5)), sys.argv[1])
 print("matplotlib.pyplot" in sys.modules)

@@ -20,15 +20,15 @@ from numpy.testing import assert_array_equal
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon import archive
-from granphon.cli import main
-from granphon.digests import canonical, digest, read_sealed, sealed
-from granphon.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
-from granphon.files import dump_yaml, read_text
-from granphon.measurements import Measurements
-from granphon.reading import plain_yaml, read_bytes
-from granphon.tables import Table
-from granphon.tasks import Store
+from granphon.base.digests import canonical, digest, read_sealed, sealed
+from granphon.base.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
+from granphon.base.reading import plain_yaml, read_bytes
+from granphon.base.tables import Table
+from granphon.base.text import dump_yaml, read_text
+from granphon.cli.commands import main
+from granphon.fits.measurements import Measurements
+from granphon.sweeps import archive
+from granphon.sweeps.tasks import Store
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3)
@@ -208,7 +208,7 @@ def test_a_kept_part_of_a_sweep_is_never_unpickled(tmp_path):
     assert_array_equal(store.read(Piece())["x"], np.arange(3.0))
     stream = io.BytesIO()
     np.savez(stream, x=np.array([Bomb(marker)], dtype=object))
-    from granphon.tasks import _digest
+    from granphon.sweeps.tasks import _digest
 
     # with the right digest too
     for data in (stream.getvalue(), pickle.dumps(Bomb(marker)), b"", b"PK\x03\x04" + bytes(50)):

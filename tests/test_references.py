@@ -9,14 +9,14 @@ import pytest
 from test_effective import FLAT, LOTS, NORMAL, UNIFORM, XI, evaluated
 
 import granphon as gp
-from granphon.acoustics import contact_lattice
-from granphon.effective import effective_curve
-from granphon.errors import InputError, PrecisionError
-from granphon.geometry import SQUARE, TRIANGULAR, Lattice
-from granphon.lattice import ContactLattice
-from granphon.laws import FORCE
-from granphon.local_field import local_field, local_field_on
-from granphon.references import curve_by_integration, integrated_dos, local_field_by_cubature
+from granphon.balls.lattices import SQUARE, TRIANGULAR, Lattice
+from granphon.base.errors import InputError, PrecisionError
+from granphon.dynamics.local_field import local_field, local_field_on
+from granphon.dynamics.modes import ContactLattice
+from granphon.laws.effective import effective_curve
+from granphon.laws.spread import FORCE
+from granphon.observables.acoustics import contact_lattice
+from granphon.tradeoffs.references import curve_by_integration, integrated_dos, local_field_by_cubature
 
 ROOT3 = math.sqrt(3.0)
 #: Xi in closed form: derived, and found by an integer relation

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon import response
-from granphon.stencils import Stencils
+from granphon.array import response
+from granphon.array.stencils import Stencils
 
 BENCHMARKS = Path(__file__).parent / "benchmarks"
 
@@ -171,7 +171,8 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
 
 
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
-    from granphon import samples, simulation
+    from granphon.array import sample as samples
+    from granphon.media import simulation
 
     loads: list[object] = []
     solve = simulation.equilibrate
@@ -199,7 +200,7 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
 
 
 def test_a_density_of_states_holds_few_weights_at_a_time_and_gives_the_same_numbers(state, monkeypatch):
-    from granphon import phonons as module
+    from granphon.phonons import phonons as module
 
     sizes: list[int] = []
     accumulate = module.TetrahedronDOSAccumulator

@@ -13,9 +13,9 @@ from test_equilibrium import at_rest, balls, by_lstsq, differences, moved, newto
 from test_stencils import ETA, Explicit, every_eta
 
 import granphon as gp
-from granphon.equilibrium import Load, equilibrate
-from granphon.response import elasticity
-from granphon.stencils import Stencils
+from granphon.array.equilibrium import Load, equilibrate
+from granphon.array.response import elasticity
+from granphon.array.stencils import Stencils
 
 AREA = math.sqrt(3.0) / 2.0  # of a ball
 #: strains xx, yy, xy of Voigt's order

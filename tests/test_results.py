@@ -13,11 +13,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import granphon as gp
-from granphon.errors import InputError
-from granphon.lattice import Modes
-from granphon.limits import Check, Validity
-from granphon.observables import Moduli, PulseVelocities, SoundVelocities
-from granphon.results import Result, read_only
+from granphon.base.errors import InputError
+from granphon.base.results import Result, read_only
+from granphon.dynamics.modes import Modes
+from granphon.observables.validity import Check, Validity
+from granphon.observables.velocities import Moduli, PulseVelocities, SoundVelocities
 
 
 def same(one, two):
@@ -201,11 +201,11 @@ def places(data, path=()):
 @pytest.fixture(scope="module")
 def every(packing, results):
     """A result of each class that comes back from plain data."""
-    from granphon.ensemble import Ensemble
-    from granphon.fit import fit_width
-    from granphon.local_field import LocalField
-    from granphon.measurements import Measurements
-    from granphon.tradeoffs import Measured, TradeOff
+    from granphon.dynamics.local_field import LocalField
+    from granphon.fits.fit import fit_width
+    from granphon.fits.measurements import Measurements
+    from granphon.tradeoffs.ensemble import Ensemble
+    from granphon.tradeoffs.measure import Measured, TradeOff
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))

@@ -18,17 +18,17 @@ import pytest
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon.archive import load_sweep
-from granphon.cli import main
-from granphon.errors import FileExistsInRunError, InputError
-from granphon.geometry import LATTICES
-from granphon.redraw import redraw
-from granphon.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files, is_complete
-from granphon.scene import Load, Scene
-from granphon.staging import LIST, LOCK, opened
-from granphon.sweeps import sweep
-from granphon.wording import human
-from granphon.workers import worker_processes
+from granphon.balls.lattices import LATTICES
+from granphon.base.errors import FileExistsInRunError, InputError
+from granphon.base.staging import LIST, LOCK, opened
+from granphon.cli.commands import main
+from granphon.cli.wording import human
+from granphon.scene.redraw import redraw
+from granphon.scene.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files, is_complete
+from granphon.scene.scene import Load, Scene
+from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.sweep import sweep
+from granphon.sweeps.workers import worker_processes
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -59,7 +59,7 @@ def listed(folder: Path) -> set[str]:
 
 def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
     """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
-    from granphon.jobs import Job, _SampleJob
+    from granphon.sweeps.jobs import Job, _SampleJob
 
     begun: list[str] = []
 
@@ -255,7 +255,7 @@ def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsy
 
 def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
     (work / "scene.yaml").write_text(SIMULATED)
-    monkeypatch.setattr("granphon.cli._LONG", 0.0)
+    monkeypatch.setattr("granphon.cli.commands._LONG", 0.0)
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
     assert capsys.readouterr().err == f"granphon: {Scene.from_text(SIMULATED).cost().text} on one processor\n"
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures", "--force", "-q"]) == 0
@@ -467,7 +467,7 @@ def test_any_failure_of_a_figure_leaves_the_numbers(work, monkeypatch, failure):
     scene = Scene.from_yaml("scene.yaml")
     scene.run("out")
     assert listed(work / "out") == ALL
-    monkeypatch.setattr("granphon.charts.sweep_figure", fail)
+    monkeypatch.setattr("granphon.figures.charts.sweep_figure", fail)
     result = scene.run("out", force=True)
     # nor does the picture of an earlier run stay beside other numbers
     assert listed(work / "out") == ALL - {"sweep.png"}
@@ -558,7 +558,7 @@ def test_a_worker_that_dies_is_an_error(work, monkeypatch, capsys):
     monkeypatch.syspath_prepend(work)
     import deadly  # by name, so that the worker finds it
 
-    monkeypatch.setattr("granphon.jobs.Job.solve", property(lambda _: deadly.solve))
+    monkeypatch.setattr("granphon.sweeps.jobs.Job.solve", property(lambda _: deadly.solve))
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -681,7 +681,7 @@ def test_a_complete_folder_is_left_as_it_is(work, monkeypatch, capsys):
     assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
     assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
     assert {path: path.read_bytes() for path in before} == {path: data for path, (data, _) in before.items()}
-    monkeypatch.setattr("granphon.run.packages", lambda: {"granphon": "0.0.9"})
+    monkeypatch.setattr("granphon.scene.run.packages", lambda: {"granphon": "0.0.9"})
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert not begun
     assert {path: path.stat().st_mtime_ns for path in before} == {path: time for path, (_, time) in before.items()}
@@ -706,9 +706,9 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.charts.sweep_figure", KeyboardInterrupt(), 130),
-        ("granphon.archive._write_table", OSError(28, "No space left on device"), 1),
-        ("granphon.run._summary", MemoryError(), 1),
+        ("granphon.figures.charts.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.sweeps.archive._write_table", OSError(28, "No space left on device"), 1),
+        ("granphon.scene.run._summary", MemoryError(), 1),
     ],
 )
 def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, monkeypatch, capsys, where, error, code):
@@ -733,7 +733,7 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, monkeypatch,
 #: the command, whose workers never come to an end with the averaged force
 HELD = """
 import sys, time
-from granphon import jobs
+from granphon.sweeps import jobs
 
 solved = jobs.Job.solve
 
@@ -745,7 +745,7 @@ def solve(self, begun=None):
 
 jobs.Job.solve = solve
 if __name__ == "__main__":
-    from granphon.cli import main
+    from granphon.cli.commands import main
     sys.exit(main(sys.argv[1:]))
 """
 
@@ -813,9 +813,9 @@ sys.exit(main())
 @pytest.mark.parametrize(
     ("moment", "which", "code", "told"),
     [
-        ("granphon.cli", "SIGINT", 130, "interrupted."),
+        ("granphon.cli.commands", "SIGINT", 130, "interrupted."),
         ("typer", "SIGTERM", 130, "interrupted."),
-        ("granphon.scene", "SIGINT", 130, "interrupted; no result was written."),
+        ("granphon.scene.scene", "SIGINT", 130, "interrupted; no result was written."),
         ("end", "SIGINT", 2, None),
         ("end", "SIGTERM", 2, None),
     ],
@@ -828,9 +828,13 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
     assert told is None or done.stderr == f"granphon: error: {told}\n"
 
 
-@pytest.mark.parametrize("moment", ["granphon.staging._exchange", "granphon.tasks.Store.clear", "granphon.cli._table"])
+@pytest.mark.parametrize(
+    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.tasks.Store.clear", "granphon.cli.commands._table"]
+)
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
-    from granphon import cli, staging, tasks
+    from granphon.base import staging
+    from granphon.cli import commands as cli
+    from granphon.sweeps import tasks
 
     places = {"_exchange": staging, "clear": tasks.Store, "_table": cli}
     name = moment.rpartition(".")[2]
@@ -853,7 +857,7 @@ def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsy
     for text in (SWEEP, ONE):
         (work / "scene.yaml").write_text(text)
         with monkeypatch.context() as patch:
-            patch.setattr("granphon.run.opened", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
+            patch.setattr("granphon.scene.run.opened", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
             assert main(["run", "scene.yaml", "-o", "out"]) == 130
         assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
 
@@ -890,7 +894,7 @@ def test_what_is_damaged_is_not_complete(work, capsys, name, damage):
 
 
 def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch, capsys):
-    from granphon.jobs import Job
+    from granphon.sweeps.jobs import Job
 
     solve, again = Job.solve, []
 
@@ -907,7 +911,7 @@ def test_a_folder_that_is_removed_meanwhile_is_not_made_again(work, monkeypatch,
 
 
 def test_a_folder_that_is_made_anew_meanwhile_is_another(work, monkeypatch, capsys):
-    from granphon.jobs import Job
+    from granphon.sweeps.jobs import Job
 
     solve = Job.solve
 
@@ -944,7 +948,7 @@ def test_a_scene_in_the_folder_of_finished_tasks_stays(work, monkeypatch):
 def test_a_killed_sweep_goes_on(work):
     Scene.from_yaml("scene.yaml").run("whole")
     code = (
-        "import os, signal\nfrom granphon import tasks\nfrom granphon.cli import main\n"
+        "import os, signal\nfrom granphon import tasks\nfrom granphon.cli.commands import main\n"
         "write = tasks.Store.write\n"
         "def last(*arguments):\n    write(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
         "tasks.Store.write = last\nmain(['run', 'scene.yaml', '-o', 'out'])"
@@ -1004,9 +1008,9 @@ def test_plot_draws_a_sweep_again(work, capsys, monkeypatch):
         drawn.update(variable=variable, dataset=dataset)
         return real(dataset, x, variable=variable)
 
-    from granphon.charts import sweep_figure as real
+    from granphon.figures.charts import sweep_figure as real
 
-    monkeypatch.setattr("granphon.charts.sweep_figure", figure)
+    monkeypatch.setattr("granphon.figures.charts.sweep_figure", figure)
     assert redraw("out", "contacts.pdf", variable="contact_fraction") == Path("contacts.pdf")
     assert (work / "contacts.pdf").read_bytes().startswith(b"%PDF")
     assert drawn["variable"] == "contact_fraction"

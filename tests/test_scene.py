@@ -14,12 +14,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.cost import estimate
-from granphon.errors import InputError, OutputError, PrecisionError, SceneError
-from granphon.ladder import MediumChoice
-from granphon.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
-from granphon.rules import SCALES, spaced
-from granphon.scene import BandPath, Load, Scene, force_of_frame
+from granphon.base.errors import InputError, OutputError, PrecisionError, SceneError
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
+from granphon.media.choice import MediumChoice
+from granphon.media.cost import estimate
+from granphon.scene.fields import SCALES, spaced
+from granphon.scene.scene import BandPath, Load, Scene, force_of_frame
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 PRESETS = Path(gp.__file__).parent / "data"
@@ -393,7 +393,7 @@ def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
     def solved(*_: object) -> None:
         raise InputError("solved")
 
-    monkeypatch.setattr("granphon.medium.EffectiveLaw", solved)
+    monkeypatch.setattr("granphon.media.mean_field.EffectiveLaw", solved)
     scene = Scene.from_text(LISTED)
     with pytest.raises(SceneError, match="solved"):
         scene.sweep()
@@ -729,7 +729,7 @@ def test_reading_a_scene_loads_what_it_needs():
     ],
 )
 def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, monkeypatch):
-    monkeypatch.setattr("granphon.simulation.equilibrate", None)
+    monkeypatch.setattr("granphon.media.simulation.equilibrate", None)
     text = SIMULATION.replace("force: 5 N", load) + "medium: {simulation: {shape: 8 8}}\n"
     with pytest.raises(SceneError, match=f"load.*{words}"):
         Scene.from_text(text)
@@ -738,7 +738,7 @@ def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, mo
 def test_a_simulation_beyond_the_memory_is_refused(monkeypatch):
     scene = Scene.from_text(SIMULATION + "medium: {simulation: {shape: 64 64}}\n")
     assert scene.cost() is not None
-    monkeypatch.setattr("granphon.cost.available_memory", lambda: 1e7)
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 1e7)
     with pytest.raises(
         SceneError, match=r"medium: simulation of 4,096 balls: .* has 0.01 GB .*available.*simulation\.shape"
     ):
@@ -767,7 +767,7 @@ WIDTHS = "sweep: {width: {from: 1 um, to: 3 um, points: 1000}, density: {from: 7
 @pytest.mark.parametrize("medium", ["ema", "simulation", "auto"])
 def test_of_very_many_packings_the_ends_are_looked_at(medium, monkeypatch):
     made = []
-    monkeypatch.setattr("granphon.packing.Packing.__post_init__", lambda self: made.append(self))
+    monkeypatch.setattr("granphon.balls.packing.Packing.__post_init__", lambda self: made.append(self))
     scene = Scene.from_text(BALLS.replace("5 N", "50 N") + f"medium: {medium}\n" + WIDTHS)
     cost = scene.cost()
     states, left = scene.survey()
@@ -811,8 +811,8 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 )
 def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
     scene = Scene.from_text(text)
-    monkeypatch.setattr("granphon.cost.available_memory", lambda: 4e8)
-    for name in ("granphon.run.run", "granphon.run._single"):
+    monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
+    for name in ("granphon.scene.run.run", "granphon.scene.run._single"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
         scene.run(tmp_path / "out")
@@ -825,7 +825,7 @@ def test_long_lists_are_left_to_the_run(monkeypatch, tmp_path):
     mean = gp.Measured(sizes).mean
     text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
     solved = []
-    monkeypatch.setattr("granphon.effective.solved", lambda *_: solved.append(1))
+    monkeypatch.setattr("granphon.laws.effective.solved", lambda *_: solved.append(1))
     for medium, few in (("ema", 0), ("[ala, ema]", 1)):
         (tmp_path / "scene.yaml").write_text(text + f"medium: {medium}\n")
         states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import granphon as gp
-from granphon.equilibrium import Load, equilibrate
-from granphon.errors import ConvergenceError, InputError
-from granphon.response import bulk_and_shear
-from granphon.samples import STEP
-from granphon.simulation import SampleLaw, SimulatedState
+from granphon.array.equilibrium import Load, equilibrate
+from granphon.array.response import bulk_and_shear
+from granphon.array.sample import STEP
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.media.simulation import SampleLaw, SimulatedState
 
 WIDTH, D = 2.04e-6, 8e-3
 #: of steel with this spread, by f*: the exponent and its standard error, from 24 samples of 96 x 96, seeds from 9000 on
@@ -255,7 +255,7 @@ def test_what_workers_found_comes_back(spread):
 
 
 def test_a_law_keeps_no_more_than_the_last_samples(spread, monkeypatch):
-    monkeypatch.setattr("granphon.simulation._MOST_KEPT", 3)
+    monkeypatch.setattr("granphon.media.simulation._MOST_KEPT", 3)
     law = gp.DirectSimulation(spread, (4, 4)).law
     law.force(np.linspace(1e-6, 2e-6, 5))
     assert len(law._kept) == 3
@@ -520,8 +520,8 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
     load = 3.0 * unit_of_force(spread) if kind == "force" else 2.0 * WIDTH
 
     def exponent(step):
-        monkeypatch.setattr("granphon.samples.STEP", step)
-        monkeypatch.setattr("granphon.simulation.STEP", step)
+        monkeypatch.setattr("granphon.array.sample.STEP", step)
+        monkeypatch.setattr("granphon.media.simulation.STEP", step)
         return at(load).exponent
 
     wide, middle, narrow = (exponent(step) for step in (0.4, 0.2, 0.1))
@@ -534,8 +534,8 @@ def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
     at = gp.DirectSimulation(spread, (8, 8), samples=2).at_force
 
     def exponent(step):
-        monkeypatch.setattr("granphon.samples.STEP", step)
-        monkeypatch.setattr("granphon.simulation.STEP", step)
+        monkeypatch.setattr("granphon.array.sample.STEP", step)
+        monkeypatch.setattr("granphon.media.simulation.STEP", step)
         return at(unit_of_force(spread)).exponent
 
     curvature = (exponent(0.2) - exponent(0.1)) / (0.2**2 - 0.1**2)

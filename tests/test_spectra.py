@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 import granphon as gp
-from granphon.errors import InputError
-from granphon.quantities import Quantity
-from granphon.tables import Table
+from granphon.base.errors import InputError
+from granphon.base.quantities import Quantity
+from granphon.base.tables import Table
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granphon import staging as module
-from granphon.errors import FileExistsInRunError, OutputError
-from granphon.staging import LIST, LOCK, PREFIX, check_free, files_written, opened, staging, write_bytes, write_text
+from granphon.base import staging as module
+from granphon.base.errors import FileExistsInRunError, OutputError
+from granphon.base.staging import LIST, LOCK, PREFIX, check_free, files_written, opened, staging, write_bytes, write_text
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -256,7 +256,7 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, mon
 #: a run that gets a signal before, or after, its n-th change of the folder
 STOPPED = """
 import os, signal, sys
-from granphon.staging import opened
+from granphon.base.staging import opened
 folder, last, number, after = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "after"
 count = 0
 def counted(real):

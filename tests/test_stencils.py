@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon import stencils as module
-from granphon.stencils import Motion, Stencils, dot
+from granphon.array import stencils as module
+from granphon.array.stencils import Motion, Stencils, dot
 
 #: steel's
 ETA = 0.84

@@ -60,7 +60,7 @@ def test_imports_point_one_way(module):
     # Scene.run is a name of the contract, and hands over to the module that carries scenes out
     allowed = {*before, "run"} if module == "scene" else set(before)
     assert own <= allowed, f"{module} imports {own - allowed}"
-    assert not {name for name in imports(module, top_level_only=True) if name == "granphon.run"} or module in (
+    assert not {name for name in imports(module, top_level_only=True) if name == "granphon.scene.run"} or module in (
         "cli",
         "__main__",
     )
@@ -109,7 +109,9 @@ def test_a_scene_of_velocities_loads_neither_phonopy_nor_matplotlib_nor_calculat
         "packing: {diameter: 1 mm}\nload: {force: 1 N}\n",
         encoding="utf-8",
     )
-    code = f"from granphon.cli import main\nassert main(['run', {str(scene)!r}, '-o', {str(tmp_path / 'out')!r}]) == 0"
+    code = (
+        f"from granphon.cli.commands import main\nassert main(['run', {str(scene)!r}, '-o', {str(tmp_path / 'out')!r}]) == 0"
+    )
     modules = loaded_after(code)
     assert not heavy(modules)
     assert (tmp_path / "out" / "summary.yaml").is_file()

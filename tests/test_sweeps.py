@@ -29,14 +29,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.archive import load_sweep
-from granphon.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
-from granphon.jobs import packages
-from granphon.ladder import MediumChoice
-from granphon.parameters import PARAMETERS, Axis, changed, of_width
-from granphon.phonons import Phonons
-from granphon.sweeps import sweep, swept_packing
-from granphon.tasks import IDENTITY, Store, solve_all
+from granphon.balls.parameters import PARAMETERS, Axis, changed, of_width
+from granphon.base.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
+from granphon.media.choice import MediumChoice
+from granphon.phonons.phonons import Phonons
+from granphon.sweeps.archive import load_sweep
+from granphon.sweeps.jobs import packages
+from granphon.sweeps.sweep import sweep, swept_packing
+from granphon.sweeps.tasks import IDENTITY, Store, solve_all
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
 LADDER = ("ala", "afa", "ema")
@@ -927,7 +927,7 @@ def test_an_interruption_while_writing_keeps_the_parts(rough, serial, tmp_path, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("granphon.archive._write_table", interrupt)
+        patch.setattr("granphon.sweeps.archive._write_table", interrupt)
         with pytest.raises(KeyboardInterrupt):
             sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
     assert [path.name for path in tmp_path.iterdir()] == [".sweep.nc.partial"]
@@ -1075,7 +1075,7 @@ def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
         import os, signal
         from contextlib import contextmanager
         import granphon as gp
-        from granphon.sweeps import sweep
+        from granphon.sweeps.sweep import sweep
 
         class Killer:
             done = 0

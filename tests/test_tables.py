@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granphon import quantities
-from granphon.errors import InputError
-from granphon.quantities import LENGTH, LOADS, Quantity
-from granphon.tables import Heading, Table
+from granphon.base import quantities
+from granphon.base.errors import InputError
+from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.tables import Heading, Table
 
 FORCE, SPEED = LOADS["force"], Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 

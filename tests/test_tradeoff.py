@@ -17,17 +17,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon import studies as module
-from granphon import tradeoffs
-from granphon.cli import main
-from granphon.diagrams import plot_work_precision, tradeoff_figure
-from granphon.ensemble import observed
-from granphon.errors import GranphonError, InputError
-from granphon.local_field import local_field, local_field_on
-from granphon.references import curve_by_integration, integrated_dos
-from granphon.studies import GridStudy, MediaStudy, MeshStudy, Point, Reference, SolutionStudy, Study, studies
-from granphon.tradeoffs import BETTER, Measured, TradeOff, tradeoff
-from granphon.wording import work_and_precision
+from granphon.base.errors import GranphonError, InputError
+from granphon.cli.commands import main
+from granphon.cli.wording import work_and_precision
+from granphon.dynamics.local_field import local_field, local_field_on
+from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
+from granphon.tradeoffs import measure as tradeoffs
+from granphon.tradeoffs import questions as module
+from granphon.tradeoffs.ensemble import observed
+from granphon.tradeoffs.measure import BETTER, Measured, TradeOff, tradeoff
+from granphon.tradeoffs.questions import GridStudy, MediaStudy, MeshStudy, Point, Reference, SolutionStudy, Study, studies
+from granphon.tradeoffs.references import curve_by_integration, integrated_dos
 
 WIDTH = 2.04e-6
 BUDGET = 40.0
@@ -424,7 +424,7 @@ def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, referenc
 
 def test_errors_of_the_grid_are_what_xi_makes_of_velocities(rough, found):
     """To first order: against a law with the coarse Xi in place of the true one."""
-    from granphon.effective import EffectiveLaw
+    from granphon.laws.effective import EffectiveLaw
 
     law = gp.EffectiveMedium(rough).law
     eta = rough.mindlin_ratio
@@ -454,7 +454,7 @@ def test_fixed_grids_converge_to_the_local_field_with_their_order():
 
 def test_a_uniform_grid_is_the_sum_over_a_finite_sample():
     """The twin: D(q) by hand, F^T D^-1 F/6 with the twelve corona forces, at the same wave vectors."""
-    from granphon.references import _radial
+    from granphon.tradeoffs.references import _radial
 
     vectors = np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])
     reciprocal = 2.0 * np.pi * np.linalg.inv(vectors).T
@@ -578,7 +578,7 @@ def test_long_references_can_be_ended(rough, hexagonal):
         if len(calls) == 3:
             raise Over
 
-    from granphon.direct import SparseArray
+    from granphon.array.sparse import SparseArray
 
     sample = gp.DirectSimulation(rough, (12, 12)).at_force(5.0).samples[0].equilibrium
     for work in (
@@ -803,8 +803,8 @@ def test_a_file_in_the_place_of_the_folder(work, capsys):
 @pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
 def test_an_interruption_leaves_nothing(work, which):
     command = [
-        sys.executable, "-c", "import sys, time; from granphon.cli import main\n"
-        "import granphon.studies; print('ready', flush=True); sys.exit(main(sys.argv[1:]))",
+        sys.executable, "-c", "import sys, time; from granphon.cli.commands import main\n"
+        "import granphon.tradeoffs.questions; print('ready', flush=True); sys.exit(main(sys.argv[1:]))",
         "tradeoff", "scene.yaml", "-o", "out", "--budget", "10 minutes",
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:

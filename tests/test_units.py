@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granphon.errors import InputError
-from granphon.units import HertzPrefix, prefixed
+from granphon.base.errors import InputError
+from granphon.base.scales import HertzPrefix, prefixed
 
 
 @given(st.floats(1e-24, 9.99e26))

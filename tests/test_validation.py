@@ -25,12 +25,12 @@ from test_effective import kinds
 from test_required import load
 
 import granphon as gp
-from granphon.effective import effective_curve
-from granphon.laws import STIFFNESS
-from granphon.local_field import local_field
-from granphon.medium import _ByLaw
-from granphon.references import balance
-from granphon.shapes import MOST_POINTS, NormalShape, UniformShape
+from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
+from granphon.dynamics.local_field import local_field
+from granphon.laws.effective import effective_curve
+from granphon.laws.spread import STIFFNESS
+from granphon.media.mean_field import _ByLaw
+from granphon.tradeoffs.references import balance
 
 PAGE = DOCS / "reference" / "validation.md"
 #: pages that are tables of evidence themselves, each with the test or benchmark that makes it

@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import granphon as gp
-from granphon.accuracy import coefficients_of_form
-from granphon.diameters import Spread
-from granphon.ensemble import observed
-from granphon.response import bulk_and_shear
-from granphon.samples import STEP, Sample
-from granphon.simulation import SimulatedState
+from granphon.array.response import bulk_and_shear
+from granphon.array.sample import STEP, Sample
+from granphon.balls.diameters import Spread
+from granphon.media.accuracy import coefficients_of_form
+from granphon.media.simulation import SimulatedState
+from granphon.tradeoffs.ensemble import observed
 
 Array = NDArray[np.float64]
 DIAMETER, WIDTH = 8e-3, 2e-6

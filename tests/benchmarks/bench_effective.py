@@ -16,11 +16,11 @@ from scipy.integrate import solve_ivp
 from side_by_side import Part, Row, against, alternate, command_line
 
 import granphon as gp
-from granphon.effective import effective_curve
-from granphon.laws import FORCE, STIFFNESS, high_pressure_series
-from granphon.local_field import local_field
-from granphon.references import balance
-from granphon.shapes import NormalShape, Shape, UniformShape
+from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.dynamics.local_field import local_field
+from granphon.laws.effective import effective_curve
+from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
+from granphon.tradeoffs.references import balance
 
 XI = local_field(mindlin_ratio=0.84).xi
 SHAPES: dict[str, Shape] = {"uniform": UniformShape(), "normal": NormalShape(3.0)}

@@ -162,7 +162,11 @@ def command(repeats: int) -> list[Row]:
             imports=process(sys.executable, "-c", HEAD),
             bare=process(sys.executable, "-c", f"{HEAD}\n{BARE}\nbare()"),
             velocities=process(*granphon[:4], str(velocities), "-o", f"{out}.v", "--force"),
-            own=process(sys.executable, "-c", "import granphon.cli, granphon.run, granphon.scene, pint, ruamel.yaml"),
+            own=process(
+                sys.executable,
+                "-c",
+                "import granphon.cli.commands, granphon.scene.run, granphon.scene.scene, pint, ruamel.yaml",
+            ),
         )
     what = "`granphon run examples/steel_hexagon.yaml`, a process"
     return [

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
-from granphon import equilibrium as module
-from granphon.direct import SparseArray
-from granphon.equilibrium import TOLERANCE, Equilibrium, Load, equilibrate
-from granphon.geometry import TRIANGULAR
-from granphon.stencils import Stencils
+from granphon.array import equilibrium as module
+from granphon.array.equilibrium import TOLERANCE, Equilibrium, Load, equilibrate
+from granphon.array.sparse import SparseArray
+from granphon.array.stencils import Stencils
+from granphon.balls.lattices import TRIANGULAR
 
 Array = NDArray[np.float64]
 #: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times faster

@@ -26,14 +26,14 @@ HERE = Path(__file__).resolve().parent
 
 #: costly functions, by module and qualified name: they are counted however they were imported
 WATCHED = {
-    ("granphon.collocation", "solved"): "effective medium",
-    ("granphon.local_field", "_local_field"): "local field",
-    ("granphon.calculator", "contact_blocks"): "force constants",
-    ("granphon.bridge", "ContactPhonopy.give_force_constants"): "phonopy",
+    ("granphon.laws.collocation", "solved"): "effective medium",
+    ("granphon.dynamics.local_field", "_local_field"): "local field",
+    ("granphon.phonons.calculator", "contact_blocks"): "force constants",
+    ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
-    ("granphon.lattice", "ContactLattice.modes"): "modes",
-    ("granphon.equilibrium", "equilibrate"): "equilibria",
-    ("granphon.response", "elasticity"): "linear responses",
+    ("granphon.dynamics.modes", "ContactLattice.modes"): "modes",
+    ("granphon.array.equilibrium", "equilibrate"): "equilibria",
+    ("granphon.array.response", "elasticity"): "linear responses",
     ("matplotlib.figure", "Figure.savefig"): "figures",
 }
 #: small equilibria by which the time of large ones is estimated
@@ -105,10 +105,10 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
         if event == "call" and (name := frame.f_code.co_qualname) in names:
             what = WATCHED.get((frame.f_globals["__name__"], name))
             if what is not None:
-                trial = frame.f_back is not None and frame.f_back.f_globals["__name__"] == "granphon.cost"
+                trial = frame.f_back is not None and frame.f_back.f_globals["__name__"] == "granphon.media.cost"
                 counts[TRIAL if trial else what] += 1
 
-    from granphon.cli import main
+    from granphon.cli.commands import main
 
     sys.setprofile(watch)
     code = main(["check", scene] if command == "check" else ["run", scene, "-o", out, "-q", *options])
@@ -118,7 +118,7 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
     files = sorted(path.name for path in Path(out).iterdir()) if Path(out).is_dir() else []
     branches = None
     if "band.yaml" in files:
-        from granphon.spectra import Bands
+        from granphon.phonons.bands import Bands
 
         branches = Bands.read(Path(out) / "band.yaml").frequencies.shape[-1]
     print(json.dumps(Seen(loaded, counts, files, branches)._asdict()))
@@ -128,7 +128,7 @@ def weigh(kind: str, folder: str) -> None:
     """Print by how many bytes the peak grows from a small scene to a large one of the same kind, and those of its data."""
     import resource
 
-    from granphon.scene import Scene
+    from granphon.scene.scene import Scene
 
     def peak() -> int:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
@@ -183,7 +183,7 @@ def times(repeats: int) -> dict[str, float]:
             path = Path(folder) / f"{kind}.yaml"
             path.write_text(SCENES[kind], encoding="utf-8")
             arguments = ["run", str(path), "-o", str(Path(folder) / "out"), "-q", "--force", *options]
-            return lambda: python(f"from granphon.cli import main\nassert main({arguments!r}) == 0")
+            return lambda: python(f"from granphon.cli.commands import main\nassert main({arguments!r}) == 0")
 
         calls = {kind: scene(kind) for kind in SCENES}
         calls |= {f"{kind}, no figures": scene(kind, "--no-figures") for kind in SCENES if seen(kind).calls.get("figures")}

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
-from granphon.effective import effective_curve
-from granphon.equilibrium import Equilibrium, Load, equilibrate
-from granphon.local_field import local_field
-from granphon.response import bulk_and_shear
-from granphon.simulation import SimulatedState
+from granphon.array.equilibrium import Equilibrium, Load, equilibrate
+from granphon.array.response import bulk_and_shear
+from granphon.dynamics.local_field import local_field
+from granphon.laws.effective import effective_curve
+from granphon.media.simulation import SimulatedState
 
 Array = NDArray[np.float64]
 STEEL, DIAMETER, WIDTH = gp.Material(211.65e9, 0.276, 7840.0), 8e-3, 2.04e-6

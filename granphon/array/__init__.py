@@ -1,0 +1,1 @@
+"""The disordered array ball by ball: stencils, equilibrium, linear response."""

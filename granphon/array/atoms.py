@@ -1,0 +1,189 @@
+"""Balls as an ``ase.Atoms``: what the arrays on it mean, and to which state they belong.
+
+Atoms are in reduced units (d = k = M = 1). The scales are in ``atoms.info`` (see :class:`granphon.base.scales.Units`), for those
+who convert; ASE loses that dictionary in several places, so that what guards against the units of another state is an array:
+
+``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg), of which files with eight decimals keep
+                         eight digits.
+``granphon_kind``        (N,) 0 for balls of a lattice, 1 with finite overlap, 2 of a simulated sample.
+``diameter_deviations``  (N,) d_i - <d>.
+``displacements``        (N, 3) from the site of the lattice; the part of the state that force constants use.
+``slip_origin``          (N, 3) displacements at which, with no rotation, contacts do not slip: those of a sample at rest.
+``rotations``            (N,) angle phi about z, rad.
+``radius``               (N,) d_i/2, for programs that draw balls.
+
+All but the last must be there, and masses too: ASE takes a ball without one for an atom of iron, and some of its readers
+store that mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, brief, message
+from granphon.base.reading import require_path
+from granphon.base.scales import Units
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+__all__ = [
+    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopted", "has_masses", "has_sampled", "kind_of", "take_arrays",
+    "write_extxyz",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Kind = int
+LATTICE, FINITE, SAMPLE = 0, 1, 2
+#: arrays that tell the state
+_SCALES, _KIND = "granphon_scales", "granphon_kind"
+#: all that energy or force constants depend on, with the shape of one ball's part
+ARRAYS: dict[str, tuple[int, ...]] = {
+    _SCALES: (3,), _KIND: (), "diameter_deviations": (), "displacements": (3,), "slip_origin": (3,), "rotations": (),
+}  # fmt: skip
+#: what eight decimals leave of a logarithm
+_ROUNDING = 2e-8
+_MEND = (
+    "HertzMindlin(state).adopt(atoms) gives them what is missing;"
+    " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
+)
+
+
+def has_masses(balls: Atoms) -> bool:
+    """Whether every ball has a mass, and not that of the element whose symbol it bears, from ASE's table."""
+    from ase.data import atomic_masses
+
+    return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
+
+
+def has_sampled(balls: Atoms) -> bool:
+    """Whether there are balls of a simulated sample."""
+    return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
+
+
+def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None) -> None:
+    """Put scales and arrays on Atoms, in place: those ``given``, else those there, else those of balls at rest on sites.
+
+    Masses that are nowhere are (1 + deviation)^3, those of balls of one material.
+    """
+    new = {name: np.zeros((len(balls), *shape)) for name, shape in ARRAYS.items()}
+    new |= {_SCALES: np.tile(_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
+    new |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
+    new |= given or {}
+    if not has_masses(balls):
+        new.setdefault("masses", (1.0 + new["diameter_deviations"]) ** 3)
+    if "radius" not in balls.arrays:
+        new.setdefault("radius", 0.5 * (1.0 + new["diameter_deviations"]))
+    for name, values in new.items():
+        balls.set_array(name, None)  # of another shape or type
+        balls.set_array(name, values)
+    balls.info.update(units.to_info())
+
+
+def adopted(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> Atoms:
+    """A copy of Atoms with the arrays and masses that it lacks: those of ``like``, ball by ball, or of balls on the lattice.
+
+    :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the scales in ``info`` are others.
+    """
+    balls = atoms.copy()
+    _require_info(balls, units)
+    given = {}
+    if like is not None:
+        if len(like) != len(balls):
+            raise InputError(
+                message(f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are taken over ball by ball")
+            )
+        if not has_masses(balls):
+            balls.set_array("masses", None)
+        names = (*ARRAYS, "radius", "masses")
+        given = {name: like.arrays[name].copy() for name in names if name not in balls.arrays and name in like.arrays}
+    take_arrays(balls, units, kind, given)
+    return balls
+
+
+def kind_of(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
+    """:data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`: what balls these are.
+
+    :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls are those of another state.
+    """
+    missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
+    if missing:
+        raise InputError(message(f"the Atoms have no {', '.join(missing)}", "A file or another program has lost it", _MEND))
+    for name, shape in ARRAYS.items():
+        if balls.arrays[name].shape != (len(balls), *shape):
+            raise InputError(
+                message(f"the array {name} has the shape {balls.arrays[name].shape}", mend=f"Give {(len(balls), *shape)}")
+            )
+    _require_info(balls, units)
+    given = balls.arrays[_SCALES]
+    same = np.all(np.abs(given - _logarithms(units)) < _ROUNDING, axis=1)
+    if not np.all(same):
+        ball = int(np.argmin(same))
+        d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
+        raise InputError(
+            message(
+                f"ball {ball} of the Atoms is in units of d = {d} m, k = {k} N/m, M = {mass} kg; the state has"
+                f" {units.length:.9g} m, {units.stiffness:.9g} N/m, {units.mass:.9g} kg",
+                "It is in the reduced units of another state, or was added without any",
+                "Use the state it was made from, and add balls from gp.atoms(state)",
+            )
+        )
+    kinds = set(balls.arrays[_KIND].tolist())
+    if len(kinds) > 1:
+        raise InputError(message("the Atoms are put together of balls on different lattices", mend="Take those of one"))
+    kind: Kind = kinds.pop() if kinds else FINITE * finite_overlap
+    if (kind == FINITE) != finite_overlap:
+        ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
+        raise InputError(
+            message(
+                f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
+                "Their cells differ by the overlap",
+                f"Make the state with finite_overlap={not finite_overlap}, or make the Atoms anew",
+            )
+        )
+    return kind
+
+
+def _logarithms(units: Units) -> Array:
+    return np.log([units.length, units.stiffness, units.mass])
+
+
+def _require_info(balls: Atoms, units: Units) -> None:
+    for key, value in units.to_info().items():
+        given = balls.info.get(key, value)
+        if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
+            raise InputError(
+                message(
+                    f"the Atoms have {key} = {given}, the state {value}",
+                    "They are in the reduced units of another state",
+                    "Use the state they were made from, or gp.atoms of this one",
+                )
+            )
+
+
+def write_extxyz(path: str | Path, atoms: Atoms) -> None:
+    """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
+
+    The writer of ASE keeps eight decimals. Of balls of 8 mm that is 0.1 nm, in positions, displacements and diameters
+    alike, and forces go as differences of these. Results of the calculator are not written. :class:`InputError` for what is
+    no Atoms, or no path.
+    """
+    from ase import Atoms
+    from ase.io.extxyz import output_column_format
+
+    require_path(path)
+    if not isinstance(atoms, Atoms):
+        raise InputError(message(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms"))
+    first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
+    arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
+    header, _, _, row = output_column_format(atoms, list(arrays), arrays)
+    row = row.replace("%16.8f", "%.17g")
+    columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]
+    with Path(path).open("w", encoding="utf-8") as file:
+        file.write(f"{len(atoms)}\n{header}\n")
+        file.writelines(row % numbers for numbers in zip(*(column.tolist() for column in columns), strict=True))

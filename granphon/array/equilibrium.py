@@ -1,0 +1,390 @@
+"""Mechanical equilibrium of an array of balls that differ, in reduced units.
+
+In the paper's limit, spread and overlap small against the diameter, the directions of contacts stay those of the lattice. In
+units of W and of the force c W^(3/2) (Section IV) a contact has the overlap
+
+    h = y + (x_i + x_j)/2 - n.(u_j - u_i)
+
+with y = (d - a)/W common to all, and the force h_+^(3/2). Equilibrium is the minimum over all u, and at given load over y
+too, of the sum of (2/5) h_+^(5/2), less the work of the load: a convex function. It is found by Newton's method; its linear
+equations by conjugate gradients, as far as each step deserves; and the length of a step from the slope along it, never from
+the energy, a large sum that has lost the digits in question.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.stencils import Motion, Stencils, dot
+from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.results import Result
+
+__all__ = ["LEAST_FORCE", "TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response", "too_small", "uniform_part"]
+
+Array = NDArray[np.float64]
+#: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
+TOLERANCE = 1e-10
+#: f* below which a sample with open contacts is said to carry no load: it is at its rigidity threshold to 1e-5 W, or below
+LEAST_FORCE = 1e-8
+#: steps of Newton's method, and of conjugate gradients in each
+_NEWTON, _CONJUGATE = 1000, 3000
+#: f* below which an equilibrium at given force is approached from ten times the force
+_EASY = 1e-2
+#: what rounding may leave of a load, as a part of it; and how much nearer than the tolerance a load is met
+_ROUNDING, _EXACTLY = 1e-15, 1e-3
+#: part of a tension that rounding may leave unbalanced
+_NOISE = 1e-14
+#: stiffness that is lent to all contacts, as a part of the mean one and of the distance from equilibrium: where many are
+#: open the rest is no solid, and a step would have no end
+_LENT = 1e-2
+#: trials of the length of a step
+_SEARCH = 30
+#: times the residual force on a ball, the least that a contact carries: others are far below one, or above a hundred
+_CARRIED = 10.0
+#: relative residual of linear responses: stiffnesses have errors of its square, times the condition of the array
+_RESPONSE = 1e-7
+
+
+class Load(NamedTuple):
+    """What is prescribed: the overlap y, or the mean contact force, f* = ``force`` - ``slope`` y."""
+
+    overlap: float | None = None
+    force: float = 0.0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Result):
+    """A sample at rest.
+
+    Attributes
+    ----------
+    deviations : (L1, L2) x = Delta/W of the balls.
+    overlap : y, common to all contacts.
+    balls : (2, L1, L2) displacements, in the coordinates of :class:`~granphon.array.stencils.Stencils`, W.
+    residual : largest force left on a ball over the mean contact force.
+    newton, conjugate : steps of the two methods that it took.
+    """
+
+    shapes = {"deviations": "i j", "balls": "2 i j"}
+
+    deviations: Array
+    overlap: float
+    balls: Array
+    residual: float = math.inf
+    newton: int = 0
+    conjugate: int = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # with what it has cost a linear response to find, for the process that asked for it
+        found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
+        return *super().__reduce__(), found
+
+    @cached_property
+    def stencils(self) -> Stencils:
+        """C of the array, without slips."""
+        return Stencils(self.deviations.shape)
+
+    @property
+    def differences(self) -> Array:
+        """(3, L1, L2): h - y, what the contacts' overlaps differ by from the common one."""
+        still = Motion(self.balls, 0.0)
+        return _pair_means(self.deviations, self.stencils) - self.stencils.deformations(still)
+
+    @property
+    def overlaps(self) -> Array:
+        """(3, L1, L2): h, below zero where balls are apart."""
+        return self.overlap + self.differences
+
+    @property
+    def forces(self) -> Array:
+        """(3, L1, L2): the contact forces h_+^(3/2)."""
+        closed = np.maximum(self.overlaps, 0.0)
+        return closed * np.sqrt(closed)
+
+    @property
+    def excess(self) -> Array:
+        """(3, L1, L2): the contact forces less y_+^(3/2), without the digits that a subtraction would lose."""
+        return _excess(self.overlap, self.differences)[0]
+
+    @property
+    def stiffnesses(self) -> Array:
+        """(3, L1, L2): those of the contacts that carry load, (3/2) h^(1/2); else zero."""
+        return 1.5 * self._roots
+
+    @property
+    def stiffness_slopes(self) -> Array:
+        """(3, L1, L2): derivatives of the stiffnesses by h, (3/4) h^(-1/2); zero where no load is carried."""
+        root = self._roots
+        return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
+
+    @property
+    def _roots(self) -> Array:
+        """h^(1/2) of the contacts that carry load; zero where the force may be what the iteration has left on a ball.
+
+        Balls that nothing holds are left where they touch by a trace of it. Shear springs there would hold them.
+        """
+        overlaps = self.overlaps
+        least = (_CARRIED * self.residual * self.force) ** (2.0 / 3.0)
+        return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
+
+    @property
+    def force(self) -> float:
+        """f*, the mean of the contact forces."""
+        return float(max(self.overlap, 0.0) ** 1.5) + float(np.mean(self.excess))
+
+    @property
+    def energy(self) -> float:
+        """Energy of a contact."""
+        return float(np.mean(0.4 * self.forces * np.maximum(self.overlaps, 0.0)))
+
+    def response(self) -> Array:
+        """(3, L1, L2): change of the contacts' overlaps with y; worked out anew at each call."""
+        stiffness = self.stiffnesses
+        balls = linear_response(self.stencils, stiffness, stiffness - uniform_part(stiffness))
+        return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
+
+    @cached_property
+    def _derivatives(self) -> tuple[float, float]:
+        response = self.response()
+        return float(np.mean(self.stiffnesses * response**2)), float(np.mean(self.stiffness_slopes * response**3))
+
+    @property
+    def stiffness(self) -> float:
+        """df*/dy."""
+        return self._derivatives[0]
+
+    @property
+    def stiffness_slope(self) -> float:
+        """d^2f*/dy^2: by the (2n + 1)-theorem the third derivative of the energy needs the first response only."""
+        return self._derivatives[1]
+
+
+def uniform_part(stiffness: Array) -> float:
+    """What may be taken from the stiffness of every contact under a uniform strain, as uniform tension moves nothing.
+
+    The mean, where all contacts are closed and nearly alike, so that no digits are lost. Not where some are open: what
+    rounding leaves of it would then pull at balls that nothing holds.
+    """
+    return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
+
+
+def _pair_means(deviations: Array, stencils: Stencils) -> Array:
+    """(x_i + x_j)/2 of the contacts."""
+    return np.stack([0.5 * (deviations + np.roll(deviations, (-a, -b), (0, 1))) for a, b in stencils.shifts])
+
+
+def _excess(overlap: float, differences: Array) -> tuple[Array, Array]:
+    """h_+^(3/2) - y_+^(3/2) of h = y + difference, and h_+^(1/2)."""
+    common = max(overlap, 0.0)
+    change = np.maximum(differences + min(overlap, 0.0), -common)  # h_+ - y_+
+    closed = common + change
+    root = np.sqrt(closed)
+    if common == 0.0:
+        return closed * root, root
+    other = math.sqrt(common)
+    return change / (root + other) * (closed + root * other + common), root
+
+
+def equilibrate(
+    deviations: Array,
+    load: Load,
+    stencils: Stencils | None = None,
+    start: Equilibrium | None = None,
+    tolerance: float = TOLERANCE,
+) -> Equilibrium:
+    """The array of balls at rest under a load.
+
+    Parameters
+    ----------
+    deviations : (L1, L2) x = Delta/W, of mean zero.
+    load : overlap, or force.
+    stencils : of the array; made if not given.
+    start : where to begin, an equilibrium of the same balls under a similar load, say.
+    tolerance : largest force left on a ball, over the mean contact force, or over the rms difference of contact forces if
+        that is less: at high loads what disorder does is itself a small part of the force.
+
+    Raises
+    ------
+    InputError : at this overlap the sample carries no load; or, without a start, a force below f* = 1e-8.
+    ConvergenceError : the tolerance is not reached; says what is.
+    """
+    stencils = stencils or Stencils(deviations.shape)
+    free = load.overlap is None
+    means = _pair_means(deviations, stencils)
+    equal = not np.ptp(deviations)
+    if free and start is None and load.force < LEAST_FORCE and not equal:
+        raise too_small(load.force)
+    if start is None and free and load.force < _EASY and not equal:
+        start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
+    if start is None or equal:  # Hertz's law, from which equal balls do not differ
+        y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
+        start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
+    y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
+    contacts = means.size
+    for newton in range(_NEWTON):
+        differences = means - stencils.deformations(Motion(balls, 0.0))
+        excess, root = np.empty_like(differences), np.empty_like(differences)
+        for rows in stencils.blocks():
+            excess[:, rows], root[:, rows] = _excess(y, differences[:, rows])
+        mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
+        force = common + mean
+        pull = stencils.forces(excess)
+        push = ((load.force - load.slope * y) - common) - mean if free else 0.0
+        # near the rigidity threshold overlaps are so small that y itself is not fine enough for the load
+        push *= abs(push) > _ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
+        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
+        scale = min(force, float(np.std(excess)))
+        if not free and force < LEAST_FORCE and not np.all(root):
+            raise InputError(
+                message(
+                    f"at an overlap of {y:.6g} widths this sample carries no load",
+                    f"Its force is below f* = {LEAST_FORCE:g}: too few balls touch to hold each other",
+                    "Press it together more",
+                )
+            )
+        # the load itself is met to more digits: it is a number that the user gave
+        distance = max(left / scale if left else 0.0, abs(push) / (_EXACTLY * force) if push else 0.0)
+        if distance <= tolerance:
+            return _found(Equilibrium(deviations, y, _centred(balls), left / force, newton, steps), stencils)
+        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
+        spring = contacts * load.slope if free else None
+        stiffness = 1.5 * root
+        stiffness += _LENT * min(1.0, distance) * np.mean(stiffness)
+        step, taken = _conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, spring)
+        length = _step_length(y, differences, step, stencils, load if free else None)
+        y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
+    raise ConvergenceError(
+        message(
+            f"the sample has not come to rest after {_NEWTON} steps",
+            f"At an overlap of {y:.6g} widths a force of {left / force:.2g} of the mean contact force is left on a ball",
+            "Raise the load, or take fewer balls",
+        )
+    )
+
+
+def too_small(force: float) -> InputError:
+    """What to say of a reduced force below :data:`LEAST_FORCE`."""
+    return InputError(
+        message(
+            f"a mean contact force of f* = {force:.3g} is below {LEAST_FORCE:g}",
+            "There a sample is at its rigidity threshold, and what holds it is not found",
+            "Raise the load",
+        )
+    )
+
+
+def _centred(balls: Array) -> Array:
+    """Without a motion of the whole array, which costs nothing."""
+    return np.asarray(balls - np.mean(balls, axis=(1, 2), keepdims=True))
+
+
+def _found(state: Equilibrium, stencils: Stencils) -> Equilibrium:
+    vars(state)["stencils"] = stencils  # in the place of the cached property, with its Green's function
+    return state
+
+
+def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Load | None) -> float:
+    """How far to go: where the slope of the energy along the step, which rises from below zero, has fallen to a tenth."""
+    strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
+    work = 0.0 if load is None else more * differences.size
+
+    def slope(length: float) -> tuple[float, float]:
+        there, value, rise = y + length * more, 0.0, 0.0
+        for rows in stencils.blocks():
+            part = strain[:, rows]
+            excess, root = _excess(there, differences[:, rows] - length * part)
+            part = part - more
+            value -= dot(excess, part)
+            rise += 1.5 * dot(root, part * part)
+        if load is not None:
+            value += work * (max(there, 0.0) ** 1.5 - (load.force - load.slope * there))
+            rise += work * more * load.slope
+        return value, rise
+
+    first = slope(0.0)[0]
+    low, high, length = 0.0, math.inf, 1.0
+    for _ in range(_SEARCH):
+        value, rise = slope(length)
+        if abs(value) <= 0.1 * abs(first):
+            break
+        if value < 0.0:
+            low = length
+        else:
+            high = length
+        length = length - value / rise if rise > 0.0 else math.inf
+        if not low < length < high:
+            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        length = min(length, 4.0 * low) if high == math.inf else length
+    return length
+
+
+def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
+    """(n, L1, L2) the motion u of C^T K C u = C^T ``tension``: what balls do when contacts (rows, L1, L2) pull.
+
+    ``stiffness`` (rows, L1, L2), zero where balls are apart; there the tension must be zero too.
+    :class:`ConvergenceError` if conjugate gradients do not get there.
+    """
+    force = Motion(stencils.forces(tension), 0.0)
+    # a tension that is balanced by itself but for rounding moves nothing
+    floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
+    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE, floor=floor)[0].balls
+
+
+def _conjugate_gradients(
+    stencils: Stencils,
+    stiffness: Array,
+    force: Motion,
+    reduction: float,
+    spring: float | None = None,
+    most: int | None = None,
+    floor: float = 0.0,
+) -> tuple[Motion, int]:
+    """Solve C^T K C u = ``force`` until the error of the energy norm has fallen by about ``reduction``; and the steps taken.
+
+    ``floor`` is a square of that norm which is only rounding. With ``spring`` the compression moves too, held by this
+    stiffness. More than
+    ``most`` steps raise :class:`ConvergenceError`; without it the iteration ends, and Newton's method goes on from there.
+    """
+    contacts = stencils.n_contacts * stiffness[0].size
+    precondition = stencils.preconditioner(stiffness)
+    held = 0.0 if spring is None else 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts])) + spring)
+    left, press = force.balls.copy(), force.compression
+    balls, compression = np.zeros_like(left), 0.0
+    way, out = stencils.padded(), stencils.padded()
+    inner = way[:, :-1, :-1]
+    better = precondition(left)
+    product = first = dot(left, better) + held * press * press
+    inner[...] = better
+    squeeze, count = held * press, 0
+    while product > max(reduction**2 * first, floor):
+        if count == (most or _CONJUGATE):
+            if most is None:
+                break
+            raise ConvergenceError(message(f"the linear response of the sample is not found in {most} steps"))
+        stencils.wrap(way)
+        change, pull, energy = stencils.product(stiffness, way, squeeze, out)
+        energy += (spring or 0.0) * squeeze * squeeze
+        if energy <= 0.0:  # nothing but rounding is left
+            break
+        length = product / energy
+        for rows in stencils.blocks():
+            balls[:, rows] += length * inner[:, rows]
+            left[:, rows] -= length * change[:, rows]
+        if spring is not None:
+            compression += length * squeeze
+            press -= length * (spring * squeeze - pull)
+        better = precondition(left)
+        last, product = product, dot(left, better) + held * press * press
+        turn = product / last
+        for rows in stencils.blocks():
+            inner[:, rows] = turn * inner[:, rows] + better[:, rows]
+        squeeze = turn * squeeze + held * press
+        count += 1
+    return Motion(balls, compression), count

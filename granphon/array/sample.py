@@ -1,0 +1,217 @@
+"""A sample of the disordered array at rest: every ball and every contact, in SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.atoms import SAMPLE, take_arrays
+from granphon.array.equilibrium import Equilibrium, Load, equilibrate
+from granphon.array.response import elasticity
+from granphon.balls.lattices import BALL, TRIANGULAR
+from granphon.balls.packing import Packing
+from granphon.base.results import Result, read_only
+from granphon.base.scales import Units
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+__all__ = ["STEP", "Sample", "jackknife", "standard_error", "unit_of_length"]
+
+Array = NDArray[np.float64]
+#: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
+LEAST_CONTACT = 1e-6
+#: of log f, to either side, over which moduli are differenced. The bias of an exponent goes as its square, 2e-3 STEP^2 at
+#: f* = 1, where chance is least: 5e-6, the standard error of a million balls. The variance grows with -log STEP only: at
+#: f* = 0.3, of 12 x 12 balls, by 0.003/144 each time that the step is halved, from 0.0077/144 at 0.1 to 0.0108/144 at 0.05
+STEP = 0.05
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sample(Result):
+    """One array of balls at rest under one load.
+
+    Attributes
+    ----------
+    packing : what it is a sample of.
+    seed : of its diameters; None if these were given.
+    equilibrium : the solution, in units of W and c W^(3/2).
+
+    Arrays are indexed by the cell (p, q): the ball's site is p a1 + q a2. Of contacts, the last axis is the direction, as in
+    the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
+    """
+
+    packing: Packing
+    seed: int | None
+    equilibrium: Equilibrium
+
+    @property
+    def _length(self) -> float:
+        return unit_of_length(self.packing)
+
+    @property
+    def _force(self) -> float:
+        return float(self.packing.law.force(self._length))
+
+    @property
+    def _stiffness(self) -> float:
+        return self._force / self._length
+
+    @property
+    def diameters(self) -> Array:
+        """(L1, L2) m; their mean is the packing's diameter."""
+        return np.asarray(self.packing.diameter + self._length * self.equilibrium.deviations)
+
+    @property
+    def sites(self) -> Array:
+        """(L1, L2, 2) p a1 + q a2, in mean diameters."""
+        rows, columns = self.equilibrium.deviations.shape
+        index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
+        return np.asarray(index @ TRIANGULAR.vectors)
+
+    @property
+    def displacements(self) -> Array:
+        """(L1, L2, 2) from the sites, m; balls that nothing holds are where the iteration left them."""
+        reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
+        return self._length * np.moveaxis(reduced, 0, -1)
+
+    @property
+    def contact_overlaps(self) -> Array:
+        """(L1, L2, 3) m, below zero where balls are apart."""
+        return self._length * np.moveaxis(self.equilibrium.overlaps, 0, -1)
+
+    @property
+    def contact_forces(self) -> Array:
+        """(L1, L2, 3) N, zero where balls are apart."""
+        return self._force * np.moveaxis(self.equilibrium.forces, 0, -1)
+
+    @property
+    def overlap(self) -> float:
+        """delta = d - a, m."""
+        return self._length * self.equilibrium.overlap
+
+    @property
+    def force(self) -> float:
+        """f, the mean over all contacts, N."""
+        return self._force * self.equilibrium.force
+
+    @property
+    def normal_stiffness(self) -> float:
+        """df/d(delta), N/m."""
+        return self._stiffness * self.equilibrium.stiffness
+
+    @property
+    def stiffness_slope(self) -> float:
+        """d^2f/d(delta)^2, N/m^2."""
+        return self._stiffness / self._length * self.equilibrium.stiffness_slope
+
+    @property
+    def energy(self) -> float:
+        """Mean energy of a contact, J."""
+        return self._force * self._length * self.equilibrium.energy
+
+    @property
+    def residual(self) -> float:
+        """Largest force left on a ball over the mean contact force."""
+        return self.equilibrium.residual
+
+    @property
+    def force_fluctuation(self) -> float:
+        """Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
+        state = self.equilibrium
+        return float(np.std(state.stencils.around(state.excess) / 6.0)) / state.force
+
+    @property
+    def contact_force_fluctuation(self) -> float:
+        """rms over single contacts of the difference from the mean force, over the mean."""
+        return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
+
+    def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
+        """N_c / 6, the part of the contacts that carry more than ``threshold`` of the mean force."""
+        return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
+
+    def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
+        """(bins + 1,) edges of f/<f>, and (bins,) probability density of the contacts that carry load.
+
+        Forces are counted from ``least`` to ``largest`` times the mean; the density integrates to one over all forces.
+        """
+        forces = self.equilibrium.forces
+        forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
+        counts, edges = np.histogram(forces, bins, (least, largest))
+        return edges, counts / (forces.size * np.diff(edges))
+
+    @cached_property
+    def elastic_tensor(self) -> Array:
+        """(3, 3) Pa, in Voigt order xx, yy, xy, of the layer taken one diameter thick."""
+        return self._elastic_tensor(self.equilibrium)
+
+    @cached_property
+    def elastic_tensors_beside(self) -> Array:
+        """(2, 3, 3) Pa: those of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
+
+        Two equilibria more, each found from this one, and their linear responses.
+        """
+        here = self.equilibrium
+        loads = [Load(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
+        found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
+        return read_only([self._elastic_tensor(one) for one in found])
+
+    def _elastic_tensor(self, equilibrium: Equilibrium) -> Array:
+        scale = self._stiffness / self.packing.diameter
+        return read_only(scale * elasticity(equilibrium, self.packing.mindlin_ratio))
+
+    def atoms(self) -> Atoms:
+        """The sample as an ``ase.Atoms``, in the reduced units of the calculator.
+
+        Balls are at their displaced places, where contacts have no slip; arrays as in :mod:`granphon.array.atoms`, and
+        ``contact_force`` (the mean force of a ball's six contacts over the mean of all) and ``contacts`` (how many carry
+        load). ``granphon.HertzMindlin`` of this sample's state finds them at rest.
+        """
+        from ase import Atoms
+
+        packing, (rows, columns) = self.packing, self.equilibrium.deviations.shape
+        d = packing.diameter
+        cell = np.eye(3)
+        cell[:2, :2] = TRIANGULAR.vectors * np.array([[rows], [columns]])
+        moved = np.zeros((rows * columns, 3))
+        moved[:, :2] = self.displacements.reshape(-1, 2) / d
+        sites = np.zeros_like(moved)
+        sites[:, :2] = self.sites.reshape(-1, 2)
+        balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=(True, True, False))
+        own = {
+            "diameter_deviations": self._length / d * self.equilibrium.deviations.ravel(),
+            "displacements": moved, "slip_origin": moved.copy(),
+        }  # fmt: skip
+        take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own)
+        forces = self.equilibrium.forces / self.equilibrium.force
+        around = self.equilibrium.stencils.around
+        balls.set_array("contact_force", around(forces).ravel() / 6.0)
+        balls.set_array("contacts", around((forces > LEAST_CONTACT).astype(int)).ravel())
+        balls.info["relative_overlap"] = self.overlap / d
+        return balls
+
+
+def standard_error(values: Array, axis: int) -> Array:
+    """Of the mean along an axis of two or more independent values."""
+    return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
+
+
+def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
+    """Standard error of a function of means (..., m) over two or more independent rows of ``values`` (..., n, m).
+
+    By what the function is with each row in turn left out.
+    """
+    count = values.shape[-2]
+    without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))
+    return np.asarray(math.sqrt(count - 1) * np.std(without, axis=-1))
+
+
+def unit_of_length(packing: Packing) -> float:
+    """W; the diameter where balls are equal, and there is no other."""
+    return packing.width or packing.diameter

@@ -1,0 +1,295 @@
+"""The compatibility matrix of a large periodic array of balls, as stencils on lattice arrays.
+
+Ball (p, q) of an array of L1 x L2 sits at p a1 + q a2 of the triangular lattice. Motions are arrays (n, L1, L2): the
+displacement by its projections on the first two directions of the contact table, so that elongations are plain differences,
+then the rotation where contacts resist slip. Deformations of contacts are arrays (rows, L1, L2): the elongation of each kind
+of contact, then its slip, at the ball i it starts from. No matrix is stored: C and its transpose are shifts of whole arrays,
+and the inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.lattices import TRIANGULAR
+
+__all__ = ["Motion", "Stencils", "dot"]
+
+Array = NDArray[np.float64]
+#: numbers of one array that are worked on at a time, so that they stay in the processor's cache
+_BLOCK = 2**15
+#: local stiffness below which a ball is held by the mean one in the preconditioner, as a part of the mean
+_SOFT = 1e-5
+
+
+class _Row(NamedTuple):
+    """A deformation: ``head`` times the motion of ball j, at ``shift``, less ``tail`` times that of ball i."""
+
+    shift: tuple[int, int]
+    head: tuple[float, ...]
+    tail: tuple[float, ...]
+
+
+class Motion(NamedTuple):
+    """A periodic motion ``balls`` (n, L1, L2), and what uniform compression adds to the overlap of all contacts."""
+
+    balls: Array
+    compression: float
+
+
+class Stencils:
+    """C of an array of ``shape`` (L1, L2), in units of length of the diameter; with ``mindlin_ratio``, slips and rotations.
+
+    Slip rows count with a stiffness of eta times the normal one. ``workers`` threads share each Fourier transform.
+    """
+
+    def __init__(self, shape: tuple[int, ...], mindlin_ratio: float = 0.0, workers: int = 1) -> None:
+        self.shape: tuple[int, int] = (shape[0], shape[1])
+        self.mindlin_ratio = mindlin_ratio
+        self.workers = workers
+        table = TRIANGULAR.contacts
+        #: rows: the directions on which displacements are projected
+        self.basis: Array = table.normal[:2]
+        normals = table.normal @ np.linalg.inv(self.basis)
+        tangents = table.tangent @ np.linalg.inv(self.basis)
+        still = (0.0,) if mindlin_ratio else ()
+        #: cells between the balls of each kind of contact
+        self.shifts = [(int(a), int(b)) for a, b in table.shift]
+        # numbers that are whole but for rounding
+        ends = [(*np.round(n, 14).tolist(), *still) for n in normals]
+        self._rows = [_Row(shift, end, end) for shift, end in zip(self.shifts, ends, strict=True)]
+        if mindlin_ratio:
+            for shift, t, arm_i, arm_j in zip(self.shifts, tangents.tolist(), table.arm_i, table.arm_j, strict=True):
+                self._rows.append(_Row(shift, (*t, -float(arm_j)), (*t, float(arm_i))))
+        self.n_fields = 2 + len(still)
+        self.n_contacts = len(table)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # without Green's function
+        return Stencils, (self.shape, self.mindlin_ratio, self.workers)
+
+    def forget(self) -> None:
+        """Let go of Green's function, which is as large as the array and soon found again."""
+        vars(self).pop("_green", None)
+
+    @property
+    def n_rows(self) -> int:
+        """Kinds of deformation: elongations, then slips."""
+        return len(self._rows)
+
+    def weights(self, stiffness: Array) -> Array:
+        """(rows, L1, L2) stiffness of all deformations, from that of elongations."""
+        return np.concatenate([stiffness, self.mindlin_ratio * stiffness]) if self.mindlin_ratio else stiffness
+
+    # -- C and its transpose ----------------------------------------------------------------------------------------
+
+    def padded(self) -> Array:
+        """Room for a motion and, in one more row and column, its first ones."""
+        return np.zeros((self.n_fields, self.shape[0] + 1, self.shape[1] + 1))
+
+    @staticmethod
+    def wrap(room: Array) -> None:
+        """Fill the last row and column from the first."""
+        room[:, -1, :-1] = room[:, 0, :-1]
+        room[:, :, -1] = room[:, :, 0]
+
+    @staticmethod
+    def _fold(room: Array) -> Array:
+        """Add the last row and column to the first; what is left is a view."""
+        room[:, 0] += room[:, -1]
+        room[:, :-1, 0] += room[:, :-1, -1]
+        return room[:, :-1, :-1]
+
+    def blocks(self) -> Iterator[slice]:
+        """Rows of balls to be worked on at a time."""
+        step = max(1, _BLOCK // self.shape[1])
+        for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
+            yield slice(low, high)
+
+    def _deformation(self, row: _Row, room: Array, rows: slice) -> Array:
+        """Of one kind, for contacts that start in these rows of balls."""
+        (s1, s2), columns = row.shift, self.shape[1]
+        if row.head == row.tail:
+            part = _combined(row.head, room[:, rows.start : rows.stop + 1])
+            return part[s1 : s1 + rows.stop - rows.start, s2 : s2 + columns] - part[: rows.stop - rows.start, :columns]
+        ahead = _combined(row.head, room[:, rows.start + s1 : rows.stop + s1, s2 : s2 + columns])
+        return ahead - _combined(row.tail, room[:, rows, :columns])
+
+    def _pull(self, row: _Row, force: Array, room: Array, rows: slice) -> None:
+        """Add what a force in contacts that start in these rows does to the balls."""
+        (s1, s2), columns = row.shift, self.shape[1]
+        for field, (head, tail) in enumerate(zip(row.head, row.tail, strict=True)):
+            if head:
+                room[field, rows.start + s1 : rows.stop + s1, s2 : s2 + columns] += _times(head, force)
+            if tail:
+                room[field, rows, :columns] -= _times(tail, force)
+
+    def deformations(self, motion: Motion) -> Array:
+        """(rows, L1, L2) C u, less the compression in the elongations: what contacts lose in overlap, and slip."""
+        room = self.padded()
+        room[:, :-1, :-1] = motion.balls
+        self.wrap(room)
+        out = np.empty((self.n_rows, *self.shape))
+        for rows in self.blocks():
+            for kind, row in enumerate(self._rows):
+                out[kind, rows] = self._deformation(row, room, rows)
+        out[: self.n_contacts] -= motion.compression
+        return out
+
+    def forces(self, contacts: Array) -> Array:
+        """(n, L1, L2) C^T f: the forces on balls, in the coordinates of their motion, of contacts under tension f."""
+        room = self.padded()
+        for rows in self.blocks():
+            for kind, row in enumerate(self._rows):
+                self._pull(row, contacts[kind, rows], room, rows)
+        return self._fold(room)
+
+    def around(self, contacts: Array) -> Array:
+        """(L1, L2): the sum over the six contacts of each ball of values (3, L1, L2)."""
+        out: Array = np.zeros_like(contacts[0])
+        for one, shift in zip(contacts, self.shifts, strict=True):
+            out += one + np.roll(one, shift, (0, 1))
+        return out
+
+    def cartesian(self, forces: Array) -> Array:
+        """(2, L1, L2): forces (x, y) from those in the coordinates of motions."""
+        out: Array = np.einsum("ak,a...->k...", self.basis, forces[:2])
+        return out
+
+    def displacements(self, balls: Array) -> Array:
+        """(2, L1, L2): displacements (x, y) from their projections."""
+        out: Array = np.einsum("ka,a...->k...", np.linalg.inv(self.basis), balls[:2])
+        return out
+
+    def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
+        """C^T K C of a motion in a wrapped ``room``: forces on balls, a view of ``out``; the sum of K e over elongations,
+        and that of K e^2 over all rows.
+        """
+        out[...] = 0.0
+        pull = energy = 0.0
+        for rows in self.blocks():
+            for kind, row in enumerate(self._rows):
+                change = self._deformation(row, room, rows)
+                if kind < self.n_contacts and compression:
+                    change -= compression
+                force = stiffness[kind, rows] * change
+                energy += dot(force, change)
+                if kind < self.n_contacts:
+                    pull += float(np.sum(force))
+                self._pull(row, force, out, rows)
+        return self._fold(out), pull, energy
+
+    # -- solving ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _green(self) -> tuple[tuple[Any, ...], ...]:
+        """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; zero for motions that cost nothing.
+
+        Real: rotations are carried times i. Entries (a, b) are arrays (L1, L2/2 + 1).
+        """
+        n, (first, second) = self.n_fields, self.shape
+        half = np.pi / first * np.arange(first)[:, None], np.pi / second * np.arange(second // 2 + 1)
+        matrix = np.zeros((n, n, first, second // 2 + 1))
+        for kind, row in enumerate(self._rows):
+            angle = row.shift[0] * half[0] + row.shift[1] * half[1]
+            sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
+            # a motion z exp(i q r) deforms by i (2 sin z_u) + 2 cos z_phi about the middle of the contact
+            factor = [head * (sine if field < 2 else cosine) for field, head in enumerate(row.head)]
+            weight = 1.0 if kind < self.n_contacts else self.mindlin_ratio
+            for a in range(n):
+                for b in range(n):
+                    if row.head[a] and row.head[b]:
+                        matrix[a, b] += weight * factor[a] * factor[b]
+        matrix[:2, :2, 0, 0] = np.eye(2)  # translations of the whole array
+        inverse = np.moveaxis(np.linalg.inv(np.moveaxis(matrix, (0, 1), (2, 3))), (2, 3), (0, 1))
+        inverse[:2, :2, 0, 0] = 0.0
+        entries = {(a, b): np.ascontiguousarray(inverse[a, b]) for a in range(n) for b in range(a, n)}
+        return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(n)) for a in range(n))
+
+    def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
+        """An approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
+
+        The first carries stress over the array, the second knows which balls are held weakly.
+        """
+        from scipy import fft  # here: media that are not simulated need none of it
+
+        mean = float(np.mean(stiffness[: self.n_contacts]))
+        local = self._local(stiffness, _SOFT * mean)
+
+        def apply(force: Array) -> Array:
+            waves = fft.rfft2(force, workers=self.workers)
+            for rows in self.blocks():
+                parts = waves[:, rows]
+                if self.n_fields > 2:
+                    parts[2] *= -1j
+                new = [_inner([entry[rows] for entry in line], parts) for line in self._green]
+                for field, part in enumerate(new):
+                    parts[field] = part
+                if self.n_fields > 2:
+                    parts[2] *= 1j
+            # one axis after the other: both at once would make another array of waves
+            waves = fft.ifft(waves, axis=1, workers=self.workers, overwrite_x=True)
+            out: Array = fft.irfft(waves, self.shape[1], axis=2, workers=self.workers)
+            for rows in self.blocks():
+                part = out[:, rows]
+                part *= 1.0 / mean
+                part[:2] += [_inner([entry[rows] for entry in line], force[:2, rows]) for line in local[:2]]
+                if self.n_fields > 2:
+                    part[2] += local[2][0][rows] * force[2, rows]
+            return out
+
+        return apply
+
+    def _local(self, stiffness: Array, least: float) -> list[list[Array]]:
+        """The inverse of each ball's own block of C^T K C, displacements and rotation apart."""
+        blocks = [(0, 0), (0, 1), (1, 1)] + [(2, 2)] * (self.n_fields - 2)
+        room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
+        for rows in self.blocks():
+            for kind, row in enumerate(self._rows):
+                (s1, s2), part = row.shift, stiffness[kind, rows]
+                extra = least if kind < self.n_contacts else self.mindlin_ratio * least
+                for slot, (a, b) in enumerate(blocks):
+                    ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
+                    if ahead:
+                        room[slot, rows.start + s1 : rows.stop + s1, s2 : s2 + self.shape[1]] += _times(ahead, part)
+                        room[slot, rows, :-1] += _times(behind, part) + extra * (ahead + behind)
+        xx, xy, yy, *turns = out = self._fold(room)
+        for rows in self.blocks():
+            first, across, second = out[:3, rows]
+            one_over = 1.0 / (first * second - across * across)
+            xx[rows], xy[rows], yy[rows] = second * one_over, -across * one_over, first * one_over
+            for turn in turns:
+                turn[rows] = 1.0 / turn[rows]
+        return [[xx, xy], [xy, yy], turns]
+
+
+def dot(first: Array, second: Array) -> float:
+    """Sum of products. Not by BLAS, whose threads wait for each other and make the last digit depend on their number."""
+    axes = "abc"[: first.ndim]
+    return float(np.einsum(f"{axes},{axes}->", first, second))
+
+
+def _combined(coefficients: tuple[float, ...], fields: Array) -> Array:
+    """Sum of fields times their coefficients; a field itself if it stands alone."""
+    parts = [_times(c, field) for c, field in zip(coefficients, fields, strict=True) if c]
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+def _inner(factors: Sequence[Array], fields: Any) -> Any:
+    total = factors[0] * fields[0]
+    for factor, field in zip(factors[1:], fields[1:], strict=True):
+        total += factor * field
+    return total
+
+
+def _times(factor: float, array: Array) -> Array:
+    return array if factor == 1.0 else factor * array

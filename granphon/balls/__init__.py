@@ -1,0 +1,1 @@
+"""Balls: material and contact law, lattices, distributions of diameters, packings, loads."""

@@ -1,0 +1,258 @@
+"""The contact of two elastic balls: Hertz's normal force, Mindlin's shear stiffness, and where they hold.
+
+Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), which take E* = E / 2(1 - sigma^2) and
+the harmonic mean diameter d*.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.base.arguments import positive, real_array, real_number
+from granphon.base.errors import InputError, brief, message
+
+__all__ = [
+    "LEAST_YOUNG_MODULUS",
+    "HertzLaw",
+    "Material",
+    "contact_radius_ratio",
+    "harmonic_diameter",
+    "mindlin_reduction",
+]
+
+#: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
+LEAST_YOUNG_MODULUS = 1e3
+
+
+@dataclass(frozen=True)
+class Material:
+    """An elastic, isotropic material.
+
+    Parameters
+    ----------
+    young_modulus : E, Pa.
+    poisson_ratio : sigma, -1 < sigma <= 1/2.
+    density : rho, kg/m^3.
+    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would flow.
+
+    Raises
+    ------
+    InputError : a value that is not finite or out of range.
+    """
+
+    young_modulus: float
+    poisson_ratio: float
+    density: float
+    yield_strength: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
+        object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
+        sigma = real_number(self.poisson_ratio)
+        if not -1.0 < sigma <= 0.5:
+            raise InputError(
+                message(
+                    f"poisson_ratio is {brief(self.poisson_ratio)}",
+                    "An isotropic elastic solid is stable only for -1 < poisson_ratio <= 1/2",
+                )
+            )
+        object.__setattr__(self, "poisson_ratio", sigma)
+        if self.yield_strength is not None:
+            object.__setattr__(self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa"))
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* = E / 2(1 - sigma^2), Pa (equation 3)."""
+        # (1 - sigma)(1 + sigma), not 1 - sigma^2: no digit is lost near sigma = -1
+        return self.young_modulus / (2.0 * (1.0 - self.poisson_ratio) * (1.0 + self.poisson_ratio))
+
+    @property
+    def mindlin_ratio(self) -> float:
+        """eta = 2(1 - sigma)/(2 - sigma), the shear over the normal stiffness of a contact (equation 4)."""
+        return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """E / 2(1 + sigma), Pa."""
+        return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
+
+    @property
+    def transverse_velocity(self) -> float:
+        """Bulk velocity of transverse waves in the material, m/s."""
+        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # their quotient may be beyond the floating range
+
+    @property
+    def longitudinal_velocity(self) -> float:
+        """Bulk velocity of longitudinal waves in the material, m/s; infinite at sigma = 1/2."""
+        sigma = self.poisson_ratio
+        if sigma == 0.5:
+            return math.inf
+        return self.transverse_velocity * math.sqrt(2.0 * (1.0 - sigma) / (1.0 - 2.0 * sigma))
+
+    @cached_property
+    def _resonance_number(self) -> float:
+        return _lowest_root(self.poisson_ratio)
+
+    def lowest_resonance(self, diameter: float) -> float:
+        """Frequency of the lowest free vibration of a ball of this material, Hz.
+
+        The least of the torsional mode of order two and the breathing mode of a free elastic sphere
+        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
+        """
+        radius = positive("diameter", diameter, "m") / 2.0
+        return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
+
+
+#: least positive root of x j_2'(x) = j_2(x): the torsional mode of order two of a free sphere
+_TORSIONAL = 2.501132620409395
+
+
+def _lowest_root(sigma: float) -> float:
+    """Least omega R / v_T over the free vibrations of a sphere of Poisson ratio ``sigma``.
+
+    It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
+    where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
+    """
+    if sigma >= 0.0:
+        return _TORSIONAL
+    from scipy.optimize import brentq
+
+    ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
+    # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out to r j_1(y)/y - j_0(y)/4 so that it has no pole, and as a
+    # series in y^2 = r x^2, of which the first term, a difference that vanishes at sigma = -1, is written out
+    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
+    series = [
+        (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
+        for k in range(1, 20)
+    ]
+
+    def breathing(x: float) -> float:
+        square = ratio_squared * x * x
+        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
+
+    # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
+    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 the root is that, to rounding
+    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
+        return _TORSIONAL
+    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
+
+
+def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
+    """Factor by which a static tangential load T reduces the shear stiffness of a contact under normal load N.
+
+    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R. D. Mindlin,
+    J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu N)^(1/3) instead: see the errata.
+
+    ``tangential_load`` and ``normal_load`` in the same unit, any shapes that broadcast; the sign of T does not
+    matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
+    """
+    mu = positive("friction_coefficient", friction_coefficient)
+    tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
+    if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
+        raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
+    mobilised = tangential / (mu * normal)
+    if np.any(mobilised >= 1.0):
+        raise InputError(
+            message(
+                f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
+                "At one the contact slides, and has no shear stiffness",
+            )
+        )
+    return np.cbrt(1.0 - mobilised)[()]
+
+
+def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
+    """d* of two balls, 1/d* = (1/d_i + 1/d_j)/2, m (equation 3)."""
+    one, two = real_array("diameter", first), real_array("diameter", second)
+    return (2.0 * one / (one + two) * two)[()]
+
+
+def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
+    """Radius of the contact circle over the radius of equal balls, (delta/d)^(1/2)."""
+    return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
+
+
+@dataclass(frozen=True)
+class HertzLaw:
+    """f = c delta_+^(3/2): the force of two balls pressed together, zero when they are apart.
+
+    Parameters
+    ----------
+    coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
+
+    All methods take scalars or arrays: floats in, floats out.
+
+    Raises
+    ------
+    InputError : a coefficient that is not a finite number above zero.
+    """
+
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)"))
+
+    @property
+    def least_overlap(self) -> float:
+        """The overlap up to which balls are apart, m."""
+        return 0.0
+
+    @classmethod
+    def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
+        """The law of two balls of the given diameters (m); of equal balls if only one is given."""
+        one = positive("diameter", first, "m")
+        two = one if second is None else positive("diameter", second, "m")
+        coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
+        if not 0.0 < coefficient < math.inf:
+            raise InputError(message(f"balls of {one:g} m and {two:g} m of this material are beyond double precision"))
+        return cls(coefficient)
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """(2/5) c delta_+^(5/2), J."""
+        delta = np.maximum(real_array("overlap", overlap), 0.0)
+        return (0.4 * self.coefficient * delta * np.sqrt(delta) * delta)[()]
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """c delta_+^(3/2), N (equation 22, the inverse of 1)."""
+        delta = np.maximum(real_array("overlap", overlap), 0.0)
+        return (self.coefficient * delta * np.sqrt(delta))[()]
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """(3/2) c delta_+^(1/2), N/m (equation 2)."""
+        return (1.5 * self.coefficient * np.sqrt(np.maximum(real_array("overlap", overlap), 0.0)))[()]
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """(3/4) c delta^(-1/2), N/m^2, the derivative of the stiffness; zero where the balls are apart."""
+        root = np.sqrt(np.maximum(real_array("overlap", overlap), 0.0))
+        return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta = (f/c)^(2/3), m, of a compressive force (equation 1); :class:`InputError` if one is negative."""
+        load = real_array("force", force)
+        if not np.all(load >= 0.0):
+            raise InputError(
+                message("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
+            )
+        return (np.cbrt(load / self.coefficient) ** 2)[()]
+
+    def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
+        """delta = (2 k / 3 c)^2, m, of a normal stiffness (the inverse of equation 2)."""
+        value = real_array("stiffness", stiffness)
+        if not np.all(value >= 0.0):
+            raise InputError(message("the stiffness of a contact is negative"))
+        return ((value / (1.5 * self.coefficient)) ** 2)[()]
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f: equal balls share the load evenly."""
+        return np.zeros(np.shape(overlap))[()]
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """The part of the contacts that carries load."""
+        return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]

@@ -1,0 +1,294 @@
+"""How the diameters of the balls differ: distributions in metres, and samples.
+
+Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the mean diameter; the width
+is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.distributions import (
+    GRAIN,
+    NormalShape,
+    PointShape,
+    Shape,
+    UniformShape,
+    condensed,
+    cut_rms,
+    merged,
+    passed,
+)
+from granphon.base.arguments import is_whole, not_negative, positive, real_array
+from granphon.base.errors import InputError, brief, message
+from granphon.base.quantities import LENGTH
+from granphon.base.tables import Table
+
+__all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
+
+Array = NDArray[np.float64]
+#: the least fraction of a kind: the widths of rarer ones are so small against its deviation that the laws lose their digits
+_RAREST = 1e-12
+#: balls of one sample that no machine holds
+_MOST_NUMBERS = 2**48
+#: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
+TOLERANCE = 1e-9
+
+
+def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
+    """Numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of each index in turn.
+
+    Integer arithmetic: the same on every machine. A site keeps its number when the array grows along any axis, so that a
+    longer sample begins with a shorter one. :class:`InputError` for lengths that are not whole numbers >= 0, or a seed that
+    is not one of 0 ... 2^64 - 1.
+    """
+    given: Any = shape
+    given = given.tolist() if isinstance(given, np.ndarray) else given
+    lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
+    if not lengths or not all(map(_is_count, lengths)) or math.prod(lengths) > _MOST_NUMBERS:
+        raise InputError(
+            message(
+                f"the shape of the sample is {brief(shape)}",
+                mend="Give whole numbers, none negative, of 2^48 balls or fewer",
+            )
+        )
+    if not _is_count(seed) or seed >= 2**64:
+        raise InputError(message(f"seed is {brief(seed)}", mend="Give a whole number from 0 to 2^64 - 1"))
+    state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
+    for length in lengths:
+        index: NDArray[np.uint64] = np.arange(1, int(length) + 1, dtype=np.uint64)
+        state = state[..., np.newaxis] + index * np.uint64(0x9E3779B97F4A7C15)
+        state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        state = state ^ (state >> np.uint64(31))
+    return ((state >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
+
+
+@dataclass(frozen=True)
+class Spread(ABC):
+    """A distribution of ball diameters: :class:`Uniform`, :class:`Normal`, :class:`Discrete` or :class:`Measured`."""
+
+    @property
+    @abstractmethod
+    def rms(self) -> float:
+        """Delta_rms, m (equation 19)."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> Shape:
+        """The distribution of x = Delta/W."""
+
+    @cached_property
+    def width(self) -> float:
+        """W = sqrt(12) Delta_rms, m; 0 for equal balls."""
+        return math.sqrt(12.0) * self.rms
+
+    @property
+    def mean(self) -> float | None:
+        """Mean diameter, m; None for a distribution of deviations only."""
+        return None
+
+    @property
+    def smallest(self) -> float:
+        """Smallest deviation, m."""
+        return self.width * self.shape.bounds[0]
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation, m."""
+        return self.width * self.shape.bounds[1]
+
+    def check_sizes(self, diameter: float) -> None:
+        """:class:`InputError` if a ball about this mean diameter (m) has a size at or below zero."""
+        least = positive("diameter", diameter, "m") + self.smallest
+        if not least > 0.0:
+            why = f"The smallest deviation from the mean is {self.smallest:g} m"
+            raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
+
+    def check_mean(self, diameter: float) -> None:
+        """:class:`InputError` if the mean is not the packing's ``diameter`` (m) to 1e-9 of it.
+
+        What passes has no effect: deviations are from the distribution's own mean.
+        """
+        if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > TOLERANCE * diameter:
+            what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
+            mend = f"Give the mean, {self.mean!r} m, as the diameter"
+            raise InputError(message(what, "Deviations are from the mean", mend))
+
+    def sample(self, shape: int | Sequence[int], seed: int) -> Array:
+        """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
+
+        A larger sample keeps the balls of a smaller one. The mean is the sample's own, about zero: it is not shifted here.
+        """
+        return self._deviations(uniform_numbers(shape, seed))
+
+    def _deviations(self, probability: Array) -> Array:
+        return self.width * np.asarray(self.shape.quantile(probability), float)
+
+
+@dataclass(frozen=True)
+class Uniform(Spread):
+    """Deviations spread evenly over ``width``, the full width W in m; zero for equal balls.
+
+    :class:`InputError` if it is negative or not finite.
+    """
+
+    width: float = field()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "width", not_negative("width", self.width, "m"))
+
+    @property
+    def rms(self) -> float:
+        """W / sqrt(12), m."""
+        return self.width / math.sqrt(12.0)
+
+    @property
+    def shape(self) -> UniformShape:
+        """The same for every width."""
+        return UniformShape()
+
+
+@dataclass(frozen=True)
+class Normal(Spread):
+    """Normal deviations, cut where they exceed ``cutoff`` times ``std``.
+
+    ``std`` (m) is that of the uncut distribution, ``rms`` that of what is left. :class:`InputError` for a std that is
+    negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to 1e-6; above, nothing is cut).
+    """
+
+    std: float
+    cutoff: float = 3.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "std", not_negative("std", self.std, "m"))
+        object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
+        if not 1e-3 <= self.cutoff <= 10.0:
+            raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give a number of std from 0.001 to 10, such as 3"))
+
+    @property
+    def rms(self) -> float:
+        """Delta_rms of the cut distribution, m."""
+        return self.std * cut_rms(self.cutoff)
+
+    @property
+    def shape(self) -> NormalShape:
+        """A function of the cutoff alone."""
+        return NormalShape(self.cutoff)
+
+
+class _Listed(Spread):
+    """Diameters given one by one."""
+
+    diameters: tuple[float, ...]
+
+    def _shares(self) -> Array:
+        return np.full(len(self.diameters), 1.0 / len(self.diameters))
+
+    @cached_property
+    def _table(self) -> tuple[float, Array, Array]:
+        """Mean diameter, deviations of different diameters, their probabilities."""
+        places, weights = merged(np.array(self.diameters), self._shares())
+        off = places - places[0]  # exact within a factor of 2: equal balls have no width at all
+        mean = math.fsum(weights * off)
+        return float(places[0]) + mean, off - mean, weights
+
+    def _deviations(self, probability: Array) -> Array:
+        return self._table[1][passed(self._table[2], probability)]
+
+    @property
+    def mean(self) -> float:
+        """Mean diameter, m."""
+        return self._table[0]
+
+    @cached_property
+    def rms(self) -> float:
+        """Delta_rms, m."""
+        scale = float(np.max(np.abs(self._table[1]))) or 1.0
+        return scale * math.sqrt(math.fsum(self._table[2] * (self._table[1] / scale) ** 2))
+
+    @cached_property
+    def shape(self) -> PointShape:
+        """Each different diameter, to 2^-40 W; more than 192 of them are condensed to as many or fewer."""
+        x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
+        positions, weights = condensed(*merged(x, self._table[2]))
+        return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
+
+
+@dataclass(frozen=True)
+class Discrete(_Listed):
+    """Kinds of balls: ``diameters`` d^Q, m, with ``fractions`` c^Q (equation 18), which sum to 1 within 1e-9.
+
+    :class:`InputError` for a diameter that is not finite and above zero, a negative fraction, one between zero and
+    1e-12, another sum, unequal lengths.
+    """
+
+    diameters: tuple[float, ...]
+    fractions: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
+        object.__setattr__(self, "fractions", _numbers("fractions", self.fractions, zero=True))
+        if len(self.fractions) != len(self.diameters):
+            what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
+            raise InputError(message(what, mend="Give one fraction for each diameter"))
+        rarest = min((part for part in self.fractions if part), default=1.0)
+        if rarest < _RAREST:
+            mend = "Leave it out, or give the fraction 0"
+            raise InputError(message(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend))
+        over = math.fsum(self.fractions) - 1.0
+        if abs(over) > TOLERANCE:
+            what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
+            raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
+
+    def _shares(self) -> Array:
+        return np.array(self.fractions) / math.fsum(self.fractions)
+
+
+@dataclass(frozen=True)
+class Measured(_Listed):
+    """The ``diameters`` of a lot of balls, m, each as likely as any other; their order does not matter.
+
+    :class:`InputError` if there are none, or one is not finite and above zero.
+    """
+
+    diameters: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
+
+    @classmethod
+    def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
+        """Read a column of a table, see :mod:`granphon.base.tables`: ``ball,diameter (mm)``.
+
+        ``column`` is a name without its unit, which the first line must give; left out, it is "diameter", or the only one.
+        ``quoted``: whether errors may quote the table, see there.
+        :class:`InputError` names the line that cannot be read.
+        """
+        table, name = Table.read(path, quoted), column or "diameter"
+        if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):
+            name = table.headings[0].name
+        return cls(tuple(table.column(name, LENGTH).tolist()))
+
+
+def _is_count(value: Any) -> bool:
+    return is_whole(value) and value >= 0
+
+
+def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
+    """A list of finite numbers above zero, or at least ``zero``; else :class:`InputError`."""
+    array = real_array(name, values)
+    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+        raise InputError(message(f"{name}: {brief(values)}", "One or more finite numbers belong here"))
+    if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
+        raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))
+    return tuple(array.tolist())

@@ -1,0 +1,256 @@
+"""Which balls touch which, and in what direction: the table of contacts.
+
+A lattice is data: a cell and the sites in it, in units of the distance between touching balls. From it, or from the
+positions of any set of balls, comes a :class:`ContactTable`, the one description of a contact's geometry that the
+lattice dynamics, the calculator and the simulation share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.arguments import real_array
+from granphon.base.errors import InputError, brief, message
+from granphon.base.results import read_only
+
+__all__ = [
+    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "as_direction", "contacts_apart",
+    "lattice_named", "one_direction",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+#: chemical symbol that stands for a ball in Atoms and files; its mass is always given
+BALL = "Fe"
+#: two sites touch if their distance is one within this
+_TOUCH = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTable:
+    """One row for each contact: ball ``i`` touches ball ``j`` displaced by ``shift`` cells.
+
+    Attributes
+    ----------
+    i, j : (n_c,) indices of the balls.
+    shift : (n_c, 2) whole cells between them.
+    normal : (n_c, 2) unit vector in which the contact is compressed, from i to j.
+    vector : (n_c, 2) from the centre of i to that of j, in mean diameters. It carries the phase of a wave, and adds up to
+        the periods of the cell; where balls sit off their sites it is not along the normal.
+    arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
+    """
+
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    shift: NDArray[np.intp]
+    normal: Array
+    vector: Array
+    arm_i: Array
+    arm_j: Array
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """(n_c, 2): t = z x n."""
+        return read_only(np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=1))
+
+    def scaled(self, factor: float) -> ContactTable:
+        """The same contacts with every length multiplied by ``factor``."""
+        return ContactTable(
+            self.i, self.j, self.shift, self.normal,
+            read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A lattice of equal balls in the plane.
+
+    Parameters
+    ----------
+    name : how messages and files call it.
+    cell : the two lattice vectors as rows, in units of the distance of touching balls.
+    sites : the balls of the cell, in fractions of it.
+
+    Raises
+    ------
+    InputError : the name is no text, the cell has no area, balls overlap, a ball touches no other, or equal contact forces
+        leave a ball out of balance.
+    """
+
+    name: str
+    cell: tuple[tuple[float, float], tuple[float, float]]
+    sites: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text"))
+        # whatever came in (lists, arrays) is kept as tuples, so that a Lattice is hashable and cannot change
+        try:
+            cell = real_array("cell", self.cell).reshape(2, 2)
+            sites = real_array("sites", self.sites).reshape(-1, 2)
+        except ValueError as error:
+            why = str(error) if isinstance(error, InputError) else ""
+            what = f"lattice {self.name!r}: the cell must be two vectors and each site two fractions"
+            raise InputError(message(what, why)) from None
+        if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites)) and len(sites)):
+            raise InputError(message(f"lattice {self.name!r} has a number that is not finite, or no site"))
+        (ax, ay), (bx, by) = cell.tolist()
+        object.__setattr__(self, "cell", ((ax, ay), (bx, by)))
+        object.__setattr__(self, "sites", tuple((float(x), float(y)) for x, y in sites))
+        if abs(np.linalg.det(cell)) < 0.1:
+            raise InputError(message(f"the cell of lattice {self.name!r} is too small for a ball of diameter one"))
+        table, pull = self.contacts, np.zeros((self.n_balls, 2))
+        np.add.at(pull, table.j, table.normal)
+        np.add.at(pull, table.i, -table.normal)
+        if np.max(np.abs(pull)) > _TOUCH:
+            raise InputError(
+                message(
+                    f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
+                    f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
+                    "All contacts of equal balls under load carry the same force here",
+                    "Use a lattice in which the directions of each ball's contacts add up to zero",
+                )
+            )
+
+    @property
+    def n_balls(self) -> int:
+        """Balls in the cell."""
+        return len(self.sites)
+
+    @cached_property
+    def vectors(self) -> Array:
+        """(2, 2): the lattice vectors as rows, in units of the spacing."""
+        return read_only(self.cell)
+
+    @cached_property
+    def positions(self) -> Array:
+        """(n, 2): the centres, in units of the spacing."""
+        return read_only(np.asarray(self.sites) @ self.vectors)
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the cell in units of the spacing squared."""
+        return float(abs(np.linalg.det(self.vectors)))
+
+    @cached_property
+    def contacts(self) -> ContactTable:
+        """The contacts of one cell at spacing one, each once."""
+        positions, cell, n = self.positions, self.vectors, self.n_balls
+        # the fewest cells that hold a circle of radius two around any site
+        heights = self.area / np.linalg.norm(cell[::-1], axis=1)
+        extent = np.max(np.ptp(np.asarray(self.sites), axis=0))
+        reach = np.ceil(2.0 / heights + extent).astype(int)
+        shifts = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, 2)
+        delta = positions[None, :, None] - positions[:, None, None] + (shifts @ cell)[None, None]
+        distance = np.linalg.norm(delta, axis=-1)
+        same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
+        if np.any((distance < 1.0 - _TOUCH) & ~same):
+            raise InputError(
+                message(
+                    f"balls of lattice {self.name!r} overlap",
+                    f"Two sites are {float(distance[~same].min()):.6g} apart, and touching balls are 1 apart",
+                )
+            )
+        i, j, s = np.nonzero(np.abs(distance - 1.0) <= _TOUCH)
+        # each contact is found from both ends: keep the end that comes first
+        first = (i < j) | ((i == j) & ((shifts[s, 0] > 0) | ((shifts[s, 0] == 0) & (shifts[s, 1] > 0))))
+        touched = set(i.tolist())
+        if len(touched) < n:
+            raise InputError(message(f"a ball of lattice {self.name!r} touches no other", "Sites that touch are 1 apart"))
+        i, j, s = i[first], j[first], s[first]
+        normal = delta[i, j, s] / distance[i, j, s][:, None]
+        arm = np.full(len(i), 0.5)
+        return ContactTable(
+            read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
+            read_only(arm),
+        )  # fmt: skip
+
+    @property
+    def coordination(self) -> float:
+        """Mean number of contacts of a ball."""
+        return 2.0 * len(self.contacts) / self.n_balls
+
+    @property
+    def pressure_factor(self) -> float:
+        """P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one.
+
+        Raises :class:`InputError` if equal contact forces make a stress that is no pressure.
+        """
+        stress = self.contacts.normal.T @ self.contacts.normal / self.area
+        if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > _TOUCH:
+            raise InputError(
+                message(
+                    f"lattice {self.name!r} has no pressure",
+                    f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d",
+                    "Load it by force or overlap",
+                )
+            )
+        return float(np.trace(stress)) / 2.0
+
+    @property
+    def area_per_ball(self) -> float:
+        """Area that one ball takes, in units of the spacing squared."""
+        return self.area / self.n_balls
+
+
+_HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
+#: ASE's HEX2D cell, 120 degrees: K = (1/3, 1/3, 0), M = (1/2, 0, 0)
+TRIANGULAR = Lattice("triangular", ((1.0, 0.0), (-0.5, _HALF_SQRT3)))
+SQUARE = Lattice("square", ((1.0, 0.0), (0.0, 1.0)))
+KAGOME = Lattice("kagome", ((2.0, 0.0), (-1.0, 2.0 * _HALF_SQRT3)), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)))
+LATTICES: dict[str, Lattice] = {lattice.name: lattice for lattice in (TRIANGULAR, SQUARE, KAGOME)}
+
+
+def lattice_named(lattice: str | Lattice) -> Lattice:
+    """The lattice of that name, or the lattice itself; :class:`InputError` if the name is unknown."""
+    if isinstance(lattice, Lattice):
+        return lattice
+    if isinstance(lattice, str) and lattice in LATTICES:
+        return LATTICES[lattice]
+    raise InputError(
+        message(f"unknown lattice {brief(lattice)}", mend="Use " + ", ".join(LATTICES) + ", or a granphon.Lattice")
+    )
+
+
+def as_direction(direction: ArrayLike) -> Array:
+    """``direction`` as a unit vector (2,), or as one for each row of (n, 2), Cartesian.
+
+    :class:`InputError` for another shape, a number that is not finite, or a direction (0, 0).
+    """
+    vector: Any = real_array("direction", direction)
+    largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
+    if vector.shape[-1:] != (2,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
+        raise InputError(
+            message(
+                f"direction is {brief(direction)}",
+                "A direction is two finite numbers, x and y, not both zero",
+                "Give (x, y), or an array (n, 2) of directions",
+            )
+        )
+    vector = vector / largest
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+
+
+def one_direction(direction: ArrayLike) -> Array:
+    """``direction`` as one unit vector (2,); :class:`InputError` for what :func:`as_direction` refuses, and for several."""
+    along = as_direction(direction)
+    if along.ndim > 1:
+        raise InputError(message(f"direction is {brief(direction)}", "This is found in one direction", "Give (x, y)"))
+    return along
+
+
+def contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
+    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
+
+    A period longer than twice the contact makes its other images longer ways round.
+    """
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    periods = steps[np.any(steps != 0, axis=1)] @ (cell * np.array(dim)[:, None])
+    return bool(np.linalg.norm(periods, axis=1).min() > 2.0 * (1.0 + 1e-6) * contact)

@@ -1,0 +1,101 @@
+"""The packing: which balls, of what material, on which lattice, with or without friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from granphon.balls.contact import HertzLaw, Material
+from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
+from granphon.balls.lattices import Lattice, lattice_named
+from granphon.base.arguments import positive
+from granphon.base.errors import InputError, message
+
+__all__ = ["Packing"]
+
+#: the scales of a packing lie between this and its inverse, so that whatever is made of them is in the floating range
+_LEAST = 1e-280
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Balls of one material on the sites of a lattice.
+
+    Parameters
+    ----------
+    material : what the balls are made of.
+    diameter : d, the mean diameter, m.
+    spread : how diameters differ: :class:`~granphon.balls.diameters.Uniform`, :class:`~granphon.balls.diameters.Normal`,
+        :class:`~granphon.balls.diameters.Discrete` or :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the
+        limit of width zero.
+    lattice : "triangular", "square", "kagome", or a :class:`~granphon.balls.lattices.Lattice`.
+    friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
+
+    Raises
+    ------
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread that has another mean or a
+        ball of no size.
+    """
+
+    material: Material
+    diameter: float
+    spread: Uniform | Normal | Discrete | Measured | None = None
+    lattice: str | Lattice = "triangular"
+    friction: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.material, Material):
+            raise InputError(message(f"material is {self.material!r}", mend="Give a granphon.Material"))
+        object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
+        lattice_named(self.lattice)
+        if self.spread is not None:
+            if not isinstance(self.spread, Spread):
+                raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
+            self.spread.check_mean(self.diameter)
+            self.spread.check_sizes(self.diameter)
+        if not all(_LEAST <= scale <= 1.0 / _LEAST for scale in self._scales):
+            why = f"Their mass, density, contact forces or velocities are not between {_LEAST:g} and {1 / _LEAST:g}"
+            raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision", why))
+        if not isinstance(self.friction, bool):
+            raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
+
+    @property
+    def structure(self) -> Lattice:
+        """The lattice itself, whether it was given by name or not."""
+        return lattice_named(self.lattice)
+
+    @property
+    def width(self) -> float:
+        """W = sqrt(12) Delta_rms, m, the width of the distribution of diameters; 0 for equal balls."""
+        return 0.0 if self.spread is None else self.spread.width
+
+    @property
+    def mindlin_ratio(self) -> float:
+        """eta = kappa / k (equation 4); 0 without friction."""
+        return self.material.mindlin_ratio if self.friction else 0.0
+
+    @property
+    def mass(self) -> float:
+        """M = pi rho d^3 / 6, kg (equation 7)."""
+        return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
+
+    @property
+    def law(self) -> HertzLaw:
+        """The contact law of two balls of the mean diameter."""
+        return HertzLaw.between(self.material, self.diameter)
+
+    @property
+    def _scales(self) -> list[float]:
+        """What states are made of, at the largest overlap: energy, force, stiffness, modulus, mass, density, velocity^2."""
+        with np.errstate(all="ignore"):  # whatever is not finite is refused
+            law, length = self.law, max(self.diameter, self.width)
+            contact = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
+            mass, density = self.mass, self.material.density
+            return [*contact, mass, density, contact[1] / mass * length if mass else math.inf]
+
+    @property
+    def effective_density(self) -> float:
+        """rho~, mass over the volume of a layer one diameter thick, kg/m^3 (equation 17: pi rho / 3 sqrt(3))."""
+        return math.pi / 6.0 * self.material.density / self.structure.area_per_ball

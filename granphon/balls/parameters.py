@@ -1,0 +1,163 @@
+"""The parameters of a packing by name: which there are, their units, and packings in which some have other values."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
+from granphon.balls.lattices import lattice_named
+from granphon.balls.packing import Packing
+from granphon.base.arguments import real_array
+from granphon.base.errors import InputError, brief, message
+from granphon.base.text import closest
+
+__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "counted", "numbers", "of_width"]
+
+#: more packings than this are taken for a mistake
+MOST_COMBINATIONS = 100_000
+_MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
+#: the parameters of a packing and their units; None where values are no numbers
+PARAMETERS: Mapping[str, str | None] = {
+    **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter and the values it takes; made by :meth:`of`."""
+
+    name: str
+    values: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, name: str, given: Any) -> Axis:
+        """``given`` is one value or a list; :class:`InputError` for an unknown name, no value, or what is no number."""
+        if name not in PARAMETERS:
+            guess = closest(name, PARAMETERS)
+            raise InputError(
+                message(
+                    f"a packing has no parameter {name!r}",
+                    "It has " + ", ".join(PARAMETERS),
+                    f"Did you mean {guess}?" if guess else "Use one of these",
+                )
+            )
+        return cls(name, _choices(name, given) if PARAMETERS[name] is None else numbers(name, given))
+
+    @property
+    def unit(self) -> str | None:
+        """Of the values; None if they are no numbers."""
+        return PARAMETERS[self.name]
+
+    @property
+    def labels(self) -> tuple[Any, ...]:
+        """A plain value for each of ``values``: numbers and booleans as they are, names of lattices and of spreads."""
+        if self.name == "lattice":
+            return tuple(lattice_named(value).name for value in self.values)
+        if self.name == "spread":
+            names, seen = [], Counter[str]()
+            for name in map(_spread_name, self.values):
+                names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
+                seen[name] += 1
+            return tuple(names)
+        return self.values
+
+    @property
+    def ends(self) -> Axis:
+        """The least and the greatest of numbers; of other values, each."""
+        if self.unit is None:
+            return self
+        return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
+
+    def worded(self, label: Any) -> str:
+        """A label with the name and the unit, such as "width = 2e-06 m"."""
+        return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
+
+
+def numbers(name: str, given: Any) -> tuple[float, ...]:
+    """One number or a list of them, as floats; :class:`InputError`, which calls it ``name``, if it is neither."""
+    array = np.atleast_1d(real_array(name, given))
+    if array.ndim != 1 or not array.size:
+        raise InputError(message(f"{name} is {brief(given, 200)}", "It must be a real number or a list of them"))
+    return tuple(array.tolist())
+
+
+def _choices(name: str, given: Any) -> tuple[Any, ...]:
+    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+    values = tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,)
+    if not values:
+        raise InputError(message(f"{name} is an empty list", mend="Give at least one value"))
+    return values
+
+
+def _spread_name(spread: Any) -> str:
+    return f"{type(spread).__name__}, W = {spread.width:.6g} m" if isinstance(spread, Spread) else "equal balls"
+
+
+def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
+    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform where there is none.
+
+    :class:`InputError` if the width is negative or not finite, the listed diameters are all the same, or the distribution
+    is none of granphon's.
+    """
+    uniform = Uniform(width)  # says what is wrong with the width
+    if isinstance(spread, Normal):
+        return Normal(uniform.width / Normal(1.0, spread.cutoff).width, spread.cutoff)
+    if isinstance(spread, Discrete | Measured):
+        if not spread.width:
+            raise InputError(message("diameters that are all the same cannot be spread", mend="Give another spread"))
+        mean, scale = spread.mean, uniform.width / spread.width
+        scaled = replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
+        if uniform.width:
+            # rounding of the diameters must not make it another shape, whose law would be solved anew
+            scaled.__dict__["shape"] = spread.shape
+        return scaled
+    if spread is None or isinstance(spread, Uniform):
+        return uniform
+    what = f"a {type(spread).__name__} cannot be given another width"
+    raise InputError(message(what, "Its parameters are not known here", "Give the spreads themselves"))
+
+
+def changed(packing: Packing, values: Mapping[str, Any]) -> Packing:
+    """The packing with other values of some of its :data:`PARAMETERS`.
+
+    A ``width`` scales the spread (:func:`of_width`); a ``diameter`` leaves it as it is. :class:`InputError` if there can be
+    no such packing.
+    """
+    rest = dict(values)
+    material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
+    if "width" in rest:
+        rest["spread"] = of_width(rest.get("spread", packing.spread), rest.pop("width"))
+    return replace(packing, material=replace(packing.material, **material), **rest)
+
+
+def counted(axes: Sequence[Axis]) -> int:
+    """How many combinations of values there are; :class:`InputError` if they are too many for a sweep."""
+    count = math.prod(len(axis.values) for axis in axes)
+    if count > MOST_COMBINATIONS:
+        what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"
+        raise InputError(message(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"))
+    return count
+
+
+def combinations(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
+    """Every combination of values in words, and its packing; the last axis runs fastest.
+
+    :class:`InputError` names the combination that makes no packing, or says that they are too many.
+    """
+    counted(axes)
+    out = []
+    for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
+        where = ", ".join(axis.worded(label) for axis, (_, label) in zip(axes, pairs, strict=True))
+        try:
+            one = changed(packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)})
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+        out.append((where, one))
+    return out

@@ -1,0 +1,1 @@
+"""What everything stands on: errors, results, units, validation, files."""

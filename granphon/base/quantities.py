@@ -1,0 +1,209 @@
+"""Quantities with their units, as people write them: "8 mm" is 0.008.
+
+A :class:`Quantity` is a rule: it takes what stood in a file or on the command line and returns SI, or raises
+:class:`Refused`, which says what was found, what is allowed, and the likely intention. Units are read here and on no other
+occasion; inside, everything is SI floats.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any, Literal
+
+from granphon.base.text import closest, shown
+
+__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "Refused"]
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class Refused(ValueError):
+    """A value that a rule does not take: what was found, what is allowed, and the likely intention.
+
+    ``path`` are the keys and places in lists that lead to it, from the value that the rule was given.
+    """
+
+    def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
+        super().__init__(f"found {found}; allowed: {allowed}." + (f" {mend}" if mend else ""))
+        self.path = path
+
+
+#: the units that a scene knows; small and exact, so that "8 mm" is the float nearest to 0.008
+_UNITS = """
+pico- = 1e-12 = p-\nnano- = 1e-9 = n-\nmicro- = 1e-6 = u- = µ- = μ-\nmilli- = 1e-3 = m-\ncenti- = 1e-2 = c-
+kilo- = 1e3 = k-\nmega- = 1e6 = M-\ngiga- = 1e9 = G-\ntera- = 1e12 = T-
+meter = [length] = m = metre\nsecond = [time] = s\nminute = 60*second = minutes\nhour = 3600*second = h = hours
+gram = [mass] = g\nkelvin = [temperature] = K
+degree_Celsius = kelvin; offset: 273.15 = degC\nhertz = 1/second = Hz\njoule = newton*meter = J
+newton = kilogram*meter/second**2 = N\npascal = newton/meter**2 = Pa\nbar = 1e5*pascal\natm = 101325*pascal
+inch = 0.0254*meter\nfoot = 0.3048*meter = ft = feet\nyard = 0.9144*meter = yd\nmile = 1609.344*meter = mi
+mile_per_hour = mile/hour = mph\nknot = 1852*meter/hour\nfoot_per_second = foot/second = fps
+percent = 0.01\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2
+kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-10*meter = Å\ntonne = 1e6*gram = t
+"""
+#: how a number is written
+NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_NUMBER = re.compile(NUMBER)
+#: letters of a quantity
+_LONGEST = 100
+#: numbers between this and its inverse are far from the ends of the floating range, with any unit
+_TINY = 1e-200
+_QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
+_FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
+_UNIT = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
+
+
+@cache
+def _registry() -> Any:
+    from pint import UnitRegistry
+
+    registry: Any = UnitRegistry(None, non_int_type=Decimal)
+    registry.load_definitions(_UNITS.strip().splitlines())
+    return registry
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of quantity: its name, its SI unit, an example, and the units to suggest.
+
+    ``least`` says which numbers are taken: above zero, zero and above, or any; ``negative`` what one below zero is called.
+    """
+
+    name: str
+    unit: str
+    example: str
+    common: str
+    least: Literal["above zero", "zero or above", "any"] = "above zero"
+    negative: str = "negative"
+
+    @property
+    def allowed(self) -> str:
+        """What may be written for it."""
+        sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
+        return f"a {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
+
+    def read(self, value: Any) -> float:
+        """The SI value of a text such as "8 mm", the float nearest to it; raises :class:`Refused`."""
+        tip = f"Write the unit too, such as '{self.example}'."
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            if isinstance(value, float) and not math.isfinite(value):
+                raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
+            raise Refused(f"{shown(value)}, without a unit", self.allowed, tip)
+        if not isinstance(value, str):
+            raise Refused(shown(value), self.allowed)
+        text = value.strip()
+        if re.match(r"[-+]?\.?(nan|inf|infinity)\b", text, re.IGNORECASE):
+            raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
+        match = _QUANTITY.fullmatch(text)
+        if match is None or len(text) > _LONGEST:
+            raise Refused(f"{shown(value)}, which does not start with a number", self.allowed)
+        number, _, unit = match.groups()
+        if not unit:
+            raise Refused(f"{shown(value)}, without a unit", self.allowed, tip)
+        try:
+            factor = _factor(self, unit)
+        except ValueError as wrong:
+            meant = closest(unit, self.common.split(", "))
+            mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
+            raise Refused(f"{shown(value)}, {wrong}", self.allowed, mend) from None
+        return self._value(number, factor, value)
+
+    def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
+        """As :meth:`read` of each number with the ``unit``, to the last bit; None if one should be looked at by itself.
+
+        A unit that is a power of ten moves the point of the decimal, whose nearest float is then the value.
+        """
+        import numpy as np  # here alone, so that the command's help needs no numpy
+
+        try:
+            power = _power_of_ten(_factor(self, unit))
+        except ValueError:
+            return None
+        if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _LONGEST:
+            return None
+        values = np.array([float(number) if not power else float(_shifted(number, power)) for number in numbers])
+        size = np.abs(values)
+        # zeros, what may be infinite or below the floating range, and negative numbers are for the rule of one number
+        plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
+        return values if plain else None
+
+    def measures(self, unit: str) -> bool:
+        """Whether ``unit`` is one of this kind of quantity."""
+        try:
+            return bool(_factor(self, unit))
+        except ValueError:
+            return False
+
+    def write(self, value: float) -> str:
+        """The text of an SI value, from which :meth:`read` gives it back to the last bit."""
+        return f"{value!r} {self.unit}"
+
+    def _value(self, number: str, factor: Fraction, value: str) -> float:
+        rough = float(number)
+        if not math.isfinite(rough):
+            raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
+        if not re.search("[1-9]", re.split("[eE]", number)[0]):
+            if self.least == "above zero":
+                raise Refused(f"{shown(value)}, which is zero", self.allowed)
+            return 0.0
+        if number.startswith("-") and self.least != "any":
+            raise Refused(f"{shown(value)}, which is {self.negative}", self.allowed)
+        try:
+            exact = float(Fraction(number) * factor) if rough else 0.0
+        except OverflowError:
+            exact = math.inf
+        if not 0.0 < abs(exact) < math.inf:
+            raise Refused(f"{shown(value)}, which is too small or too large for double precision", self.allowed)
+        return exact
+
+
+def _power_of_ten(factor: Fraction) -> int | None:
+    """n if the factor is 10^n; else None."""
+    power = len(str(factor.numerator)) - len(str(factor.denominator))
+    return power if factor == Fraction(10) ** power else None
+
+
+def _shifted(number: str, power: int) -> str:
+    """The text of a number times 10^power."""
+    digits, _, exponent = number.lower().partition("e")
+    return f"{digits}e{int(exponent or 0) + power}"
+
+
+@lru_cache(maxsize=256)  # the cells of a column share their unit
+def _factor(kind: Quantity, unit: str) -> Fraction:
+    """How many SI units of its ``kind`` a unit is, exactly; ValueError says why it is none."""
+    if not _UNIT.fullmatch(unit):
+        raise ValueError("which is not one number and one unit")
+    registry, own = _registry(), kind.unit.replace("%", "percent")
+    text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("%", "percent").removeprefix("1/")
+    text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
+    try:
+        parsed = registry.parse_units("1/" + text if unit.startswith("1/") else text)
+    except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
+        raise ValueError("whose unit is not known") from None
+    if parsed.dimensionality != registry.parse_units(own).dimensionality:
+        raise ValueError(f"whose unit is not one of {kind.name}")
+    return Fraction(registry.Quantity(Decimal(1), parsed).to(own).magnitude)
+
+
+LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")
+MODULUS = Quantity("pressure", "Pa", "211.65 GPa", "Pa, kPa, MPa, GPa, bar, psi")
+DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
+#: how far diameters differ; zero for equal balls
+WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
+_TENSILE = "tensile (one-sided contacts carry no tension)"
+#: an overlap may be negative where balls differ; whether it may is for the medium to say
+LOADS: dict[str, Quantity] = {
+    "force": Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
+    "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),
+    "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
+    "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
+}

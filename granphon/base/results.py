@@ -1,0 +1,313 @@
+"""What every result has in common: frozen, its arrays read-only, and convertible to plain data and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from granphon.base.digests import damaged, digest
+from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.text import shown
+
+__all__ = ["Result", "plain", "read_only", "restore"]
+
+#: what the plain data of a result hold besides its class and its fields
+_ABOUT = ("schema", "units", "digest")
+
+
+def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
+    """A copy of ``values`` as an array that refuses to be written to."""
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """Base of the frozen result classes.
+
+    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (those of its arrays, for
+    :meth:`check`: sizes by letters that mean the same in all of them, by numbers, "s+1", "..." for the shape of the load,
+    "|" between layouts that will both do, and "?" at the end of what may be None) and, when the meaning of a field changes,
+    a higher ``schema``. Arrays are made read-only; scalars stay floats. Two results are equal if all their fields that are
+    compared are, array by array; ``repr`` gives large arrays by their shape.
+    """
+
+    schema: ClassVar[int] = 1
+    units: ClassVar[Mapping[str, str]] = {}
+    shapes: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.generic):
+                object.__setattr__(self, field.name, value.item())
+            elif isinstance(value, np.ndarray):
+                if value.ndim == 0:
+                    object.__setattr__(self, field.name, value.item())
+                elif value.flags.writeable or value.base is not None:  # a view would show changes of what it views
+                    object.__setattr__(self, field.name, read_only(value))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
+        return all(_same(a, b) for a, b in pairs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # made anew, so that copies and pickles are read-only too
+        return type(self), tuple(getattr(self, f.name) for f in fields(self))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        values = ((f.name, getattr(self, f.name)) for f in fields(self) if f.repr)
+        shown = (f"{n}=<array {v.shape}>" if isinstance(v, np.ndarray) and v.size > 8 else f"{n}={v!r}" for n, v in values)
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: the class's name, its schema, the unit of each field, the fields, and a digest of all these.
+
+        Complex arrays become a mapping of ``real`` and ``imag`` lists; what a result holds (a packing, its scales) becomes a
+        mapping of its own. The digest survives JSON and YAML, see :func:`granphon.base.digests.canonical`.
+        """
+        data = {**plain(self), "schema": self.schema, "units": self.said_units()}
+        return data | {"digest": digest(data)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """The inverse of :meth:`to_dict`.
+
+        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of a newer schema, in other units, or
+        incomplete, if a field is of another kind or shape than the class has, if there is a field that it has not, or if
+        there is a ``digest`` that is not that of the data. Without one, damage that leaves all these right is not noticed.
+        """
+        given = dict(data) if isinstance(data, Mapping) else {}
+        if _class_of(given) != cls.__name__:
+            raise InputError(message(f"these data describe a {shown(given.get('class'))}, not a {cls.__name__!r}"))
+        schema = given.get("schema", cls.schema)
+        if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
+            raise InputError(message(f"{cls.__name__} data have the schema {shown(schema)}", mend="It is a whole number"))
+        if schema > cls.schema:
+            raise InputError(
+                message(
+                    f"{cls.__name__} data of schema {schema} are newer than this granphon knows ({cls.schema})",
+                    mend="Update granphon",
+                )
+            )
+        try:
+            restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
+            # last, as the other errors say more
+            if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
+                raise damaged(f"a {cls.__name__} in plain data", "under 'digest'")
+            units = plain(given.get("units", restored.said_units()))  # an array among them becomes a list, which is no unit
+        except RecursionError:
+            raise InputError(message(f"the {cls.__name__} data are nested without end")) from None
+        if units != restored.said_units():
+            mend = "They are those that to_dict gives; other units are not converted"
+            raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
+        return restored
+
+    def said_units(self) -> dict[str, str]:
+        """The SI unit of each field that has one, as :meth:`to_dict` gives them."""
+        return dict(self.units)
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if fields are no numbers, or their shapes do not belong together.
+
+        Asked of what was read; the computations themselves make none that do not.
+        """
+        sizes: dict[str, Any] = {}
+        for name, layout in self.shapes.items():
+            value = getattr(self, name)
+            if value is None and layout.endswith("?"):
+                continue
+            found = (len(value),) if isinstance(value, tuple) else np.shape(value)
+            if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
+                raise InputError(message(f"{name} of the {type(self).__name__} is not made of numbers"))
+            if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
+                so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
+                wanted = layout.replace("|", ") or (")
+                what = f"{name} of the {type(self).__name__} is of shape {found}, where ({wanted}) belongs"
+                raise InputError(message(what, so_far))
+
+
+def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
+    """Whether a shape is as the words of ``layout`` say; ``sizes`` gathers what the letters stand for."""
+    if layout[:1] == ["..."]:
+        layout, head = layout[1:], shape[: max(len(shape) - len(layout) + 1, 0)]
+        shape = shape[len(head) :]
+        if sizes.setdefault("...", head) != head:
+            return False
+    if len(layout) != len(shape):
+        return False
+    for word, size in zip(layout, shape, strict=True):
+        letter, _, more = word.partition("+")
+        wanted = int(word) if word.isdigit() else sizes.setdefault(letter, size - int(more or 0)) + int(more or 0)
+        if size != wanted:
+            return False
+    return True
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two fields are equal; in arrays a nan, what is not known, equals another."""
+    if not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray):
+        return bool(a == b)
+    nan = isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.dtype.kind in "fc" and b.dtype.kind in "fc"
+    return bool(np.array_equal(a, b, equal_nan=nan))
+
+
+def plain(value: Any) -> Any:
+    """Plain data of a value: of a dataclass its class and its fields, of arrays lists; other values as they are."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {"class": type(value).__name__, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+    if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return {"real": value.real.tolist(), "imag": value.imag.tolist()}
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, Mapping):
+        return {name: plain(v) for name, v in value.items()}
+    return value
+
+
+def restore(value: Any, hint: Any, name: str = "the data") -> Any:
+    """Build what ``hint`` says from plain data: dataclasses, tuples, mappings, arrays and scalars, and unions of them.
+
+    :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of another kind.
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return _restore_any(value, name)
+    if origin in (Union, UnionType):
+        return _restore_one_of(value, inner, name)
+    if origin is np.ndarray:
+        return _restore_array(value, get_args(inner[1])[0], name)
+    if origin is tuple and isinstance(value, list | tuple):
+        kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
+        if len(kinds) == len(value):
+            return tuple(restore(v, kind, name) for v, kind in zip(value, kinds, strict=True))
+    elif origin is dict and isinstance(value, Mapping):
+        return {restore(key, inner[0], name): restore(v, inner[1], f"{name}.{key}") for key, v in value.items()}
+    elif is_dataclass(hint):
+        if isinstance(value, hint):  # type: ignore[arg-type]  # a class
+            return value
+        if isinstance(value, Mapping) and _class_of(value) == getattr(hint, "__name__", None):
+            return _restore_fields(value, hint)
+    elif _is_scalar(value, hint):
+        return value
+    raise InputError(message(f"{name}: found {_kind(value)} where {_hint_name(hint)} belongs"))
+
+
+def _is_scalar(value: Any, hint: Any) -> bool:
+    if hint is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return hint in (str, bool, NoneType) and isinstance(value, hint)
+
+
+def _class_of(data: Mapping[str, Any]) -> str:
+    """The name of the class that plain data are of; "" if they name none, or something else than a text as one."""
+    name = data.get("class")
+    return name if isinstance(name, str) else ""
+
+
+def _kind(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"data of a {shown(value.get('class'))}" if "class" in value else "a mapping"
+    return f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {shown(value)},")
+
+
+def _hint_name(hint: Any) -> str:
+    return getattr(hint, "__name__", str(hint)) if not get_args(hint) else str(hint)
+
+
+def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
+    if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
+        return build.from_dict(value)  # what to_dict of a part gave
+    known, hints = [f.name for f in fields(build)], get_type_hints(build)
+    what = f"the {build.__name__} data"
+    if missing := [name for name in known if name not in value]:
+        raise InputError(message(f"{what} lack {', '.join(missing)}"))
+    if unknown := [shown(name) for name in value if name not in (*known, "class")]:
+        raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
+    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known}
+    try:
+        made = build(**given)
+        if isinstance(made, Result):
+            made.check()
+    except GranphonError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(str(error)) from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(message(f"{what} make no {build.__name__}", f"{type(error).__name__}: {error}")) from None
+    return made
+
+
+def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
+    """By the first of the hints that the value serves; if it names its class, by that one's alone."""
+    if isinstance(value, Mapping):
+        hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _class_of(value)) or hints
+    for hint in hints[:-1]:
+        try:
+            return restore(value, hint, name)
+        except InputError:
+            continue
+    return restore(value, hints[-1], name)
+
+
+def _restore_array(value: Any, dtype: Any, name: str) -> Any:
+    if dtype is np.complex128:
+        if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+            return value
+        if isinstance(value, Mapping) and set(value) == {"real", "imag"}:
+            real, imaginary = (_restore_array(value[part], np.float64, name) for part in ("real", "imag"))
+            if real.shape == imaginary.shape:
+                whole = np.empty(real.shape, complex)
+                whole.real, whole.imag = real, imaginary
+                return whole
+    elif isinstance(value, list | tuple | np.ndarray):
+        found = _numbers(value)
+        if found is not None and found.dtype.kind in ("iu" if np.issubdtype(dtype, np.integer) else "iuf"):
+            return found.astype(dtype)
+    raise InputError(message(f"{name}: found {_kind(value)} where an array of numbers belongs"))
+
+
+def _restore_any(value: Any, name: str) -> Any:
+    """A scalar, or an array of numbers, booleans or complex numbers."""
+    if isinstance(value, Mapping):
+        return _restore_array(value, np.complex128, name)
+    if isinstance(value, list | tuple | np.ndarray):
+        found = _numbers(value)
+        if found is None or found.dtype.kind not in "biufc":
+            raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
+        return found
+    if value is None or isinstance(value, bool | int | float | str | np.generic):
+        return value
+    raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
+
+
+def _numbers(value: Any) -> np.ndarray[Any, Any] | None:
+    """``value`` as an array, None if it is none of one kind of numbers: booleans among numbers are none."""
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        array = np.asarray(value)
+    except (ValueError, OverflowError):  # ragged, or too large
+        return None
+    if array.dtype.kind in "iufc" and any(isinstance(one, bool) for one in _leaves(value)):
+        return None
+    return array if array.size or _leaves(value) == [] else None
+
+
+def _leaves(value: Any) -> list[Any]:
+    return [leaf for one in value for leaf in _leaves(one)] if isinstance(value, list | tuple) else [value]

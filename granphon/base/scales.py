@@ -1,0 +1,161 @@
+"""The scales that tie reduced units to SI.
+
+Inside, granphon measures length in the mean diameter d, stiffness in the normal contact stiffness k and
+mass in the ball's mass M. A frozen :class:`Units` carries the three scales; it travels with every object
+in reduced units, and is the only place where numbers change units.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from granphon.base.errors import InputError, message
+
+__all__ = ["HertzPrefix", "Units", "file_header", "prefixed", "read_header"]
+
+#: names under which the scales are stored in ``Atoms.info`` and in exported files
+_INFO = {
+    "length": "granphon_length_m",
+    "stiffness": "granphon_stiffness_N_per_m",
+    "mass": "granphon_mass_kg",
+}
+
+#: decimal prefixes, ascending
+_SIZES = (
+    1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21, 1e24,
+)  # fmt: skip
+_PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P", "E", "Z", "Y")
+
+
+def _multiple(value: float, unit: str) -> tuple[float, str]:
+    """The decimal multiple, its size and its name, in which ``value`` lies between 1 and 1000, or the nearest to that."""
+    place = max(bisect_right(_SIZES, value) - 1, 0)
+    return _SIZES[place], _PREFIXES[place] + unit
+
+
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """The decimal multiple of ``unit`` in which people write ``value``: its size, 1e-6, and its name, "um".
+
+    One short of a multiple by its rounding counts as one. Zero, and what no prefix brings near to one, stay as they are.
+    """
+    size = abs(value) * (1.0 + 1e-8)
+    return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
+
+
+@dataclass(frozen=True)
+class HertzPrefix:
+    """A decimal unit of hertz: its ``name`` ("kHz") and its ``hertz`` (1000.0)."""
+
+    name: str
+    hertz: float
+
+    @classmethod
+    def for_top(cls, frequency: float) -> HertzPrefix:
+        """The unit in which ``frequency`` (Hz) lies between 1 and 1000.
+
+        Beyond yHz and YHz the nearest of the two is taken.
+        """
+        hertz, name = _multiple(frequency, "Hz")
+        return cls(name, hertz)
+
+    @classmethod
+    def named(cls, name: str) -> HertzPrefix:
+        """The unit called ``name``; :class:`InputError` if there is none."""
+        known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
+        if name not in known:
+            raise InputError(message(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)))
+        return cls(name, known[name])
+
+
+@dataclass(frozen=True)
+class Units:
+    """The scales of reduced units, in SI: ``length`` (m), ``stiffness`` (N/m), ``mass`` (kg).
+
+    A quantity in reduced units times the property of its name is the quantity in SI. :class:`InputError` for a scale that
+    is not a finite number above zero.
+    """
+
+    length: float
+    stiffness: float
+    mass: float
+
+    def __post_init__(self) -> None:
+        from granphon.base.arguments import positive  # here alone, so that the command's help needs no numpy
+
+        for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
+            object.__setattr__(self, name, positive(name, getattr(self, name), unit))
+
+    @property
+    def angular_frequency(self) -> float:
+        """(k/M)^(1/2), rad/s."""
+        # the quotient is taken after the roots, so that it neither overflows nor underflows
+        return math.sqrt(self.stiffness) / math.sqrt(self.mass)
+
+    @property
+    def frequency(self) -> float:
+        """(k/M)^(1/2) / 2 pi, Hz: what a reduced angular frequency of one is in hertz."""
+        return self.angular_frequency / (2.0 * math.pi)
+
+    @property
+    def velocity(self) -> float:
+        """d (k/M)^(1/2), m/s."""
+        return self.length * self.angular_frequency
+
+    @property
+    def force(self) -> float:
+        """k d, N."""
+        return self.stiffness * self.length
+
+    @property
+    def energy(self) -> float:
+        """k d^2, J (also the unit of torque, N m)."""
+        return self.stiffness * self.length**2
+
+    @property
+    def modulus(self) -> float:
+        """k / d, Pa: the unit of stress in a layer one diameter thick."""
+        return self.stiffness / self.length
+
+    def to_info(self) -> dict[str, float]:
+        """The scales under the names they have in ``Atoms.info`` and in exported files."""
+        return {key: getattr(self, name) for name, key in _INFO.items()}
+
+    @classmethod
+    def from_info(cls, info: Mapping[str, Any]) -> Units:
+        """Read the scales back; :class:`InputError` if they are not all there, or not finite numbers above zero."""
+        missing = [key for key in _INFO.values() if key not in info]
+        if missing:
+            raise InputError(
+                message(
+                    f"the scales {', '.join(missing)} are missing",
+                    "Objects in reduced units carry their scales with them",
+                    "Make the object with granphon, or add the missing entries",
+                )
+            )
+        return cls(**{name: info[key] for name, key in _INFO.items()})
+
+
+def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
+    """Lines of the block ``granphon`` at the head of files for phonopy: unit of frequency, coordinates, scales."""
+    return [
+        "granphon:",
+        "  schema: 1",
+        f"  frequency_unit: {unit.name}",
+        f"  hertz: {unit.hertz!r}",
+        "  coordinates: [x, y, w = R_g phi]",
+        *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
+    ]
+
+
+def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
+    """The unit of frequency in hertz, and the scales, of a block that :func:`file_header` made; InputError if it did not."""
+    if own["schema"] != 1:
+        raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
+    hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
+    if own["hertz"] != hertz:
+        raise InputError("its unit of frequency and the size of it contradict each other")
+    return hertz, scales

@@ -1,0 +1,426 @@
+"""Result folders: files arrive whole and together, one run at a time, and nothing of the user's is replaced.
+
+Three hidden names may stand in a folder. ``.granphon-files`` lists the files that granphon wrote there, each with its
+SHA-256: a file that is not in the list, or has been changed since, belongs to the user and is never replaced or deleted.
+``.granphon-lock`` is locked by the run that writes into the folder, and free as soon as that process has ended, however it
+ended. ``.granphon-staging-*`` holds new files until all of them are complete.
+
+The exchange of old files for new ones is recorded before its first step. Old files leave before new ones arrive, so a folder
+never shows files of two runs; an exchange that was cut off is carried to its end by whoever looks at the folder next.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
+from granphon.base.reading import read_bytes
+
+__all__ = ["ResultFolder", "check_free", "files_written", "is_written", "opened", "staging", "write_bytes", "write_text"]
+
+LIST = ".granphon-files"
+LOCK = ".granphon-lock"
+PREFIX = ".granphon-staging-"
+SCHEMA = 1
+#: inside a staging folder: the record of its exchange, and the files that are being replaced
+_RECORD, _REPLACED = ".exchange", ".replaced"
+#: what a file system says that knows no locks
+_NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS}
+
+StrPath = str | os.PathLike[str]
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+# -- whose files they are -------------------------------------------------------------------------------------------
+
+
+def files_written(folder: StrPath) -> dict[str, str]:
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
+    data = _plain(Path(folder) / LIST)
+    files = data.get("files") if data.get("schema") == SCHEMA else None
+    return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
+
+
+def _plain(path: Path) -> dict[str, Any]:
+    """What one of our hidden files says; empty if it is not there, or not as we write it."""
+    with suppress(GranphonError, ValueError, RecursionError):
+        data = json.loads(read_bytes(path))
+        return data if isinstance(data, dict) else {}
+    return {}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def is_written(path: Path, *digests: str) -> bool:
+    """Whether the file is one that granphon wrote, byte for byte."""
+    return bool(digests) and path.is_file() and not path.is_symlink() and _digest(path) in digests
+
+
+def _same(path: Path, other: StrPath) -> bool:
+    with suppress(OSError):
+        return os.path.samefile(path, other)
+    return False
+
+
+def check_free(
+    folder: StrPath,
+    names: Sequence[str],
+    force: bool = False,
+    *,
+    earlier: Sequence[str] = (),
+    inputs: Iterable[StrPath] = (),
+    known: Iterable[str] = (),
+) -> None:
+    """Raise if ``names`` cannot be written into ``folder``, as far as can be told without writing.
+
+    Parameters
+    ----------
+    folder : it need not be there.
+    names : the files to be written.
+    force : files of these names may be replaced, if granphon wrote them and nobody has changed them since.
+    earlier : files of an earlier result that are to be removed, if granphon wrote them; one that was changed is in the way.
+    inputs : files that the run reads, which are never replaced.
+    known : texts that granphon wrote if they are there, whatever the list of the folder says.
+
+    Raises
+    ------
+    FileExistsInRunError : a file is there and ``force`` is off, or it may not be replaced at all.
+    OutputError : the folder is a file, or may not be written to.
+    """
+    target = Path(folder)
+    _recover_unless_locked(target)
+    _check(target, names, force, earlier, list(inputs), list(known))
+
+
+def _check(
+    target: Path,
+    names: Sequence[str],
+    force: bool,
+    earlier: Sequence[str],
+    inputs: Sequence[StrPath],
+    known: Sequence[str] = (),
+) -> None:
+    try:
+        if any("\0" in part for part in (str(target), *names)):
+            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+        nearest = target
+        while not os.path.lexists(nearest) and nearest != nearest.parent:
+            nearest = nearest.parent
+        if not nearest.is_dir():
+            raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
+        _check_replaceable(target, names, force, earlier, inputs, {_sha256(text.encode("utf-8")) for text in known})
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
+    except OSError as error:
+        raise _failed(target, error) from None
+
+
+def _check_replaceable(
+    target: Path,
+    names: Sequence[str],
+    force: bool,
+    earlier: Sequence[str],
+    inputs: Sequence[StrPath],
+    known: Collection[str],
+) -> None:
+    there = [name for name in names if os.path.lexists(target / name)]
+    folders = [name for name in there if (target / name).is_dir()]
+    if folders:
+        raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
+    written = files_written(target)
+    kept = "It is not replaced, with --force or without"
+    for name in there:
+        if any(_same(target / name, one) for one in inputs):
+            what = f"{target / name} is read by this run, and would be overwritten"
+            raise FileExistsInRunError(message(what, kept, "Choose another folder"))
+        if not is_written(target / name, *known, *([written[name]] if name in written else [])):
+            no_record = "there is no record that granphon wrote it"
+            what = "granphon wrote it, and it has been changed since" if name in written else no_record
+            what = f"{target} already holds {name}: {what}"
+            raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
+    if there and not force:
+        raise FileExistsInRunError(
+            message(
+                f"{target} already holds {', '.join(there)}",
+                "An existing result is not overwritten unless asked for",
+                "Use --force (force=True) to replace it, or choose another folder",
+            )
+        )
+    for name in _stale(target, names, earlier):
+        read = any(_same(target / name, one) for one in inputs)
+        if read or not is_written(target / name, written[name]):
+            what = f"{target} holds {name} of an earlier run, and "
+            what += "this run reads it" if read else "it has been changed since"
+            why = "It would stand beside a result that it does not belong to, and is not removed"
+            raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
+
+
+def _stale(target: Path, names: Sequence[str], earlier: Sequence[str]) -> list[str]:
+    """Files of an earlier result that this one does not have."""
+    written = files_written(target)
+    return [name for name in earlier if name in written and name not in names and os.path.lexists(target / name)]
+
+
+def _failed(target: Path, error: OSError) -> GranphonError:
+    if isinstance(error, GranphonError):
+        return error
+    mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
+    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "It is left as it was", mend))
+
+
+# -- a folder under lock --------------------------------------------------------------------------------------------
+
+
+class ResultFolder:
+    """A folder that this process has locked, see :func:`opened`."""
+
+    def __init__(self, path: Path, force: bool, earlier: Sequence[str], inputs: Sequence[StrPath]) -> None:
+        self.path, self.force, self.earlier, self.inputs = path, force, earlier, inputs
+
+    @contextmanager
+    def staging(self, names: Sequence[str], optional: Sequence[str] = ()) -> Iterator[Path]:
+        """A temporary place inside the folder for the files ``names``, which take their places together at the end.
+
+        The ``optional`` ones among them need not be written. If anything fails, on the way or while files are exchanged,
+        the folder is left as it was found. :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        """
+        place: Path | None = None
+        try:
+            place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=self.path))
+            yield place
+            made = [name for name in names if name not in optional or os.path.lexists(place / name)]
+            check_free(self.path, names, self.force, earlier=self.earlier, inputs=self.inputs)
+            _exchange(
+                place, self.path, made, [*_stale(self.path, names, self.earlier), *(n for n in names if n not in made)]
+            )
+        except OSError as error:
+            raise _failed(self.path, error) from None
+        finally:
+            # with its record there the exchange has neither ended nor been undone: it is left to whoever comes next
+            if place is not None and not os.path.lexists(place / _RECORD):
+                shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def opened(
+    folder: StrPath,
+    names: Sequence[str],
+    force: bool = False,
+    *,
+    earlier: Sequence[str] = (),
+    inputs: Iterable[StrPath] = (),
+    known: Iterable[str] = (),
+) -> Iterator[ResultFolder]:
+    """The folder, made if need be and locked, so that no other run writes into it until the end of the block.
+
+    Arguments and errors are those of :func:`check_free`; :class:`~granphon.base.errors.OutputError` too if another run has the
+    lock. Folders that were made and have remained empty are removed again.
+    """
+    target, made, read, ours = Path(folder), list[Path](), list(inputs), list(known)
+    check_free(target, names, force, earlier=earlier, inputs=read, known=ours)
+    try:
+        try:
+            for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
+                missing.mkdir(exist_ok=True)
+                made.append(missing)
+        except OSError as error:
+            raise _failed(target, error) from None
+        with _locked(target) as alone:
+            if alone:
+                _recover(target)
+            # what was found free may not be so any more when the lock is had
+            _check(target, names, force, earlier, read, ours)
+            yield ResultFolder(target, force, earlier, read)
+    finally:
+        for one in reversed(made):
+            with suppress(OSError):  # what holds a result is not empty
+                one.rmdir()
+
+
+@contextmanager
+def staging(
+    folder: StrPath, names: Sequence[str], force: bool = False, inputs: Iterable[StrPath] = (), optional: Sequence[str] = ()
+) -> Iterator[Path]:
+    """:func:`opened` and :meth:`ResultFolder.staging` in one, for what is written as soon as it is known."""
+    with opened(folder, names, force, inputs=inputs) as target, target.staging(names, optional) as place:
+        yield place
+
+
+@contextmanager
+def _locked(target: Path) -> Iterator[bool]:
+    """Hold the lock; whether it is known that no other run is under way, which a file system without locks does not tell."""
+    descriptor = _lock_file(target / LOCK)
+    try:
+        yield descriptor is not None
+    finally:
+        if descriptor is not None:
+            with suppress(OSError):  # where an open file cannot be removed, it stays
+                (target / LOCK).unlink()
+            os.close(descriptor)
+
+
+def _lock_file(path: Path) -> int | None:
+    """Its descriptor, with the lock; None on a file system that knows no locks."""
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        except OSError as error:
+            raise _failed(path.parent, error) from None
+        about = os.fstat(descriptor)
+        if not stat.S_ISREG(about.st_mode) or about.st_size:
+            os.close(descriptor)
+            what = f"{path} is not a lock that granphon made"
+            raise OutputError(message(what, "Ours is an empty file", "Move it away, or choose another folder"))
+        try:
+            _lock(descriptor)
+        except OSError as error:
+            os.close(descriptor)
+            if error.errno in _NO_LOCKS:
+                return None
+            what, why = f"another run is writing into {path.parent}", "Two runs would mix their files"
+            raise OutputError(message(what, why, "Wait for its end, or choose another folder")) from None
+        with suppress(OSError):
+            # the run before may have removed the file after we had opened it
+            if os.path.samestat(os.fstat(descriptor), os.stat(path)):
+                return descriptor
+        os.close(descriptor)
+
+
+# -- the exchange ---------------------------------------------------------------------------------------------------
+
+
+def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[str]) -> None:
+    """Move files from ``place`` into ``target``, and those of ``stale`` out of it; on failure restore what was there."""
+    for name in names:
+        with open(place / name, "r+b") as stream:
+            os.fsync(stream.fileno())
+    written = files_written(target)
+    old = {name: written[name] for name in (*names, *stale) if os.path.lexists(target / name)}
+    files = {name: digest for name, digest in written.items() if name not in stale}
+    files |= {name: _digest(place / name) for name in names}
+    (place / LIST).write_text(json.dumps({"schema": SCHEMA, "files": files}, indent=1) + "\n", encoding="utf-8")
+    replaced = place / _REPLACED
+    replaced.mkdir()
+    draft = place / (_RECORD + ".draft")
+    draft.write_text(json.dumps({"new": [*names, LIST], "old": old}), encoding="utf-8")
+    if os.path.lexists(target / LIST):
+        shutil.copy2(target / LIST, replaced / LIST)
+    os.replace(draft, place / _RECORD)  # from here on the exchange is carried to its end, or undone
+    gone: list[str] = []
+    come: list[str] = []
+    try:
+        # noted before it is done, as an interruption may come between the two
+        for name in old:
+            gone.append(name)
+            os.replace(target / name, replaced / name)
+        for name in (*names, LIST):
+            come.append(name)
+            os.replace(place / name, target / name)
+        (place / _RECORD).unlink()
+    except BaseException:
+        if not os.path.lexists(place / _RECORD):  # it was the last step that was interrupted, and it is done
+            raise
+        for name in come:  # back to where the record says that they are
+            if not os.path.lexists(place / name):
+                os.replace(target / name, place / name)
+        for name in (*gone, LIST):
+            with suppress(FileNotFoundError):
+                os.replace(replaced / name, target / name)
+        (place / _RECORD).unlink()
+        raise
+
+
+def _recover(target: Path) -> None:
+    """End the exchanges of runs that were killed, and remove what dead runs have left."""
+    for place in target.glob(PREFIX + "*"):
+        if place.is_symlink() or not place.is_dir():  # none of ours, and it may lead elsewhere
+            continue
+        if os.path.lexists(place / _RECORD):
+            record = _plain(place / _RECORD)
+            new, old = record.get("new"), record.get("old")
+            if not isinstance(new, list) or not isinstance(old, dict) or not all(map(_is_name, [*new, *old])):
+                continue  # none of ours
+            waiting = [name for name in new if (place / name).is_file() and not (place / name).is_symlink()]
+            with suppress(OSError):
+                for name, digest in old.items():
+                    if (name in waiting or name not in new) and is_written(target / name, str(digest)):
+                        (target / name).unlink()
+                for name in waiting:
+                    # a file that the user has put there meanwhile stays
+                    if name == LIST or not os.path.lexists(target / name):
+                        os.replace(place / name, target / name)
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _recover_unless_locked(target: Path) -> None:
+    """:func:`_recover` if a run has left something, and none is under way."""
+    with suppress(OSError, ValueError):  # what is wrong with the folder, the check says
+        if any(target.glob(PREFIX + "*")):
+            with _locked(target) as alone:
+                if alone:
+                    _recover(target)
+
+
+def _is_name(name: Any) -> bool:
+    """Whether it is a name alone, which leads nowhere else."""
+    return isinstance(name, str) and Path(name).name == name and name not in ("", ".", "..")
+
+
+# -- single files ---------------------------------------------------------------------------------------------------
+
+
+def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
+    """Write a file of these parts whole or not at all, in the place of what is there; its folder is made if need be.
+
+    :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+    """
+    target = Path(path)
+    place: Path | None = None
+    try:
+        if target.is_dir():
+            raise OutputError(message(f"{target} is a folder", "A file of that name is to be written"))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        place = Path(tempfile.mkdtemp(prefix=".granphon-", dir=target.parent))
+        with open(place / target.name, "wb") as stream:
+            stream.writelines(parts)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(place / target.name, target)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise _failed(target, error if isinstance(error, OSError) else OSError(str(error))) from None
+    finally:
+        if place is not None:
+            shutil.rmtree(place, ignore_errors=True)
+
+
+def write_text(path: StrPath, text: str) -> None:
+    """:func:`write_bytes` of a text in UTF-8."""
+    write_bytes(path, text.encode("utf-8"))

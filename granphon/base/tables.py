@@ -1,0 +1,206 @@
+"""Tables of measured numbers: columns of a text file, with their units, as arrays in SI.
+
+The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
+tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped.
+
+A table that the caller has named may be quoted in errors. One that a scene has named is quoted only where it is a table of
+quantities, with the column that is wanted and a unit for it: a scene, which others may have written, can name any file.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.quantities import NUMBER, Quantity
+from granphon.base.reading import read_bytes
+from granphon.base.text import closest
+
+__all__ = ["Heading", "Table", "decoded"]
+
+
+_POINT = "Write decimals with a point"
+#: letters of a cell that csv reads
+_LONGEST = csv.field_size_limit()
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What heads a column: its ``name`` and its ``unit``, empty where none is given."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """From ``name``, ``name (unit)`` or ``name [unit]``."""
+        match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
+        return cls(match[1], match[2] or "") if match else cls(text, "")
+
+    @property
+    def key(self) -> str:
+        """The name as names are compared: in lower case, words joined by underscores."""
+        return re.sub(r"[\s_-]+", "_", self.name.lower())
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it stands in a file: cells are texts until :meth:`column` reads them.
+
+    Attributes
+    ----------
+    name : how messages call the file.
+    headings : of the columns.
+    lines : the number of each row's line, counted from 1.
+    columns : the cells below each heading, one for each row.
+    quoted : whether errors may quote what it holds, whatever that is.
+    """
+
+    name: str
+    headings: tuple[Heading, ...]
+    lines: tuple[int, ...]
+    columns: tuple[tuple[str, ...], ...]
+    quoted: bool = True
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], quoted: bool = True) -> Self:
+        """Read a file in UTF-8; :class:`~granphon.base.errors.InputError` names file and line of what cannot be read.
+
+        ``quoted``: whether errors may quote what it holds, whatever that is; False for a file that a scene has named.
+        """
+        return cls.parse(str(path), read_bytes(path), quoted)
+
+    @classmethod
+    def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
+        """The table that a file called ``name`` holds; errors and ``quoted`` as for :meth:`read`."""
+        kept = [(n, line) for n, line in enumerate(decoded(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
+        if not kept:
+            raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
+        (first, head), below = kept[0], kept[1:]
+        mark = next((mark for mark in "\t;" if mark in head), ",")
+        titles = _cells(f"{name}:{first}", head, mark)
+        headings = tuple(Heading.parse(title) for title in titles)
+        numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
+        if numbers:
+            what = (
+                f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
+            )
+            raise InputError(message(what, mend="Head the columns by names, such as 'force (N), velocity (m/s)'"))
+        lines, texts = tuple(n for n, _ in below), [line for _, line in below]
+        return cls(name, headings, lines, _columns(name, lines, texts, mark, len(titles)), quoted)
+
+    def __contains__(self, name: str) -> bool:
+        return self._places(name) != []
+
+    def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
+        """The column called ``name``, (rows,), in the SI unit of its ``kind``.
+
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter.
+        ``mend`` says what to do where there is no such column.
+        :class:`~granphon.base.errors.InputError` if there is no such column or there are two, if it has no unit, if there are no
+        rows, or a cell is not what the kind allows.
+        """
+        wanted, places = Heading.parse(name), self._places(name)
+        if len(places) != 1:
+            names = [heading.name for heading in self.headings]
+            meant = closest(wanted.name, names)
+            what = f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
+            mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
+            one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
+            several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
+            counted = f"It has {one if len(names) == 1 else several}"
+            raise InputError(
+                message(what, f"Its columns are {', '.join(map(repr, names))}" if self.quoted else counted, mend)
+            )
+        if not self.lines:
+            raise InputError(message(f"{self.name} has no rows below its headings"))
+        place = places[0]
+        unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
+        if not unit:
+            head = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
+            raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
+        quoted = self.quoted or kind.measures(self.headings[place].unit)
+        if not quoted and not kind.measures(unit):
+            what = f"{self.name}: the column {wanted.name!r} has a unit that is not one of {kind.name}"
+            raise InputError(message(what, mend=f"Head it '{wanted.name} ({kind.unit})', or by another such unit"))
+        cells = self.columns[place]
+        values = kind.read_many(cells, unit)
+        if values is None:  # read one by one, so that the first that cannot be read is told
+            values = np.array(
+                [self._value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
+            )
+        return values
+
+    def unit(self, name: str) -> str:
+        """The unit of the column called ``name``, which may carry it itself; empty if there is none, or no such column."""
+        return Heading.parse(name).unit or next((self.headings[place].unit for place in self._places(name)), "")
+
+    def _places(self, name: str) -> list[int]:
+        wanted = Heading.parse(name).key
+        return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
+
+    def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity, quoted: bool) -> float:
+        if not re.fullmatch(NUMBER, cell):
+            found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
+            mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
+            raise InputError(message(f"{self.name}:{line}: {column}: {found}, where a number is needed", mend=mend))
+        try:
+            return kind.read(f"{cell} {unit}")
+        except ValueError as refused:
+            raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
+
+
+def decoded(name: str, raw: bytes) -> str:
+    """The text of a file called ``name``, in UTF-8 with or without its mark; InputError names line and byte of another."""
+    at = raw.find(b"\0")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        at, guess = 0, "UTF-16"
+    elif at >= 0:
+        guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 4 else ""
+    else:
+        try:
+            return raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            # of Latin-1 and its kin every byte is a letter or sign, but for the controls
+            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+    line = raw.count(b"\n", 0, at) + 1
+    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
+    if not guess:
+        raise InputError(message(what, "The file looks like no text", "Is this the right file?"))
+    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    raise InputError(message(what, f"The file looks like {guess}", mend))
+
+
+def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int) -> tuple[tuple[str, ...], ...]:
+    """The cells below each of ``count`` headings; errors name the line."""
+    if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST for text in texts):
+        return (tuple(map(str.strip, texts)),)  # a long list: no tuple for each of its rows
+    rows = [_fitted(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)]
+    return tuple(zip(*rows, strict=True)) or ((),) * count
+
+
+def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
+    if '"' not in line and len(line) < _LONGEST:  # as csv parts it, at a tenth of the cost
+        return tuple(cell.strip() for cell in line.split(mark))
+    try:
+        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
+    except csv.Error as error:
+        raise InputError(message(f"{where} cannot be parted into columns", str(error))) from None
+
+
+def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
+    if len(cells) == count:
+        return cells
+    if any(cells[count:]):
+        what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
+        raise InputError(message(what, mend=f"{_POINT}, and part the columns by one mark"))
+    return cells[:count] + ("",) * (count - len(cells))

@@ -1,0 +1,178 @@
+"""Scenes and results in words, for a terminal; nothing of the computation is loaded for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from granphon.base.quantities import LOADS
+from granphon.base.scales import prefixed
+
+if TYPE_CHECKING:
+    from granphon.balls.loads import Load
+    from granphon.balls.packing import Packing
+    from granphon.fits.fit import WidthFit
+    from granphon.media.choice import Rung
+    from granphon.media.cost import Cost
+    from granphon.scene.run import RunResult, SweepResult
+    from granphon.scene.scene import Scene
+    from granphon.tradeoffs.measure import Measured, TradeOff
+
+__all__ = ["announced", "chosen", "described", "fitted", "human", "results", "span", "work_and_precision"]
+
+
+def human(value: float, unit: str) -> str:
+    """``value`` with five digits and a decimal prefix."""
+    size, name = prefixed(value, unit)
+    return f"{value / size:.5g} {name}"
+
+
+def span(value: float | Sequence[float], unit: str) -> str:
+    """A value in readable units, or the least and the greatest of several."""
+    values = value if isinstance(value, Sequence) else [value]
+    return " to ".join(human(end, unit) for end in sorted({min(values), max(values)}))
+
+
+def _pressed(load: Load) -> str:
+    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
+    several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
+    return f"{load.kind.replace('_', ' ')} {span(load.values, LOADS[load.kind].unit)}{several}{frame}"
+
+
+def _spread(packing: Packing) -> str:
+    """The form of the spread, and its W in words: the full width of the uniform one, and what that is for others."""
+    if not packing.width:
+        return "none"
+    form, width = type(packing.spread).__name__.lower(), human(packing.width, "m")
+    if form == "uniform":
+        return f"{form}, W = {width} (the mean +/- {human(packing.width / 2.0, 'm')})"
+    return f"{form}, W = {width} (sqrt(12) times the rms, {human(packing.width / math.sqrt(12.0), 'm')})"
+
+
+def described(scene: Scene) -> list[tuple[str, str]]:
+    """Rows of what a scene holds: names, and values in readable units."""
+    packing, material = scene.packing, scene.packing.material
+    elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
+    yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
+    friction = "with friction" if packing.friction else "without friction"
+    same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
+    rows = [
+        ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
+        ("packing", f"{packing.structure.name}, balls of {human(packing.diameter, 'm')}, {friction}"),
+        ("spread", _spread(packing)),
+        ("load", _pressed(scene.load)),
+        ("medium", ", ".join(choice.label for choice in scene.media) + same),
+    ]
+    if not scene.is_sweep and scene.media[0].is_automatic:
+        rows.append(("chosen", chosen(scene.rung)))
+    if scene.is_sweep:
+        sizes = {"loads": len(scene.load.values), "media": len(scene.media)}
+        sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
+        counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
+        rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
+    elif scene.rung.is_quick:
+        state = scene.state()
+        rows += [
+            ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
+            ("stiffness", f"normal {human(state.normal_stiffness, 'N/m')}, shear {human(state.shear_stiffness, 'N/m')}"),
+        ]
+    cost = scene.cost()
+    if cost is not None:
+        rows.append(("will take", announced(cost)))
+    if scene.finite_overlap:
+        rows.append(("terms", "of the order of the overlap over the diameter are kept"))
+    if "bands" in scene.observe:
+        labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
+        rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
+    if "dos" in scene.observe:
+        rows.append(("mesh", f"{scene.mesh[0]} x {scene.mesh[1]}"))
+    return rows
+
+
+def chosen(rung: Rung) -> str:
+    """The medium that an automatic one has chosen, and what is expected of it."""
+    error = float(rung.errors[0])
+    return f"{rung.medium.label}, expected error {error:.2g}" if error else f"{rung.medium.label}, exact for equal balls"
+
+
+def announced(cost: Cost) -> str:
+    """What it will take."""
+    return f"{cost.text} on one processor"
+
+
+def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
+    """Rows of the chief numbers of a result."""
+    numbers: dict[str, Any] = result.summary()
+    rows = [("states", str(numbers["states"]))] if "states" in numbers else []
+    rows += [("contact force", span(numbers["force"], "N")), ("overlap", span(numbers["overlap"], "m"))]
+    along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
+    velocity, modulus = ("velocity", "m/s"), ("modulus", "Pa")
+    kinds = {"longitudinal": velocity, "transverse": velocity, "bulk": modulus, "shear": modulus}
+    for name, (kind, unit) in kinds.items():
+        if name in numbers:
+            error = f" +/- {human(numbers[f'{name}_error'], unit)}" if f"{name}_error" in numbers else ""
+            rows.append((f"{name} {kind}", span(numbers[name], unit) + error + (along if kind == "velocity" else "")))
+    if "top_frequency" in numbers:
+        rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
+    return rows
+
+
+def fitted(fit: WidthFit) -> list[tuple[str, str]]:
+    """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
+    from granphon.balls.parameters import PARAMETERS
+
+    def valued(value: float, error: float, unit: str) -> str:
+        return (
+            f"{human(value, unit)} +/- {human(error, unit)}"
+            if math.isfinite(error)
+            else f"{human(value, unit)}, error not known"
+        )
+
+    rows = []
+    for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
+        rows.append((name.replace("_", " "), valued(value, error, PARAMETERS[name] or "")))
+        if name == "width":
+            rows.append(("standard deviation", valued(fit.std, fit.std_stderr, "m")))
+    source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+    each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
+    known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
+    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
+    if fit.sigma_given:  # of a sigma from the scatter chi^2 is the number of degrees of freedom, whatever the data
+        agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+        rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))
+    return rows
+
+
+def work_and_precision(result: TradeOff) -> list[str]:
+    """Lines of a table for each study of a trade-off."""
+    heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
+    loads = span(result.loads, LOADS[result.kind].unit)
+    lines = [
+        f"errors at {len(result.loads)} load{'s' if len(result.loads) > 1 else ''}, {loads}; {result.runs} warm runs each"
+    ]
+    for study in result.studies:
+        rows = [heads, *(_row(point) for point in result.of(study))]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+        lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
+        lines += [
+            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+        ]
+        if study in result.references:
+            lines.append(f"  reference: {result.references[study]}")
+    return [*lines, "", f"took {human(result.seconds, 's')} of {human(result.budget, 's')}"]
+
+
+def _row(point: Measured) -> tuple[str, ...]:
+    if point.failure and not point.seconds:
+        return point.method, point.knob, *[""] * 6, point.failure
+    times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
+    return (
+        point.method,
+        point.knob,
+        f"{point.error:.2e}" if point.errors.size else "?",
+        *times,
+        human(point.memory, "B"),
+        f"{point.floor:.0e}",
+        point.note,
+    )

@@ -1,0 +1,288 @@
+"""Branches followed along a path by the overlap of their eigenvectors, and the pulses that travel on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import as_direction, one_direction
+from granphon.base.arguments import real_array
+from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
+from granphon.dynamics.modes import ContactLattice
+
+__all__ = ["AcousticBranch", "AcousticBranches", "acoustic_branches", "connect_branches", "zone_boundary"]
+
+Array = NDArray[np.float64]
+#: points along the path on which the branches are told apart
+_POINTS = 128
+#: of them that are looked at together, before those that have gone far enough are left
+_BLOCK = 16
+_NAMES = ("longitudinal", "transverse")
+
+
+def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
+    """Follow branches along a path by the overlap of their eigenvectors, through crossings.
+
+    Parameters
+    ----------
+    eigenvectors : (n_q, n_dof, n_branches), columns in any order at each point. Points where branches touch must carry the
+        eigenvectors of the limit along the path, as :meth:`ContactLattice.modes` gives them.
+
+    Returns
+    -------
+    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
+    """
+    vectors = np.asarray(eigenvectors)
+    overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
+    order = np.empty(vectors.shape[::2], np.intp)
+    order[0] = np.arange(vectors.shape[2])
+    for point, columns in enumerate(_continuations(overlap)):
+        order[point + 1] = columns[order[point]]
+    return order
+
+
+def zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
+    """Distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
+    along = as_direction(direction)
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    vectors = steps[np.any(steps != 0, axis=1)] @ lattice.reciprocal
+    squared = np.sum(vectors**2, axis=1)
+    ahead = along @ vectors.T
+    forward = ahead > 1e-9 * np.sqrt(squared)
+    return np.min(np.where(forward, squared / np.where(forward, 2.0 * ahead, 1.0), np.inf), axis=-1)[()]
+
+
+@dataclass(frozen=True)
+class AcousticBranch:
+    """One acoustic branch along a direction, from Gamma up to its first maximum or the zone edge.
+
+    Attributes
+    ----------
+    name : "longitudinal" or "transverse" (of the polarisation at long waves).
+    wavenumbers, frequencies : (n,) ascending, 1/d and (k/M)^1/2; the last is the top of the branch.
+    vectors : (n, n_dof) eigenvectors, by which the branch is recognised between the points.
+    """
+
+    lattice: ContactLattice
+    direction: Array
+    name: str
+    wavenumbers: Array
+    frequencies: Array
+    vectors: NDArray[np.complex128]
+
+    @property
+    def top(self) -> float:
+        """Highest frequency a pulse on this branch can have, (k/M)^1/2."""
+        return float(self.frequencies[-1])
+
+    def at(self, wavenumbers: Array, references: NDArray[np.complex128]) -> tuple[Array, Array]:
+        """Frequency and group velocity along the direction of the branch nearest to the reference eigenvectors."""
+        values, vectors = _at(self.lattice, wavenumbers, self.direction, references)
+        return values, vectors @ self.direction
+
+    def wavenumber(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Wavenumber (1/d) and group velocity along the direction at each angular frequency (n,); as :meth:`pulse`."""
+        x, vectors = self.pulse(frequency)
+        return x, vectors @ self.direction
+
+    def pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Wavenumber (1/d) and group velocity (n, 2), a vector, at each angular frequency (n,), to rounding.
+
+        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
+        """
+        target = np.atleast_1d(real_array("frequency", frequency))
+        if np.any(target > self.top):
+            raise UnreachableFrequencyError(
+                message(f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}")
+            )
+        right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
+        q, omega = (
+            np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
+            for values in (self.wavenumbers, self.frequencies)
+        )
+        along = np.broadcast_to(self.direction, (target.size, 2))
+        return _solved(self.lattice, along, target, q, omega, self.vectors[right], self.name)
+
+
+def _at(
+    lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
+) -> tuple[Array, Array]:
+    """Frequency (n,) and group velocity (n, 2) of the branches nearest to the reference eigenvectors (n, n_dof)."""
+    modes = lattice.modes(wavenumbers[:, None] * along, along)
+    overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
+    row, pick = np.arange(len(wavenumbers)), np.argmax(overlap, axis=1)
+    return modes.frequencies[row, pick], modes.group_velocities[row, pick]
+
+
+def _solved(
+    lattice: ContactLattice,
+    along: Array,
+    target: Array,
+    wavenumbers: Array,
+    frequencies: Array,
+    references: NDArray[np.complex128],
+    name: str,
+) -> tuple[Array, Array]:
+    """Wavenumber (n,) and group velocity (n, 2) at ``target`` (n,), between two ends (2, n) of each branch."""
+    (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
+    # the branch is nearly straight below the first point, so that interpolation starts close at any scale
+    x = low + (high - low) * (target - low_f) / (high_f - low_f)
+    value, vector = _at(lattice, x, along, references)
+    going = np.arange(x.size)
+    for _ in range(200):
+        goal, here, at = target[going], x[going], value[going]
+        high[going] = np.where(at >= goal, here, high[going])
+        low[going] = np.where(at <= goal, here, low[going])
+        slope = np.sum(vector[going] * along[going], axis=1)
+        step = np.divide(at - goal, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
+        inside = (here - step >= low[going]) & (here - step <= high[going])
+        x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
+        value[going], vector[going] = _at(lattice, x[going], along[going], references[going])
+        # Newton's steps halve their exponents: after one as small as this only rounding is left
+        going = going[np.abs(x[going] - here) > 1e-13 * here]
+        if not going.size:
+            break
+    lost = np.abs(value - target) > 1e-11 * target
+    if np.any(lost):
+        raise GranphonError(
+            message(
+                f"the {name} branch could not be followed along {along[np.argmax(lost)]}",
+                "It changes its character too fast, at an avoided crossing",
+                "Choose another direction",
+            )
+        )
+    return x, vector
+
+
+@dataclass(frozen=True, eq=False)
+class AcousticBranches:
+    """Both acoustic branches along many directions, longitudinal first, followed from Gamma as far as is asked.
+
+    Attributes
+    ----------
+    directions : (n, 2) unit vectors.
+    wavenumbers : (n, n_points), 1/d.
+    frequencies : (2, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
+    rising : (2, n), how many points there are before the first maximum, among those that were followed.
+    falls : (2, n), whether there is a maximum after them.
+    vectors : (2, n, n_points, n_dof), eigenvectors.
+    """
+
+    lattice: ContactLattice
+    directions: Array
+    wavenumbers: Array
+    frequencies: Array
+    rising: NDArray[np.intp]
+    falls: NDArray[np.bool_]
+    vectors: NDArray[np.complex128]
+
+    @classmethod
+    def along(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
+        """Followed through crossings, each (branch, direction) until it reaches its target (2, n), falls or ends."""
+        count, size = len(directions), lattice.n_branches
+        wanted = np.broadcast_to(np.asarray(targets, float), (2, count))
+        grid = zone_boundary(lattice, directions)[:, None] * np.arange(1, _POINTS + 1) / _POINTS
+        frequencies = np.full((2, count, _POINTS), np.inf)
+        vectors = np.zeros((2, count, _POINTS, size), complex)
+        rising, falls = np.zeros((2, count), int), np.zeros((2, count), bool)
+        _, polarisations = lattice.sound_velocities(directions)
+        start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
+        # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
+        motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.dofs_per_ball, size)[:, :, :2]
+        drift = np.einsum("i,niab,nak->nkb", np.sqrt(lattice.masses), motion, polarisations)
+        column, last = np.argmax(np.abs(drift), axis=2).T, start.eigenvectors
+        going = np.arange(count)
+        for first in range(0, _POINTS, _BLOCK):
+            part = slice(first, first + _BLOCK)
+            q, along = grid[going, part], directions[going]
+            at = (q[..., None] * along[:, None]).reshape(-1, 2)
+            modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
+            values, here = modes.frequencies.reshape(*q.shape, size), modes.eigenvectors.reshape(*q.shape, size, size)
+            ahead = np.einsum("npba,na->npb", modes.group_velocities.reshape(*q.shape, size, 2), along)
+            chain = np.concatenate([last[:, None], here], axis=1)
+            overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
+            row = np.arange(len(going))
+            for point in range(q.shape[1]):
+                onward = _continuations(overlap[:, point])
+                column = np.stack([onward[row, one] for one in column])
+                place = first + point
+                climbs = ~falls[:, going] & (ahead[row, point, column] > 0.0)
+                falls[:, going] |= ~climbs
+                frequencies[:, going, place] = np.where(climbs, values[row, point, column], np.inf)
+                rising[:, going] += climbs
+                vectors[:, going, place] = here[row, point, :, column]
+            reached = frequencies[:, going, :][np.arange(2)[:, None], row, np.maximum(rising[:, going] - 1, 0)]
+            left = np.any(~falls[:, going] & (reached < wanted[:, going]), axis=0)
+            going, column, last = going[left], column[:, left], here[left, -1]
+            if not going.size:
+                break
+        return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
+
+    def branch(self, which: int, direction: int) -> AcousticBranch:
+        """One of them (0: longitudinal, 1: transverse), cut at its first maximum."""
+        count = int(self.rising[which, direction])
+        fallen = bool(self.falls[which, direction])
+        part = slice(0, count + fallen)
+        found = AcousticBranch(
+            self.lattice, self.directions[direction], _NAMES[which], self.wavenumbers[direction, part],
+            self.frequencies[which, direction, part], self.vectors[which, direction, part],
+        )  # fmt: skip
+        return _cut_at_maximum(found, count) if fallen else found
+
+    def wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
+        """Wavenumber (m,) and group velocity (m, 2) at ``target`` (m,) of one branch in the directions of these indices.
+
+        ``target`` must not be above the last point before the maximum.
+        """
+        known = self.frequencies[which, direction]
+        right = np.sum(known < target[:, None], axis=1)
+        row = np.arange(len(target))
+        q, omega = (
+            np.stack([np.where(right > 0, values[row, right - 1], 0.0), values[row, right]])
+            for values in (self.wavenumbers[direction], known)
+        )
+        references = self.vectors[which, direction, right]
+        return _solved(self.lattice, self.directions[direction], target, q, omega, references, _NAMES[which])
+
+
+def _continuations(overlap: Array) -> NDArray[np.intp]:
+    """(n, n_branches): to which column each branch goes on, from the overlaps (n, n_branches, n_branches)."""
+    # where each branch has a continuation of its own that overlaps most, that is the best assignment
+    best: NDArray[np.intp] = np.argmax(overlap, axis=2)
+    clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
+    for row in np.flatnonzero(~clear).tolist():
+        from scipy.optimize import linear_sum_assignment
+
+        _, best[row] = linear_sum_assignment(overlap[row], maximize=True)
+    return best
+
+
+def acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
+    """The longitudinal and the transverse branch along ``direction``, followed through crossings."""
+    along = one_direction(direction)
+    both = AcousticBranches.along(lattice, along[None])
+    return {name: both.branch(which, 0) for which, name in enumerate(_NAMES)}
+
+
+def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:
+    """The part of ``branch`` below the maximum that lies before its point ``falling``."""
+    reference = branch.vectors[falling][None]
+    low = branch.wavenumbers[falling - 1] if falling else 0.0
+    high = branch.wavenumbers[falling]
+    while high - low > 4e-16 * high:
+        points = np.linspace(low, high, 34)[1:-1]
+        rising = branch.at(points, np.broadcast_to(reference, (32, reference.shape[1])))[1] > 0.0
+        first = int(np.argmin(np.append(rising, False)))
+        edges = np.concatenate([[low], points, [high]])
+        if (edges[first], edges[first + 1]) == (low, high):
+            break
+        low, high = float(edges[first]), float(edges[first + 1])
+    top = branch.at(np.array([low]), reference)[0]
+    return AcousticBranch(
+        branch.lattice, branch.direction, branch.name,
+        np.append(branch.wavenumbers[:falling], low), np.append(branch.frequencies[:falling], top),
+        np.concatenate([branch.vectors[:falling], reference]),
+    )  # fmt: skip

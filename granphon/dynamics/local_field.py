@@ -1,0 +1,243 @@
+"""The local-field factor of the effective medium: how stiffly a lattice carries one of its balls.
+
+Put a unit tension on every contact of one ball, its *star*. The contacts of an unloaded lattice can take up only such
+deformations as its balls can make by moving, the range of K^1/2 C, so the star responds by its projection on that range,
+
+    e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
+
+Three elongations hold everything: u_1 of the star itself, and those of the contacts between the corona and the second
+neighbours, on top of it and at its bridges. A tension balanced on the central ball is the load that opens the paper's
+appendix, unit radial forces on the corona in the whole lattice, contacts with the central ball included; that ball does
+not move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.lattices import TRIANGULAR, Lattice, lattice_named
+from granphon.base.arguments import not_negative
+from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.results import Result
+from granphon.dynamics.modes import ContactLattice
+
+__all__ = ["LocalField", "local_field", "local_field_on", "paper_local_field"]
+
+Array = NDArray[np.float64]
+#: points along each side of the quadrature's triangles, tried until two agree
+_ORDERS = (12, 16, 24, 36, 54, 81)
+#: relative agreement asked of them; errors fall geometrically, so that the finer one's is far smaller
+_TOLERANCE = 1e-9
+#: least 1 - u_1 in which doubles hold that many digits
+_LEAST_HELD = 1e-6
+#: wave vectors of a uniform grid that are worked on at a time
+_PART = 2**14
+_HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalField(Result):
+    """The local-field factor and what it is made of; pure numbers.
+
+    Attributes
+    ----------
+    alpha, beta : radial displacements of the on-top and the bridge second neighbours over that of the corona (equations 32
+        and 43); None on other lattices than the triangular one.
+    xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
+    mindlin_ratio : eta.
+    lattice : its name.
+    """
+
+    alpha: float | None
+    beta: float | None
+    xi: float
+    mindlin_ratio: float
+    lattice: str
+
+    @property
+    def compliance(self) -> float:
+        """u_1 = 1/(1 + Xi), the radial displacement of the corona under unit radial forces, in units of 1/k."""
+        return 1.0 / (1.0 + self.xi)
+
+
+def xi_of(alpha: float, beta: float, mindlin_ratio: float) -> float:
+    """Xi by the equilibrium of a corona ball (equations 35 and 45), triangular lattice."""
+    bridge = _HALF_SQRT3 * beta
+    return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
+
+
+def paper_local_field(mindlin_ratio: float) -> LocalField:
+    """The printed alpha and beta (A14), used at every eta as the paper does, with Xi by equation 45.
+
+    They do not satisfy their own definition (see the errata); they are kept to reproduce the paper's curves.
+    """
+    eta = not_negative("mindlin_ratio", mindlin_ratio)
+    alpha, beta = 0.585405, 0.232971
+    return LocalField(alpha, beta, xi_of(alpha, beta, eta), eta, TRIANGULAR.name)
+
+
+def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0) -> LocalField:
+    """The local field of a lattice of equal balls, rotations relaxed, to 1e-10 or better.
+
+    At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi - 39 sqrt(3)/2) / D,
+    beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6 - sqrt(3)/pi (to 13 digits).
+
+    Parameters
+    ----------
+    lattice : any of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over them.
+    mindlin_ratio : eta, zero or above; at zero nothing turns.
+
+    Returns
+    -------
+    alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells; Xi = 1/u_1 - 1 on all.
+
+    Raises
+    ------
+    InputError : eta is below zero or not finite, or the lattice is unknown.
+    MechanismError : the lattice has a motion that costs no energy.
+    PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
+    """
+    return _local_field(lattice_named(lattice), not_negative("mindlin_ratio", mindlin_ratio))
+
+
+@lru_cache(maxsize=256)
+def _local_field(structure: Lattice, eta: float) -> LocalField:
+    medium = ContactLattice.of(structure, eta)
+    star, *second = _elongations(medium, structure.name)
+    xi = 1.0 / star - 1.0
+    if not second:
+        return LocalField(None, None, xi, eta, structure.name)
+    # u_alpha - u_1 on top, (sqrt(3) u_beta - u_1)/2 at a bridge
+    on_top, bridge = second
+    return LocalField(1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0), xi, eta, structure.name)
+
+
+def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
+    """Xi of the triangular lattice from one fixed quadrature over the Brillouin zone, whatever its error.
+
+    Parameters
+    ----------
+    points : of the quadrature along each side: of its triangles, or of the zone.
+    mindlin_ratio : eta, zero or above.
+    graded : True for triangles graded towards the points q = -q, where the integrand depends on direction (that of
+        :func:`local_field`, whose errors fall geometrically); False for the uniform grid of equal weights, half a step off
+        Gamma, whose errors fall as ``points``^-4 (at eta = 1 as ``points``^-6).
+
+    Raises
+    ------
+    InputError : ``points`` is below two, or eta is below zero or not finite.
+    """
+    if points < 2:
+        raise InputError(message(f"points is {points!r}", "It must be two or more"))
+    medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
+    return float(1.0 / _response(medium, points, _zone if graded else _uniform)[0] - 1.0)
+
+
+# -- the response of the lattice ------------------------------------------------------------------------------------
+
+
+def _elongations(medium: ContactLattice, name: str) -> list[float]:
+    """Mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
+
+    Means are over the contacts of each kind and over the balls of the cell. Raises :class:`PrecisionError`.
+    """
+    before: Array = np.zeros(0)
+    for order in _ORDERS:
+        values = _response(medium, order)
+        # u_1 is small at strong friction and near one at weak: both it and Xi are to be right, the latter above rounding
+        held = 1.0 - values[0]
+        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _TOLERANCE * values[0] * held:
+            return [float(value) for value in values]
+        before = values
+    raise PrecisionError(
+        message(
+            f"the local field of lattice {name!r} at mindlin_ratio {medium.mindlin_ratio:g} has no settled value",
+            "With so little friction some of its motions cost next to nothing",
+            "Raise mindlin_ratio",
+        )
+    )
+
+
+#: a quadrature over the zone: from the reciprocal vectors and a number of points to wave vectors and weights, in parts
+_Quadrature = Callable[[Array, int], Iterator[tuple[Array, Array]]]
+
+
+def _response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
+    """Mean elongation of each kind of contact under a unit tension of the first: the mean of s^H P t over the zone."""
+    total: Any = 0.0
+    places = _places(medium)
+    for wavevectors, weights in (quadrature or _zone)(medium.reciprocal, order):
+        # P = Q Q^H. The factor Q of K^1/2 C does not feel the scale of the columns: small near Gamma or at weak friction.
+        adjoint = np.linalg.qr(medium.compatibility(wavevectors))[0][:, : len(medium.contacts)].conj().swapaxes(1, 2)
+        for kinds in places:
+            moved = [(adjoint @ _transform(medium, where, wavevectors)[..., None])[..., 0] for where in kinds]
+            total = total + np.array([np.einsum("q,qb,qb->", weights, m.conj(), moved[0]).real for m in moved])
+    return np.asarray(total / [sum(len(kinds[k]) for kinds in places) for k in range(len(places[0]))])
+
+
+def _places(medium: ContactLattice) -> list[list[Array]]:
+    """Where the contacts of each kind are, for each ball of the cell: (n, 2) midpoints of its star, on top, bridge.
+
+    Six contacts at every ball make the triangular lattice, in whatever cell; other lattices have the star alone.
+    """
+    table = medium.contacts
+    triangular = len(table) == 3 * medium.n_balls
+    places = []
+    for ball, centre in enumerate(medium.positions):
+        spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
+        kinds = [0.5 * spokes]
+        if triangular:
+            across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
+            sides = [0.5 * spokes + sign * _HALF_SQRT3 * across for sign in (1.0, -1.0)]
+            kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
+        places.append([centre + kind for kind in kinds])
+    return places
+
+
+def _transform(medium: ContactLattice, where: Array, wavevectors: Array) -> NDArray[np.complex128]:
+    """Fourier transform (n_q, n_c) of a unit tension on the contacts whose midpoints are ``where`` (n, 2)."""
+    table = medium.contacts
+    offset = (where[:, None] - (medium.positions[table.i] + 0.5 * table.vector)) @ np.linalg.inv(medium.cell)
+    which = np.max(np.abs(offset - np.rint(offset)), axis=-1) < 1e-3
+    return np.asarray(np.exp(-1j * (wavevectors @ where.T)) @ which)
+
+
+def _zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
+    """Wave vectors (n_q, 2) and weights (n_q,), in parts, that give the mean over the Brillouin zone of an even function.
+
+    The integrand is bounded but depends on direction at Gamma, and, where balls can roll like gears, at the other points
+    q = -q. The zone is cut into triangles that have these four points as corners, and each triangle is the image of a
+    square (q = corner + s (side + t across), Duffy's map), in which the integrand is smooth. Half of them do, as q and -q
+    are one.
+    """
+    near, far = reciprocal
+    while True:  # the shortest reciprocal vectors, whatever the cell
+        near, far = sorted((near, far), key=lambda v: float(v @ v))
+        turns = np.rint(near @ far / (near @ near))
+        if turns == 0.0:
+            break
+        far = far - turns * near
+    points, gauss = np.polynomial.legendre.leggauss(order)
+    s, t = np.meshgrid(0.5 + 0.5 * points, 0.5 + 0.5 * points, indexing="ij")
+    weights = np.outer(gauss * (0.5 + 0.5 * points), gauss).ravel() / 32.0
+    triangle = np.stack([s, s * t], axis=-1).reshape(-1, 2)
+    for corner in np.ndindex(2, 2):
+        for axes, sign in itertools.product(([0, 1], [1, 0]), (1.0, -1.0)):
+            fractions = 0.5 * np.array(corner) + 0.25 * triangle[:, axes] * [1.0, sign]
+            yield fractions @ np.stack([near, far]), weights
+
+
+def _uniform(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
+    """As :func:`_zone`: a grid of ``points``^2 wave vectors of equal weight, half a step off Gamma."""
+    ticks = (np.arange(points) + 0.5) / points
+    half = ticks[ticks <= 0.5]  # q and -q are one
+    grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+    for part in np.array_split(grid, -(-len(grid) // _PART)):
+        yield part @ reciprocal, np.where(part[:, 0] < 0.5, 2.0, 1.0) / points**2

@@ -1,0 +1,248 @@
+"""Long waves: what is left of the compatibility matrix at q -> 0 once rotations and inner motions have relaxed.
+
+Elastic moduli, sound velocities and mechanisms, from the same rows as the bands; in reduced units.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import as_direction, one_direction
+from granphon.base.arguments import real_array
+from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
+from granphon.dynamics.rows import Compatibility
+
+__all__ = ["LongWaves"]
+
+Array = NDArray[np.float64]
+#: softest over stiffest strain, below which a lattice is called a mechanism
+_SOFT = 1e-12
+#: coupling of free inner motions with sound, over the largest that it could be, above which there is one
+_COUPLED = 1e-9
+#: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
+_STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
+
+
+class LongWaves(Compatibility):
+    """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
+
+    @cached_property
+    def _strain_rows(self) -> tuple[Array, Array, Array, Array]:
+        """Deformations at q = 0 in terms of the displacement gradient (u_x,x u_x,y u_y,x u_y,y) and the inner motions.
+
+        Returns K^1/2 C for the gradient (n_rows, 4) and the inner motions (n_rows, n_inner), and the transverse
+        displacements (n_c, 4), (n_c, n_inner) on which a prestress of one acts.
+        """
+        table, count = self.contacts, len(self.contacts)
+
+        def affine(axis: Array) -> Array:
+            return np.asarray((axis[:, :, None] * table.vector[:, None, :]).reshape(count, 4))
+
+        blocks = [np.sqrt(self.stiffness)[:, None] * affine(table.normal)]
+        if self.rotates:
+            blocks.append(np.sqrt(self.mindlin_ratio * self.stiffness)[:, None] * affine(table.tangent))
+        gamma = np.zeros((1, 2))
+        # at q = 0 translations enter as -i times a real gap, and w is divided by i
+        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
+        inner = (self._rows(gamma)[0] * to_real).real[:, 2:]
+        motion = self._frame / np.sqrt(self.masses)[:, None]
+        gap = motion[table.j] - motion[table.i]
+        across = np.zeros((count, self.n_balls, self.dofs_per_ball))
+        across[..., :2] = gap[..., None] * table.tangent[:, None, :]
+        return np.concatenate(blocks), inner, affine(table.tangent), across.reshape(count, -1)[:, 2:]
+
+    @cached_property
+    def _inner_modes(self) -> tuple[Array, Array]:
+        """What the inner motions (rotations, and the shifts of several balls in the cell) do to the contacts.
+
+        Returns an orthonormal basis (n_rows, n_stiff) of the deformations that they can make, and the inner motions
+        (n_inner, n_free) that deform no contact.
+        """
+        _, inner, _, _ = self._strain_rows
+        count = inner.shape[1]
+        if not count:
+            return np.zeros((len(inner), 0)), np.zeros((0, 0))
+        size = np.linalg.norm(inner, axis=0)
+        # a column that is rounding alone, against those of its kind, is a motion that deforms nothing
+        turns = np.arange(2, 2 + count) % self.dofs_per_ball == 2
+        of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
+        still = size <= _SOFT * of_kind
+        scale = np.where(still, 1.0, size)
+        # fewer contacts than motions leave free ones: a row of zeros for each
+        columns = np.pad(np.where(still, 0.0, inner / scale), ((0, max(0, count - len(inner))), (0, 0)))
+        left, values, right = np.linalg.svd(columns, full_matrices=False)
+        free = values <= _SOFT * values[0]
+        return np.asarray(left[: len(inner), ~free]), np.asarray(right[free].T / scale[:, None])
+
+    def _relaxed(self, rows: Array) -> Array:
+        """What is left of deformations (n_rows, ...) once the inner motions have relaxed."""
+        left, _ = self._inner_modes
+        return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
+
+    @cached_property
+    def _relaxed_rows(self) -> Array:
+        """(n_rows, 4): deformations under a displacement gradient once the inner motions have relaxed."""
+        return self._relaxed(self._strain_rows[0])
+
+    @cached_property
+    def _free_motions_couple(self) -> bool:
+        """Whether inner motions that cost no energy at Gamma take part in sound.
+
+        Of a wave their cost is of second order in q, as that of sound is. Where they do not couple with it to that order,
+        as antiphase motions of a cell that holds several smaller ones never do, they are waves of their own.
+        """
+        _, free = self._inner_modes
+        if not free.shape[1]:
+            return False
+        gamma = np.zeros((1, 2))
+        slope = self._rows(gamma, derivative=True)
+        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
+        # to first order in q deformations are i times a real number, for sound and for the inner motions
+        change = (slope[0] * to_real).imag[:, 2:] @ free
+        waves = self._relaxed(self._half_vectors(slope)[:, :, None] * change[:, None, :])
+        sound = self._relaxed_rows.reshape(-1, 2, 2)
+        coupling = np.einsum("rij,rlm->ijlm", sound, waves)
+        coupling = coupling + coupling.swapaxes(1, 2)
+        return bool(np.max(np.abs(coupling)) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
+
+    def require_rigid(self, name: str = "of these contacts") -> None:
+        """Raise :class:`~granphon.base.errors.MechanismError` if long waves meet a motion that costs no energy.
+
+        It is a uniform strain, or a motion inside the cell that couples with sound. One that does not, such as turns of
+        opposite sense in a cell that holds several smaller ones, belongs to another wave vector of the smaller cell.
+        """
+        mend = "Use a lattice with more contacts" if self.rotates else "Use friction, or a lattice with more contacts"
+        if self._free_motions_couple:
+            raise MechanismError(
+                message(
+                    f"the lattice {name} is a mechanism",
+                    "The balls of a cell can shift or turn against each other at no cost"
+                    + (" (as gears do, on a lattice without odd rings)" if self.rotates else ""),
+                    mend,
+                )
+            )
+        values, right = jacobi_svd(self._relaxed_rows @ _STRAINS)
+        if values[0] <= _SOFT * values[-1]:
+            strain = right[:, 0] * [1.0, 1.0, np.sqrt(2.0)]
+            xx, yy, xy = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
+            raise MechanismError(
+                message(
+                    f"the lattice {name} is a mechanism",
+                    f"The strain (xx, yy, 2xy) = ({xx:g}, {yy:g}, {xy:g}) costs no energy"
+                    + ("" if self.rotates else "; without friction contacts resist compression only"),
+                    mend,
+                )
+            )
+
+    def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
+        """Second derivative of the energy of a cell with respect to the displacement gradient, inner motions relaxed.
+
+        Parameters
+        ----------
+        prestress : (...) compressive force over spacing, the same in every contact; by default the lattice's own.
+
+        Returns
+        -------
+        (..., 2, 2, 2, 2), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+        """
+        if prestress is None and not self.is_prestressed:
+            relaxed = self._relaxed_rows
+            return (relaxed.T @ relaxed).reshape(2, 2, 2, 2)
+        load = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
+        affine, inner, across, inner_across = self._strain_rows
+        own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load * np.ones(len(self.contacts)), across, across)
+        if not inner.shape[1]:
+            return np.asarray(own.reshape(*own.shape[:-2], 2, 2, 2, 2))
+        load = load * np.ones(len(self.contacts))
+        mixed = inner.T @ affine - np.einsum("...c,cm,cn->...mn", load, inner_across, across)
+        block = inner.T @ inner - np.einsum("...c,cm,cn->...mn", load, inner_across, inner_across)
+        relaxed = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
+        return np.asarray(relaxed.reshape(*relaxed.shape[:-2], 2, 2, 2, 2))
+
+    def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
+        """A(q^), the small-q limit of D/q^2 with rotations eliminated, (..., 2, 2), in units of k d^2/M.
+
+        Its eigenvalues are the squared sound velocities. ``direction`` (2,), or (n, 2) for an axis of directions after those
+        of the ``prestress``, which is as in :meth:`gradient_stiffness`.
+        """
+        along = as_direction(direction)
+        many = along.reshape(-1, 2)
+        tensor = np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many) / self.masses.sum()
+        return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
+
+    def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Velocities of long waves along ``direction`` (2,) or (n, 2): (quasi-)longitudinal first, then transverse.
+
+        Returns
+        -------
+        velocities : (..., 2), d (k/M)^1/2; (..., n, 2) for directions (n, 2).
+        polarisations : (..., 2, 2), or (..., n, 2, 2), unit vectors as columns.
+
+        Raises
+        ------
+        InstabilityError : the prestress makes a squared velocity negative.
+        """
+        along = as_direction(direction)
+        if prestress is None and not self.is_prestressed:
+            factor = np.einsum("rij,...j->...ri", self._relaxed_rows.reshape(-1, 2, 2), along) / np.sqrt(self.masses.sum())
+        else:
+            try:
+                factor = cholesky_factor(self.acoustic_tensor(along, prestress))
+            except np.linalg.LinAlgError:
+                raise InstabilityError(
+                    message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
+                ) from None
+        values, right = jacobi_svd(factor)
+        ahead = np.abs(np.einsum("...i,...ib->...b", along, right))
+        first = np.where(ahead[..., 0] > ahead[..., 1], 0, 1)[..., None]
+        order = np.concatenate([first, 1 - first], axis=-1)
+        return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
+
+    def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
+        """Stiffness of the layer, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
+
+        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
+        D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
+        """
+        h = self.gradient_stiffness(prestress) / self.area
+        load: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
+        table = self.contacts
+        stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector) / self.area
+        one = np.eye(2)
+        c = (
+            h
+            - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
+            + 0.5
+            * (
+                np.einsum("...ik,jl->...ijkl", stress, one)
+                + np.einsum("...il,jk->...ijkl", stress, one)
+                + np.einsum("...jk,il->...ijkl", stress, one)
+            )
+            - np.einsum("...ij,kl->...ijkl", stress, one)
+        )
+        c = 0.5 * (c + c.swapaxes(-4, -3))
+        c = 0.5 * (c + c.swapaxes(-2, -1))
+        i, j = np.array([0, 1, 0]), np.array([0, 1, 1])
+        return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+
+    def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
+        """(omega_0^2, c) of the long-wave rotational branch, omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
+
+        On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
+        """
+        if self.n_balls != 1 or not self.rotates:
+            raise InputError(message("there is no single rotational branch", "It takes friction and one ball in the cell"))
+        along, table = one_direction(direction), self.contacts
+        ahead = table.vector @ along
+        weight = self.mindlin_ratio * self.stiffness / self.masses[0]
+        lever = (table.arm_i + table.arm_j) / self.gyration[0]
+        squared = float(np.sum(weight * lever**2))
+        # cos^2 of the half angle, and the second-order push from the translations
+        narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
+        coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
+        return squared, (narrowing - float(coupling @ coupling) / squared) / squared

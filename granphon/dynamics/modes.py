@@ -1,0 +1,282 @@
+"""The lattice of contacts and its vibrations.
+
+The frequencies are the singular values of K^1/2 C(q) M^-1/2. Everything is in reduced units: length d, stiffness k, mass M.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import Lattice, as_direction, lattice_named
+from granphon.base.arguments import not_negative, positive
+from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.results import Result
+from granphon.dynamics.linalg import MOST_COLUMNS, cholesky_factor, graded_svd, lapack_svd
+from granphon.dynamics.long_waves import LongWaves
+from granphon.dynamics.rows import in_plane
+
+__all__ = ["ContactLattice", "Modes"]
+
+Array = NDArray[np.float64]
+#: branches nearer than this part of their frequency are treated as one degenerate set
+_DEGENERATE = 1e-9
+#: |q|d at which limits at Gamma are taken: as near as the iteration likes, and as LAPACK, which needs a gap, can
+_NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
+#: |q|d below which acoustic columns are so small that the iteration might take them for rounding
+_FAINT = 1e-80
+#: |dq|d at which branches that touch with one slope are told apart
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Result):
+    """Vibrations at a list of wave vectors, branches in ascending frequency; reduced units.
+
+    Attributes
+    ----------
+    wavevectors : (n_q, 2), 1/d.
+    frequencies : (n_q, n_branches), angular, (k/M)^1/2.
+    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Dofs run (x, y, w) over the balls, or
+        (x, y) without friction; displacements are the eigenvector times exp(i q.r) at the ball's own place r.
+    group_velocities : (n_q, n_branches, 2), d (k/M)^1/2.
+    rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
+    longitudinal_fraction : (n_q, n_branches), the part that moves along q (along the direction given, at Gamma); the
+        transverse part is the rest.
+    """
+
+    units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
+    shapes = {
+        "wavevectors": "q 2", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b 2",
+        "rotational_fraction": "q b", "longitudinal_fraction": "q b",
+    }  # fmt: skip
+
+    wavevectors: Array
+    frequencies: Array
+    eigenvectors: NDArray[np.complex128]
+    group_velocities: Array
+    rotational_fraction: Array
+    longitudinal_fraction: Array
+
+    @property
+    def transverse_fraction(self) -> Array:
+        """(n_q, n_branches), the part of the kinetic energy that moves across q."""
+        return np.clip(1.0 - self.rotational_fraction - self.longitudinal_fraction, 0.0, 1.0)
+
+
+class ContactLattice(LongWaves):
+    """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
+
+    :meth:`of` makes the lattice of equal balls; the constructor takes any table of contacts.
+    """
+
+    @classmethod
+    def of(
+        cls, lattice: str | Lattice, mindlin_ratio: float, spacing: float = 1.0, prestress: float = 0.0
+    ) -> ContactLattice:
+        """Equal balls on ``lattice``.
+
+        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
+        itself, the lever arm a/2 and the sideways push of the static force. Left out, they are dropped.
+
+        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range, and
+        :class:`~granphon.base.errors.MechanismError` if a strain of the lattice costs no energy.
+        """
+        apart = positive("spacing", spacing)
+        if apart >= 2.0:
+            raise InputError(message(f"spacing is {apart:g}", "It is that of touching balls in diameters, and below 2"))
+        eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
+        return cls._equal_balls(lattice_named(lattice), eta, apart, load)
+
+    @classmethod
+    @lru_cache(maxsize=128)
+    def _equal_balls(cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float) -> ContactLattice:
+        # kept, because velocities, moduli and validity of one state all start from it; nothing in it changes
+        built = cls(
+            structure.vectors * spacing, structure.positions * spacing, structure.contacts.scaled(spacing),
+            mindlin_ratio, prestress=prestress,
+        )  # fmt: skip
+        built.require_rigid(structure.name)
+        return built
+
+    # -- vibrations -------------------------------------------------------------------------------------------------
+
+    def frequencies(self, wavevectors: ArrayLike) -> Array:
+        """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near Gamma.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
+        """
+        q, _ = self._folded(wavevectors)
+        values = np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
+        faint = _is_faint(q)
+        if np.any(faint):
+            # sound, whose modes are the first two of the frame, is linear in q there
+            size = np.max(np.abs(q[faint]), axis=1, keepdims=True)
+            near, vectors = self._solve(_FAINT * (q[faint] / size))
+            sound = np.sum(np.abs(vectors[:, :2]) ** 2, axis=1) > 0.5
+            values[faint] = np.sort(np.where(sound, near * (size / _FAINT), near), axis=1)
+        return values
+
+    @cached_property
+    def top_frequency(self) -> float:
+        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
+
+        In a large cell the mesh is coarser: those points of its sublattice fold onto it.
+        """
+        fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        grid = np.stack(np.meshgrid(fractions, fractions), axis=-1).reshape(-1, 2)
+        return float(self.frequencies(self.wavevectors(grid)).max())
+
+    def _folded(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
+        """Wave vectors (n_q, 2) near Gamma, and the reciprocal vectors that were taken off them.
+
+        At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
+        """
+        q = in_plane(wavevectors)
+        if not np.all(np.isfinite(q)):
+            raise InputError(message("a wave vector is not finite"))
+        taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
+        near = q - taken
+        # what is left of a copy of Gamma is the rounding of the reciprocal vector
+        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
+        near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
+        return near, taken
+
+    def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
+        """Frequencies, eigenvectors and group velocities at each wave vector.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, 2), 1/d.
+        direction : (2,) or (n_q, 2). Where branches touch, they are the ones that a path in this direction follows, and at
+            Gamma velocities are the limit along it. By default, the direction of q.
+
+        Raises
+        ------
+        InputError : q is Gamma and no direction is given: sound has no velocity without one.
+        InstabilityError : prestress makes a squared frequency negative.
+        """
+        asked = in_plane(wavevectors)
+        if direction is not None:
+            along = np.broadcast_to(as_direction(direction), asked.shape)
+        elif np.all(np.any(asked != 0.0, axis=1)):
+            along = as_direction(asked)
+        else:
+            raise InputError(
+                message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
+            )
+        q, taken = self._folded(asked)
+        # at Gamma itself everything is its limit along the direction, and very near it the limit along q
+        at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
+        limit = at_gamma | faint
+        small = _NEAR_GAMMA if self.n_branches <= MOST_COLUMNS else _NEAR_GAMMA_LAPACK
+        near = np.where(at_gamma[:, None], small * along, q)
+        if np.any(faint):
+            near[faint] = small * as_direction(q[faint])
+        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
+        values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        if np.any(limit):
+            values[limit] = self.frequencies(q[limit])
+        # the phase of a displacement is that of the wave vector asked for
+        phase = np.exp(-1j * (taken @ self.positions.T))[:, :, None, None]
+        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.dofs_per_ball, -1) * phase
+        kinetic = np.abs(motion) ** 2
+        rotation = kinetic[:, :, 2].sum(axis=1) if self.rotates else np.zeros_like(values)
+        ahead = np.where(at_gamma[:, None], along, asked)
+        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, :2], as_direction(ahead))) ** 2
+        physical = motion.reshape(len(q), self.n_branches, -1)
+        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
+
+    def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
+        """Frequencies and eigenvectors in the frame."""
+        return graded_svd(self._factor(wavevectors))
+
+    def _factor(self, wavevectors: ArrayLike) -> NDArray[Any]:
+        """K^1/2 C M^-1/2, in real numbers if possible; or, where prestress makes K indefinite, L^H of D = L L^H."""
+        if not self.is_prestressed:
+            return self._waves(wavevectors)
+        matrix = self._frame_matrix(wavevectors)
+        try:
+            return cholesky_factor(matrix)
+        except np.linalg.LinAlgError:
+            lowest = float(np.linalg.eigvalsh(matrix).min())
+            raise InstabilityError(
+                message(
+                    f"a squared frequency is negative ({lowest:.3g} k/M)",
+                    "The contact forces push the balls sideways more than the contacts hold them",
+                    "Lower the load, or leave finite_overlap off",
+                )
+            ) from None
+
+    def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
+        """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
+        factor = self._factor(q)
+        values, vectors = graded_svd(factor)
+        slopes = self._slopes(q, factor)
+        alike: list[tuple[int, slice]] = []
+        for point, start, stop in _runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
+            block = vectors[point][:, start:stop]
+            slope, turn = np.linalg.eigh(np.einsum("abc,a->bc", slopes(point, block), along[point]))
+            vectors[point][:, start:stop] = block @ turn
+            alike += [(point, slice(start + a, start + b)) for _, a, b in _runs((np.diff(slope) <= 1e-9)[None])]
+        if alike:
+            # branches of one slope part at second order only: take what they are a step further on, where the length of
+            # the step, and not LAPACK, limits what is known of them
+            points, place = np.unique([point for point, _ in alike], return_inverse=True)
+            _, further = lapack_svd(self._factor(q[points] + _STEP * along[points]))
+            for (point, part), there in zip(alike, place.tolist(), strict=True):
+                u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[there][:, part])
+                vectors[point][:, part] = vectors[point][:, part] @ u @ vh
+        # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
+        twice = np.where(values > 0.0, 2.0 * values, np.inf)
+        diagonal = slopes(slice(None), vectors, diagonal=True)
+        return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
+
+    def _slopes(self, q: Array, factor: NDArray[Any]) -> Callable[..., NDArray[Any]]:
+        """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too; less that of prestress."""
+        kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
+        for prestress in (False, True)[: 1 + self.is_prestressed]:
+            rows = self._waves(q, prestress=prestress) if self.is_prestressed else factor
+            half = self._wave_half_vectors(rows)
+            if prestress:
+                half = -np.sign(self.prestress[self._wave_contacts])[:, None] * half
+            kinds.append((rows, self._waves(q, derivative=True, prestress=prestress), half))
+
+        def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
+            total: Any = 0.0
+            for rows, slope, half in kinds:
+                left, right = (rows[point] @ v).conj(), slope[point] @ v
+                if diagonal:
+                    total = total + 2.0 * half.T @ (left * right).real
+                else:
+                    one = np.einsum("rb,ra,rc->abc", left, half, right)
+                    total = total + one + one.conj().swapaxes(-1, -2)
+            return np.asarray(total)
+
+        return slopes
+
+    def _blocks(self, count: int) -> list[slice]:
+        """Parts of ``count`` wave vectors small enough for the memory (about 64 MB an array)."""
+        size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
+        return [slice(start, start + size) for start in range(0, max(count, 1), size)]
+
+
+def _is_faint(q: Array) -> NDArray[np.bool_]:
+    """(n_q,): which wave vectors are nearly, but not quite, Gamma."""
+    size = np.max(np.abs(q), axis=1)
+    return np.asarray((size > 0.0) & (size < _FAINT))
+
+
+def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """(row, start, stop) of each run of neighbours: ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
+    found = []
+    for row in np.flatnonzero(joined.any(axis=1)):
+        edges = np.flatnonzero(~np.concatenate([[False], joined[row], [False]]))
+        found += [(int(row), int(a), int(b)) for a, b in itertools.pairwise(edges) if b - a > 1]
+    return found

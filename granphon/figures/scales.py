@@ -1,0 +1,116 @@
+"""The door of matplotlib, and what of the looks of figures needs it: scales of axes, and colours between two ends.
+
+Whoever draws imports this first. No backend of matplotlib and no pyplot is loaded. :class:`~granphon.base.errors.FigureError` if
+matplotlib cannot be imported: it is not there, or its settings cannot be read.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from logging.handlers import BufferingHandler
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import FigureError, message
+from granphon.figures.style import LONGITUDINAL, TRANSVERSE, shortened
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@contextmanager
+def _opened() -> Iterator[None]:
+    """Import matplotlib although MPLBACKEND names a backend that is not there: a figure that is saved needs none."""
+    first = "matplotlib" not in sys.modules
+    given = os.environ.pop("MPLBACKEND", None)
+    log, said = logging.getLogger("matplotlib"), BufferingHandler(1000)
+    log.addHandler(said)
+    try:
+        yield
+    except MemoryError:
+        raise
+    except Exception as error:  # of the file system, of a text that is not UTF-8, of whatever the settings ask for
+        records, said.buffer = said.buffer, []  # which file it is about stands there
+        why = " ".join(record.getMessage() for record in records)
+        mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
+        raise FigureError(message(f"matplotlib cannot be imported: {shortened(error)}", why, mend)) from error
+    finally:
+        log.removeHandler(said)
+        for record in said.buffer:
+            log.handle(record)
+        if given is not None:
+            os.environ["MPLBACKEND"] = given
+    if first and given:
+        with suppress(ValueError):  # as matplotlib itself does, which refuses to be imported on a name it does not know
+            matplotlib.rcParams["backend"] = given
+
+
+with _opened():
+    import matplotlib
+    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
+
+__all__ = ["POLARISATION", "ROTATION", "scale_axis"]
+
+Array = NDArray[np.float64]
+
+#: from translation (0) to rotation (1): the uniform map "plasma" without its light end
+ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
+#: from transverse (0) to longitudinal (1)
+POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LONGITUDINAL])
+
+
+def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
+    """Make the x or y axis logarithmic where all values are above zero, with plain numbers up to that ratio of them."""
+    there = values[np.isfinite(values)]
+    if there.min() <= 0.0:
+        return
+    ax.set(**{f"{which}scale": "log"})
+    axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
+    if span < plain:
+        axis.set_major_locator(_PlainTicks())
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_locator(_PlainTicks(minor=True))
+    axis.set_minor_formatter(NullFormatter())
+
+
+class _PlainTicks(Locator):
+    """Ticks at round numbers on a logarithmic axis, four at least, and few; and the minor ones between them."""
+
+    def __init__(self, minor: bool = False) -> None:
+        self._minor = minor
+
+    def __call__(self) -> Any:
+        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        low, high = sorted((vmin, vmax))
+        inside = finer = np.empty(0)
+        for ticks, between in _round_numbers(low, high):
+            inside, finer = (t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between))
+            if inside.size >= 4:
+                break
+        return finer if self._minor else inside
+
+
+def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
+    """Sets of round numbers about ``low`` to ``high``, of each decade, or evenly spaced in less; and finer ones of each."""
+    if high / low >= 4.0:
+        # as on logarithmic paper, of one decade or of several
+        one = np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
+        finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+        coarse = [(1.0, 3.0)] if high / low > 50.0 else []
+        for parts in (*coarse, (1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
+            yield np.outer(decades, parts).ravel(), np.outer(decades, finer).ravel()
+    for count in (5, 8, 12):
+        ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        step = ticks[1] - ticks[0]
+        within = 4 if f"{step:.0e}".startswith("2") else 5  # of a step of one or five, which stays round
+        yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)

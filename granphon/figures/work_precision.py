@@ -1,0 +1,145 @@
+"""Work-precision diagrams: the error of a method against its time, a curve for each method, its knob beside each point.
+
+As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and returns it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+# before matplotlib, whose door it is
+from granphon.figures.scales import scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from granphon.base.errors import InputError, message
+from granphon.figures.style import STYLE
+from granphon.tradeoffs.measure import Measured, TradeOff
+
+__all__ = ["plot_work_precision", "tradeoff_figure"]
+
+#: colour and marker of each method: told apart by every eye, and in grey by the marker
+_LOOKS = (
+    ("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"), ("#E69F00", "v"), ("#000000", "P"),
+)  # fmt: skip
+_SIZE = 4.0
+#: of a line above the axes
+_LETTERS = 54
+#: limits of axes on which there is nothing: s, and relative
+_TIMES, _ERRORS = (1e-3, 1e1), (1e-8, 1e0)
+#: ratio of times, or of errors, from which on they are powers of ten: small numbers take much room
+_PLAIN = 100.0
+#: columns of a figure of several studies
+_COLUMNS = 2
+
+
+def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
+    """Log error against log time of the points of a study; open where the reference is not a hundred times better.
+
+    Bars are the spread of times; the floor is condition times rounding, the chance in samples being in their errors. Points
+    without an error, as there is no reference or no difference from it, are marks at the bottom. What was not run is counted
+    above the axes, by method. :class:`~granphon.base.errors.InputError` for a study that is not there.
+    """
+    points = result.of(study)
+    if not points:
+        raise InputError(message(f"there is no study {study!r}", mend="Use one of " + ", ".join(result.studies)))
+    ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title=study[0].upper() + study[1:])
+    methods = list(dict.fromkeys(point.method for point in points))
+    for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
+        ran = [point for point in points if point.method == method and point.ran]
+        drawn, rest = [p for p in ran if p.error > 0.0], [p for p in ran if not p.error > 0.0]
+        label = method
+        if drawn:
+            x, y = [p.seconds for p in drawn], [p.error for p in drawn]
+            spread = [_bar(p) for p in drawn]
+            line = ax.errorbar(x, y, xerr=spread, color=colour, marker=marker, ms=_SIZE, lw=0.9, elinewidth=0.6, label=label)
+            line[0].set_zorder(2.5)
+            label = "_"
+        if rest:
+            bottom: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "gid": "without-error"}
+            ax.plot([p.seconds for p in rest], [0.0] * len(rest), marker, color=colour, ms=_SIZE, label=label, **bottom)
+        for point in drawn:
+            if not point.resolved:
+                ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_SIZE, mew=0.9, zorder=3.0)
+        for point in _labelled(drawn) if len(drawn) > 1 else ():
+            ax.annotate(
+                point.knob.replace(" x ", "×"), (point.seconds, point.error), (3.0, 3.0), textcoords="offset points",
+                fontsize=7.0, color=colour,
+            )  # fmt: skip
+    ax.margins(0.14)
+    ran = [point for point in points if point.ran]
+    errors = [point.error for point in ran if point.error > 0.0]
+    scale_axis(ax, "x", np.array([p.seconds + side * _bar(p) for p in ran for side in (-1.0, 1.0)] or _TIMES), _PLAIN)
+    scale_axis(ax, "y", np.array(errors or _ERRORS), _PLAIN)
+    if not ran:
+        ax.set_xlim(*_TIMES)
+    if errors:
+        _draw_floor(points, ax)
+    else:
+        ax.set_ylim(*_ERRORS)
+        judged = any(not point.failure for point in ran)
+        words = "no error above rounding" if judged else "run, but without a reference" if ran else "nothing was run"
+        ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
+    if ran:
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "borderaxespad": 0.0}
+        ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
+    missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
+    told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
+    if told:
+        lines = textwrap.wrap(f"not run: {told}", _LETTERS)
+        ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
+        ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
+    return ax
+
+
+def _bar(point: Measured) -> float:
+    """The spread as it is drawn, which ends above zero."""
+    return min(point.spread, 0.9 * point.seconds)
+
+
+def _draw_floor(points: Sequence[Measured], ax: Axes) -> None:
+    """That of rounding: a line if it is near, else words at the bottom."""
+    floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
+    if floor == 0.0:
+        return
+    if floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
+        ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
+        place = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
+        ax.annotate("rounding", *place, ha="right", color="0.4", fontsize=7.0)
+    else:
+        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
+
+
+def _labelled(points: list[Measured]) -> list[Measured]:
+    """Those whose knobs can be read: of points that lie on each other the first."""
+    kept: list[Measured] = []
+    for point in points:
+        if all(
+            abs(math.log10(point.seconds / other.seconds)) > 0.25 or abs(math.log10(point.error / other.error)) > 0.6
+            for other in kept
+        ):
+            kept.append(point)
+    return kept
+
+
+def tradeoff_figure(result: TradeOff) -> Figure:
+    """The diagrams of all studies, see :func:`plot_work_precision`: one column wide for one, two for several."""
+    studies = result.studies
+    columns = min(_COLUMNS, len(studies))
+    rows = -(-len(studies) // columns)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.5 * columns, 3.3 * rows), dpi=300, layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for ax, study in zip(axes, studies, strict=False):
+            plot_work_precision(result, study, ax)
+        for ax in axes[len(studies) :]:
+            ax.set_axis_off()
+    return figure

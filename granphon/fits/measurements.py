@@ -1,0 +1,158 @@
+"""Measured sound velocities, from arrays or from a table."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.parameters import numbers
+from granphon.base.arguments import positive
+from granphon.base.errors import InputError, message
+from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.results import Result
+from granphon.base.tables import Table
+from granphon.base.text import closest
+
+__all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements", "read_sigma"]
+
+Array = NDArray[np.float64]
+SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
+FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
+TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
+#: errors may be written in per cent of what they are errors of
+PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
+_SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
+#: what a table of measurements may hold, and how it is written
+COLUMNS: Mapping[str, Quantity] = {
+    "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
+    "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
+}  # fmt: skip
+
+
+def _how_named(kind: str) -> str:
+    """How to say which column is meant, on the command line and in Python."""
+    return f"Name the column that is meant, as in --column '{kind}=NAME' or columns={{'{kind}': 'NAME'}}"
+
+
+def read_sigma(text: str, velocity: Array) -> Any:
+    """Standard errors of the velocities, m/s, from a text: "5 m/s", which is one for all, or "1 %" of each."""
+    if re.search(r"(?:%|percent)\s*$", text):
+        return velocity * (PERCENT.read(text) / 100.0)
+    return _SIGMA.read(text)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Result):
+    """Sound velocities against the contact force.
+
+    Attributes
+    ----------
+    force, velocity : (n,), N and m/s.
+    sigma : standard error of each velocity, m/s, (n,) or one number for all; None if it is not known.
+    frequency : of the pulses, Hz, (n,) or one number; None for long waves.
+
+    Raises
+    ------
+    InputError : what is not a finite number above zero, or not as many of one as of the other.
+    """
+
+    units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
+
+    force: Array
+    velocity: Array
+    sigma: Any = None
+    frequency: Any = None
+
+    def __post_init__(self) -> None:
+        counts = {}
+        for name in self.units:
+            given = getattr(self, name)
+            if given is not None:
+                array = np.array([positive(name, value, self.units[name]) for value in numbers(name, given)])
+                counts[name] = array.size
+                object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
+        n = counts["force"]
+        if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
+            found = ", ".join(f"{count} of {name}" for name, count in counts.items())
+            raise InputError(message(f"found {found}", mend="Give as many of each; sigma and frequency may be one number"))
+        super().__post_init__()
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        columns: Mapping[str, str] | None = None,
+        distance: float | None = None,
+        frame: Callable[[float], float] | None = None,
+        pressed: Callable[[float], float] | None = None,
+    ) -> Self:
+        """Read a table, see :mod:`granphon.base.tables`.
+
+        Parameters
+        ----------
+        path : of a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
+            and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency
+            of the pulse.
+        columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
+        distance : how far sound has gone in each of the times, m, where no column says it.
+        frame : gives the contact force of a side force, both in N.
+        pressed : gives the contact force, N, of a pressure, N/m.
+
+        Raises
+        ------
+        InputError : a file, line or cell that cannot be read; too little in it, or what is said twice: by two columns, or
+            by a ``distance`` and a column of distances or of velocities.
+        """
+        table, named = Table.read(path), dict(columns or {})
+        for name in named:
+            if name not in COLUMNS:
+                meant = closest(name, COLUMNS)
+                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
+                raise InputError(message(f"{name!r} is nothing that a column of measurements holds", mend=mend))
+
+        def chosen(*kinds: str) -> str | None:
+            """The one of these kinds that the table holds."""
+            there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
+            if len(there) > 1:
+                raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_how_named(there[0])))
+            return there[0] if there else None
+
+        def column(kind: str) -> Array:
+            return table.column(named.get(kind, kind), COLUMNS[kind], _how_named(kind))
+
+        load = chosen("force", "side_force", "pressure")
+        if load == "side_force" and frame is None:
+            why = "Contact forces follow from them and the number of balls on a side"
+            mend = "Give the scene's load as side_force and balls_per_side"
+            raise InputError(message(f"{path} gives side forces", why, mend))
+        if load == "pressure" and pressed is None:
+            why = "Contact forces follow from them and the packing"
+            raise InputError(message(f"{path} gives pressures", why, "Give pressed, which says how"))
+        converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
+        force = column(load or "force")
+        if converted is not None:
+            force = np.array([converted(value) for value in force.tolist()])
+        timed = chosen("velocity", "time") == "time"
+        told = chosen("distance" if timed else "velocity")
+        if distance is not None and told is not None:
+            why = "A distance that is given serves times of flight only, and all of them"
+            mend = "Leave it out" if timed else "Leave it out, or name the column of times"
+            raise InputError(message(f"{path} has a {told} column, and a distance is given too", why, mend))
+        if not timed:
+            velocity = column("velocity")
+        else:
+            velocity = (column("distance") if distance is None else positive("distance", distance, "m")) / column("time")
+        sigma, error = None, chosen("sigma", "time_sigma")
+        if error is not None:
+            head = named.get(error, error)
+            if PERCENT.measures(table.unit(head)):
+                sigma = velocity * (table.column(head, PERCENT, _how_named(error)) / 100.0)
+            else:
+                sigma = column("sigma") if error == "sigma" else velocity * column("time_sigma") / column("time")
+        return cls(force, velocity, sigma, column("frequency") if chosen("frequency") else None)

@@ -1,0 +1,272 @@
+"""Sound velocities as a function of a packing's parameters, with derivatives: what a fit to measured velocities needs.
+
+In the paper's limit v is in proportion to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)) and c to E d^(1/2). With nu,
+the local exponent d log v / d log f that every state knows, the derivatives d log v / d log p are exactly 1/4 - 3 nu/2 for
+the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter. In the ideal lattice, where nu = 1/6, they are
+0, 1/3 and -1/3: it knows nothing of the width.
+
+A simulation scales in the same way, so that its samples make one curve, which serves all widths. It is interpolated: each
+contact that opens puts a cusp into the moduli of a sample, small, but of any slope.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import changed
+from granphon.base.arguments import positive
+from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.results import Result
+from granphon.base.text import closest
+from granphon.base.validation import ruled, truth
+from granphon.dynamics.branches import acoustic_branches
+from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.mean_field import AveragedLattice
+from granphon.media.state import ContactState
+from granphon.observables.acoustics import contact_lattice
+from granphon.observables.velocities import local_exponent, pulse_velocities, sound_velocities
+
+__all__ = ["VARIABLE", "VelocityModel", "Waves"]
+
+Array = NDArray[np.float64]
+#: the parameters, and d log v / d log p of long waves: a constant, and a factor of the local exponent
+VARIABLE: Mapping[str, tuple[float, float]] = {
+    "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
+}  # fmt: skip
+#: steps of log f* between the equilibria of a simulation: eight to a decade
+_SPACING = math.log(10.0) / 8.0
+#: relative step in the frequency of a pulse, from which the slope of its velocity is found
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Waves(Result):
+    """Which waves are measured.
+
+    Attributes
+    ----------
+    branch : "longitudinal" or "transverse"; :class:`~granphon.base.errors.InputError` for another word.
+    direction : of propagation, a unit vector.
+    frequency : of pulses, Hz, one or one for each load; None for long waves.
+    finite_overlap : whether terms of relative order delta/d are kept.
+    """
+
+    units = {"frequency": "Hz"}
+    shapes = {"direction": "2", "frequency": "...?"}
+
+    branch: str
+    direction: Array
+    frequency: Any
+    finite_overlap: bool
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.branch, str) or self.branch not in ("longitudinal", "transverse"):
+            raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use longitudinal or transverse"))
+        ruled("finite_overlap", truth, self.finite_overlap)
+        super().__post_init__()
+
+    def tops(self, state: ContactState) -> Array:
+        """Highest frequency of a pulse on the branch at each load, Hz, of the lattice that carries it."""
+        # in the paper's limit one dispersion relation serves all loads
+        several = state.finite_overlap and bool(state.shape)
+        each = [state[n] for n in range(len(state.force))] if several else [state]
+        reduced = np.array([acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
+        rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
+        return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
+
+    def velocity(self, state: ContactState) -> tuple[Array, Array]:
+        """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""
+        if self.frequency is None:
+            velocities = np.asarray(getattr(sound_velocities(state, self.direction), self.branch))
+            return velocities, np.zeros(velocities.shape)
+        # downwards, where the branch goes on
+        steps = np.reshape([0.0, _STEP, 2.0 * _STEP], (3,) + (1,) * len(state.shape))
+        frequencies = self.frequency * (1.0 - steps)
+        group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
+        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_STEP * group[0])
+
+
+@dataclass(frozen=True)
+class _Widened(Spread):
+    """The distribution ``source`` at another width, the shape the same to the last bit: one curve serves all widths."""
+
+    width: float = field()
+    source: Spread = field()
+
+    @property
+    def rms(self) -> float:
+        """Delta_rms, m."""
+        return self.width / math.sqrt(12.0)
+
+    @property
+    def shape(self) -> Any:
+        """That of the source."""
+        return self.source.shape
+
+    def _deviations(self, probability: Array) -> Array:
+        """Each ball of a sample moves in proportion, of a list too long for its shape as well."""
+        if not self.source.width:
+            return super()._deviations(probability)
+        return self.width * (self.source._deviations(probability) / self.source.width)
+
+
+class _SampleCurve:
+    """The stiffness of a regular lattice in which a ``branch`` has the velocity that it has in simulated samples.
+
+    log k/c W^(1/2) over log f*, from a few equilibria at fixed places, made when they are first needed. Between them it is
+    a cubic polynomial, with slopes from four neighbours. The cusps that it leaves out, 2e-4 of the velocity of 64 x 64 balls
+    (rms, f* > 0.05) and less of more, are smaller than what samples of that size differ by.
+    """
+
+    def __init__(self, packing: Packing, choice: MediumChoice, branch: str) -> None:
+        self.medium, self.branch = choice.of(packing), branch
+        self._known: dict[int, float] = {}
+
+    def __call__(self, logs: Array) -> tuple[Array, Array]:
+        """Value and slope at each log f*, (n,)."""
+        cell, part = np.divmod(logs / _SPACING, 1.0)
+        nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
+        self._solve(sorted(set(nodes.ravel().tolist()) - set(self._known)))
+        y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
+        first, last = ((y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0 for i in (2, 3))
+        rise = y[:, 3] - y[:, 2]
+        bend, twist = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+        value = y[:, 2] + part * (first + part * (bend + part * twist))
+        return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _SPACING
+
+    def _solve(self, nodes: list[int]) -> None:
+        if not nodes:
+            return
+        packing = self.medium.packing
+        state = self.medium.at_force(np.exp(_SPACING * np.array(nodes)) * packing.law.coefficient * packing.width**1.5)
+        found = getattr(sound_velocities(state), self.branch)
+        regular = getattr(sound_velocities(_regular(state, state.normal_stiffness)), self.branch)
+        stiffness = state.normal_stiffness * (found / regular) ** 2
+        values = np.log(stiffness / (packing.law.coefficient * math.sqrt(packing.width)))
+        self._known |= dict(zip(nodes, values.tolist(), strict=True))
+
+
+def _regular(state: ContactState, stiffness: Array) -> ContactState:
+    """The same load on a regular lattice of contacts."""
+    return ContactState(state.packing, state.medium, state.law, state.force, state.overlap, stiffness)
+
+
+@dataclass(frozen=True)
+class VelocityModel:
+    """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
+
+    ``names`` (p,) of the parameters, of :data:`VARIABLE`; the width is one of them. :class:`InputError` if it is not, and
+    for a medium that the packing, or finite overlap, does not have.
+    """
+
+    packing: Packing
+    names: tuple[str, ...]
+    choice: MediumChoice
+    force: Array
+    waves: Waves
+
+    def __post_init__(self) -> None:
+        for name in self.names:
+            if name not in VARIABLE:
+                meant = closest(str(name), VARIABLE)
+                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
+                raise InputError(message(f"{name!r} cannot be fitted", mend=mend))
+        if "width" not in self.names or len(set(self.names)) < len(self.names):
+            what = f"the parameters are {self.names}"
+            raise InputError(message(what, mend="Give width, and each of the others once at most"))
+        if self.waves.finite_overlap:
+            no_simulation([self.choice])
+        self.choice.of(self.packing)
+
+    @property
+    def width_index(self) -> int:
+        """Place of the width among the parameters."""
+        return self.names.index("width")
+
+    def start(self, width: float) -> Array:
+        """Logarithms (p,) of the packing's own parameters, but for the width (m)."""
+        own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
+        return np.log([own[name] for name in self.names])
+
+    def tops(self, logs: Array) -> Array:
+        """Highest frequency that a pulse can have at each force, (n,), Hz."""
+        return self.waves.tops(self._state(self._packing(logs))[0])
+
+    @property
+    def equal_balls(self) -> VelocityModel:
+        """The same of equal balls, which are the stiffest: whose sound is fastest, and whose branches reach highest."""
+        return replace(self, choice=MediumChoice(AveragedLattice.name))
+
+    def require_carried(self) -> None:
+        """:class:`~granphon.base.errors.UnreachableFrequencyError` if equal balls do not carry a pulse, and so no others do."""
+        if self.waves.frequency is None:
+            return
+        logs = self.start(1e-9 * self.packing.diameter)
+        beyond = int(np.sum(self.waves.frequency >= self.equal_balls.tops(logs)))
+        if beyond:
+            what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
+            why = f"{self.equal_balls.nearest_to_top(logs)}, and any spread of diameters lowers that"
+            raise UnreachableFrequencyError(message(what, why, "Check the frequency (Hz)"))
+
+    def nearest_to_top(self, logs: Array) -> str:
+        """The pulse whose frequency is nearest to the top of its branch, or farthest above it, in words."""
+        tops = self.tops(logs)
+        frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
+        i = int(np.argmax(frequencies / tops))
+        return (
+            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the {self.waves.branch} branch ends"
+            f" at {tops[i]:.6g} Hz"
+        )
+
+    def __call__(self, logs: Array) -> tuple[Array, Array]:
+        """Velocities (n,), m/s, and the derivatives (n, p) of their logarithms, those of the paper's limit.
+
+        :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
+        """
+        state, exponent = self._state(self._packing(logs))
+        velocities, power = self.waves.velocity(state)
+        constant, factor = np.array([VARIABLE[name] for name in self.names]).T
+        slopes = constant + np.multiply.outer(exponent, factor)
+        # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
+        of_diameter = np.array([float(name == "diameter") for name in self.names])
+        return velocities, slopes + power[:, None] * (of_diameter - slopes)
+
+    def _packing(self, logs: Array) -> Packing:
+        with np.errstate(over="ignore", under="ignore"):
+            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
+        return changed(self.packing, values | {"spread": self._widened(values.pop("width"))})
+
+    def _widened(self, width: float) -> _Widened:
+        return _Widened(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
+
+    def _state(self, packing: Packing) -> tuple[ContactState, Array]:
+        """A state with the long waves of the medium under the loads, and their local exponent."""
+        if not self.choice.simulates:
+            state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
+            return state, np.asarray(local_exponent(state))
+        state = MediumChoice(AveragedLattice.name).of(packing).at_force(self.force)
+        value, slope = self._curve(np.log(state.reduced_force))
+        return _regular(state, packing.law.coefficient * math.sqrt(packing.width) * np.exp(value)), 0.5 * slope
+
+    @cached_property
+    def _curve(self) -> _SampleCurve:
+        # in reduced units any width, as any modulus and diameter, is as good
+        packing = changed(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
+        return _SampleCurve(packing, self.choice, self.waves.branch)
+
+    def fitted(self, logs: Array) -> Packing:
+        """The packing with these parameters; listed diameters move along with their mean."""
+        values, spread = dict(zip(self.names, np.exp(logs).tolist(), strict=True)), self.packing.spread
+        if isinstance(spread, Discrete | Measured):
+            shift = values.get("diameter", self.packing.diameter) - spread.mean
+            spread = replace(spread, diameters=tuple(diameter + shift for diameter in spread.diameters))
+        return changed(self.packing, values | {"spread": spread})

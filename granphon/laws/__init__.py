@@ -1,0 +1,1 @@
+"""Contact laws of balls that differ: averaged force and effective medium."""

@@ -1,0 +1,231 @@
+"""Equation (36) of Velicky and Caroli solved as a curve, from the high-pressure series downwards.
+
+In reduced units the mean displacement of the corona vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0, when f = G(y, k), the mean of
+F^Q with weights 1/(K^Q + Xi k); and k = df/dy. As a differential equation for k, k = dG(y, k(y))/dy, this is stiff: errors
+in k decay towards low pressure, at a rate 1/(dG/dk), and blow up the other way. So it is solved downwards, from the
+high-pressure series that condition (40) selects, by collocation at Radau points (an implicit Runge-Kutta method, L-stable,
+of order 2s - 1 at the ends of its steps). The unknown is k alone, G needs no derivative of K^Q, and on each step the
+solution is a polynomial. Steps end where contacts of some pair of balls open and k has a kink; on each interval the
+variable is the square root of the distance to the opening below, in which k is smooth.
+
+A step needs one number of the step above it, k at their common end. So Newton's method takes many steps at once: to first
+order the change at the lower end of each is linear in that at its upper end, and these relations are followed downwards.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from granphon.balls.distributions import Shape
+from granphon.base.errors import PrecisionError, message
+from granphon.laws.effective_curve import LEAST_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
+from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
+
+__all__ = ["Averages", "Balls", "Block", "radau", "solved"]
+
+Array = NDArray[np.float64]
+#: steps begin halved while an opening is nearer below the interval than this part of the step: k is the less smooth
+_NEAR = 0.15
+#: what Newton's method may change last, relative to k: convergence is quadratic
+_SETTLED = 1e-8
+#: the shortest step, relative to its upper end
+_SHORTEST = 1e-12
+
+
+class Rule(NamedTuple):
+    """Collocation on [-1, 1]: ``points`` (s + 1,), the Radau points, which include -1, and then +1.
+
+    ``derivative`` (s, s + 1) of the polynomial through values at the points, at the Radau points; ``coefficients``
+    (s + 1, s + 1) of its Chebyshev series.
+    """
+
+    points: Array
+    derivative: Array
+    coefficients: Array
+
+
+@lru_cache(maxsize=16)
+def radau(stages: int) -> Rule:
+    """The rule of s ``stages``."""
+    from scipy.special import roots_jacobi
+
+    inner = roots_jacobi(stages - 1, 0.0, 1.0)[0] if stages > 1 else np.empty(0)
+    points = np.concatenate([[-1.0], inner, [1.0]])
+    inverse = np.linalg.inv(chebyshev.chebvander(points, stages))
+    slopes = np.stack([chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1)
+    return Rule(points, slopes, inverse)
+
+
+class Block(NamedTuple):
+    """Adjoining steps, descending: y = ``origin`` (B, 1) + ``root``^2, at the (B, s + 1) points of the rule.
+
+    ``drop`` is root less that at the upper end, without loss of digits; ``middle`` and ``half`` (B, 1) of the root.
+    """
+
+    origin: Array
+    middle: Array
+    half: Array
+    root: Array
+    drop: Array
+
+    @classmethod
+    def of(cls, steps: list[tuple[float, float, float]], rule: Rule) -> Block:
+        """From origin and both ends of the root of each."""
+        origin, low, high = np.array(steps).T[:, :, None]
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        # the ends themselves, not what rounding makes of them: at an opening the root is zero
+        root = np.concatenate([low, (middle + half * rule.points)[:, 1:-1], high], axis=1)
+        return cls(origin, middle, half, root, half * (rule.points - 1.0))
+
+    @property
+    def y(self) -> Array:
+        """(B, s + 1)."""
+        return self.origin + self.root**2
+
+
+class Balls(Protocol):
+    """The averages of (36) at the points of a block."""
+
+    @property
+    def mean(self) -> Array:
+        """(B, s + 1) <K^Q>."""
+        ...
+
+    @property
+    def known(self) -> Array | float:
+        """Derivative in y of the force that :meth:`balance` leaves out."""
+        ...
+
+    @property
+    def noise(self) -> Array | float:
+        """(B,) what rounding may make of the last coefficients of k, relative to k."""
+        ...
+
+    def balance(self, k: Array) -> tuple[Array, Array, Array]:
+        """G(y, k) less a force whose derivative is ``known``, on each step; dG/dk; and G itself at the lower ends (B,)."""
+        ...
+
+
+class Averages(Protocol):
+    """Where balls come from."""
+
+    def count(self, block: Block) -> int:
+        """How many of these steps are worth doing at once; at least one."""
+        ...
+
+    def balls(self, block: Block) -> Balls:
+        """Their averages."""
+        ...
+
+
+def solved(
+    shape: Shape, xi: float, averages: Averages, stages: int, tolerance: float, most: float = np.inf
+) -> EffectiveCurve:
+    """The solution for a shape and Xi with a rule of s ``stages``; steps in the square root are no longer than ``most``.
+
+    ``tolerance``: what the last coefficients of k may be, relative to its least value on the step. Raises
+    :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
+    """
+    rule, far = radau(stages), high_pressure_series(shape, xi)
+    pending = _intervals([*shape.openings.tolist(), far.start], most)
+    first = pending[0][0]
+    top, force = far.value(far.start, STIFFNESS), far.value(far.start, FORCE)
+    places, series = [], []
+    count, guess = 1, None
+    while force > LEAST_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > VANISHED * force:
+        # where the first contact opens there is neither force nor stiffness: that end is approached only
+        if pending[-1][:2] == (first, 0.0):
+            pending[-1:] = _halved(pending[-1])
+            continue
+        steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
+        block = Block.of(steps, rule)
+        if (fewer := averages.count(block)) < len(steps):
+            count = fewer
+            continue
+        balls = averages.balls(block)
+        # in units of the mean, a smooth function: that of the last attempt, or a constant
+        ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
+        found = _relaxed(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
+        if found is None:
+            rough = np.ones(len(steps), bool)
+        else:
+            k, forces = found
+            table = k @ rule.coefficients.T
+            rough = np.max(np.abs(table[:, -2:]), axis=1) > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
+        hopeless = np.any((block.half < _SHORTEST * block.middle)[rough])
+        if len(steps) > 1 and (found is None or hopeless):
+            count = len(steps) // 2
+            continue
+        if hopeless:  # the root does not hold the points of a shorter step
+            if force < VALID_FORCE:
+                break
+            place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
+            raise PrecisionError(message(f"the effective medium has no settled solution below {place}"))
+        if np.any(rough):
+            finer = [_halved(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
+            pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]
+            count = sum(map(len, finer))
+            if found is not None:
+                order = np.argsort(block.y, axis=None)
+                guess = block.y.ravel()[order], (k / balls.mean).ravel()[order]
+            continue
+        kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_FORCE)))
+        places.append(np.concatenate([block.origin, block.middle, block.half], axis=1)[:kept])
+        series.append(table[:kept])
+        top, force = float(k[kept - 1, 0]), float(forces[kept - 1])
+        del pending[-len(steps) :]
+        count, guess = 2 * count, None
+    where, stiffness = (np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series))
+    return EffectiveCurve.of(shape, xi, far, where, stiffness, force)
+
+
+def _intervals(ends: list[float], most: float) -> list[tuple[float, float, float]]:
+    """Steps to begin with, ascending: origin and both ends of the root."""
+    steps = []
+    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
+        high = math.sqrt(end - origin)
+        cuts = [high]
+        while origin - below < _NEAR * cuts[-1] ** 2:
+            cuts.append(0.5 * cuts[-1])
+        for low, high in pairwise([0.0, *reversed(cuts)]):
+            parts = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
+            steps += [(origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())]
+    return steps
+
+
+def _halved(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:
+    origin, low, high = step
+    return [(origin, low, 0.5 * (low + high)), (origin, 0.5 * (low + high), high)]
+
+
+def _relaxed(balls: Balls, rule: Rule, block: Block, k: Array, top: float) -> tuple[Array, Array] | None:
+    """k at the points of a block, and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
+    rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
+    inner, last = rule.derivative[:, :-1], rule.derivative[:, -1]
+    k[:, -1] = np.append(top, k[:-1, 0])
+    for _ in range(30):
+        force, by_k, _ = balls.balance(k)
+        matrix = inner * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner))
+        miss = (k - balls.known)[:, :-1] * rise - force @ rule.derivative.T
+        try:
+            both = np.linalg.solve(matrix, np.stack([miss, -last * by_k[:, -1:]], axis=-1))
+        except np.linalg.LinAlgError:
+            return None
+        changes = [0.0]  # at the ends
+        for own, passed_on in both[:, 0].tolist():
+            changes.append(own + passed_on * changes[-1])
+        change = both[..., 0] + both[..., 1] * np.array(changes[:-1])[:, None]
+        if not np.all(np.isfinite(change)):
+            return None
+        k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
+        k[1:, -1] = k[:-1, 0]
+        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):  # this was the last one needed
+            return k, balls.balance(k)[2]
+    return None

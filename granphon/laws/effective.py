@@ -1,0 +1,144 @@
+"""The effective medium's law: equation (36) of Velicky and Caroli, solved once for a shape and a Xi.
+
+The averages over balls are quadratures for a density of diameters, and sums for listed ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.base.errors import PrecisionError, message
+from granphon.laws.collocation import Averages, Block, solved
+from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
+from granphon.laws.listed import PointAverages
+from granphon.laws.spread import SpreadLaw
+
+__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "averages_of", "effective_curve"]
+
+Array = NDArray[np.float64]
+#: points of collocation on a step, without its upper end, and what the last coefficients of k may be, relative to its least
+#: value on the step; for this many openings, which leave short steps only, fewer points and a larger tolerance
+_STAGES, _TOLERANCE = 16, 1e-12
+_MANY, _FEWER, _LARGER = 100, 12, 1e-10
+#: what rounding may make of that
+_WORST = 1e-8
+#: nodes of the average over balls (see Shape.nodes)
+_ORDER = 32
+
+
+@lru_cache(maxsize=64)
+def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
+    """Solve equation (36) for a shape and Xi, to 1e-8 or better in force and stiffness from f* = 1e-4 on; kept.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium is valid.
+    """
+    stages, tolerance = (_STAGES, _TOLERANCE) if shape.openings.size < _MANY else (_FEWER, _LARGER)
+    return solved(shape, xi, averages_of(shape, xi), stages, tolerance)
+
+
+def averages_of(shape: Shape, xi: float) -> Averages:
+    """The averages of equation (36) over the balls of a shape."""
+    return PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, _ORDER)
+
+
+@dataclass(frozen=True)
+class DensityAverages:
+    """Quadratures of this ``order`` over the balls of a shape, for ``xi``."""
+
+    shape: Shape
+    xi: float
+    order: int
+
+    def count(self, block: Block) -> int:
+        """One: steps are long and few, and one that has to be shorter would spoil those below."""
+        return 1
+
+    def balls(self, block: Block) -> DensityBalls:
+        """The nodes of each point."""
+        y = block.y
+        nodes = self.shape.nodes(y, self.order)
+        force, stiffness = (of(y[..., None], nodes.positions) for of in (self.shape.force, self.shape.stiffness))
+        common, known = self.shape.force(y), self.shape.stiffness(y)
+        mean = np.sum(nodes.weights * stiffness, axis=-1)
+        # on a short step differentiation amplifies the rounding of y and of forces, which are counted from the mean
+        amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
+        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST)
+        return DensityBalls(self.xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class DensityBalls:
+    """As :class:`granphon.laws.collocation.Balls`: forces are counted from the mean ``common``, whose derivative is ``known``."""
+
+    xi: float
+    weights: Array
+    force: Array
+    stiffness: Array
+    mean: Array
+    common: Array
+    known: Array
+    noise: Array
+
+    def balance(self, k: Array) -> tuple[Array, Array, Array]:
+        """As :meth:`granphon.laws.collocation.Balls.balance`."""
+        part = 1.0 / (self.stiffness + self.xi * k[..., None])
+        share = self.weights * part
+        total = np.sum(share, axis=-1)
+        force = np.sum(share * self.force, axis=-1) / total
+        by_k = -self.xi * np.sum(share * part * (self.force - force[..., None]), axis=-1) / total
+        return force, by_k, (self.common + force)[:, 0]
+
+
+@dataclass(frozen=True)
+class EffectiveLaw(SpreadLaw):
+    """The effective medium: balls displace their neighbours, and equation (36) holds.
+
+    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
+    factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError` between the
+    first contact and the start of the curve.
+    """
+
+    coefficient: float
+    width: float
+    shape: UniformShape | NormalShape | PointShape
+    xi: float
+
+    @property
+    def curve(self) -> EffectiveCurve:
+        """The reduced law."""
+        return effective_curve(self.shape, self.xi)
+
+    @property
+    def _energy_offset(self) -> float:
+        return self.curve.energy_offset
+
+    def _near(self, y: Array, order: int) -> Array:
+        closed, curve = y > -self.shape.bounds[1], self.curve
+        if np.any(closed & (y < curve.start)):
+            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
+            raise PrecisionError(message(what, *self._below))
+        out = np.zeros(y.shape)
+        out[closed] = curve.value(y[closed], order)
+        return out
+
+    def _near_overlap(self, force: Array) -> Array:
+        curve = self.curve
+        if np.any(force < curve.least_force):
+            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
+            raise PrecisionError(message(what, *self._below))
+        return curve.overlap(force)
+
+    @property
+    def _below(self) -> tuple[str, str]:
+        """Why there is nothing below the curve, and what to do."""
+        if self.curve.vanishes:
+            return (
+                "The stiffness has fallen to zero there, and equation (36) has no solution of less force",
+                "Raise the load",
+            )
+        return f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"

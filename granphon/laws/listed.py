@@ -1,0 +1,191 @@
+"""The averages of equation (36) over listed diameters, for many short steps at once.
+
+n diameters put n(n + 1)/2 openings into the curve, and each of the steps between them needs n sums of n powers. Contacts
+whose opening lies far below a block of steps are smooth functions there: their sums are a polynomial for each ball. The
+others are summed one by one, each for its two balls. So the work grows as n^3, times the few near contacts of a ball.
+
+Overlaps are counted from the opening below: o - o_ij + u^2, of exact differences, so that a contact is known to all digits
+however small its overlap is beside the diameters. And forces are counted from those at the upper end of a step, as sums
+of what they change by. On short steps, where the changes are small, and for the balls of a rare kind, whose part in the
+mean is small, differentiation then has nothing to cancel.
+
+Products are einsum's: they are too small for the threads of a linear algebra library, which wait for each other where
+processors are shared, ten times as long as the product takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from granphon.balls.distributions import PointShape
+from granphon.laws.collocation import Block
+
+__all__ = ["PointAverages"]
+
+Array = NDArray[np.float64]
+#: contacts are far whose overlap is this many times half the block's range; degree of their polynomials (1e-15)
+_FAR, _DEGREE = 6.0, 14
+#: steps of a block: a third of the number of diameters balances the two kinds of sums, and more costs little
+_STEPS = 32
+#: numbers in an array of near contacts
+_NUMBERS = 2**21
+
+
+class _Range(NamedTuple):
+    """Overlaps over the block's least origin: of its middle, half its extent; the last far opening; slice of near ones."""
+
+    middle: float
+    half: float
+    last: float
+    near: slice
+
+
+@dataclass(frozen=True, eq=False)
+class PointAverages:
+    """Sums over the balls of a shape, for ``xi``."""
+
+    shape: PointShape
+    xi: float
+
+    @cached_property
+    def _points(self) -> tuple[Array, Array]:
+        return np.array(self.shape.positions), np.array(self.shape.weights)
+
+    @cached_property
+    def _matrix(self) -> Array:
+        """(n, n) openings."""
+        x, _ = self._points
+        return -0.5 * (x[:, None] + x)
+
+    @cached_property
+    def _contacts(self) -> tuple[Array, Any]:
+        """(m,) openings of pairs, ascending; and sparse (n, m) weights with which a pair enters the sums of its balls."""
+        from scipy.sparse import csc_array
+
+        _, w = self._points
+        i, j = np.triu_indices(w.size)
+        order = np.argsort(self._matrix[i, j], kind="stable")
+        i, j = i[order], j[order]
+        pair, other = np.arange(i.size), np.flatnonzero(i != j)
+        rows, columns = np.concatenate([i, j[other]]), np.concatenate([pair, other])
+        entries = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
+        return self._matrix[i, j], entries
+
+    def _range(self, block: Block) -> _Range:
+        least, openings = block.origin[-1, 0], self._contacts[0]
+        low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        last = least - max(0.0, _FAR * half - middle)
+        begin, end = np.searchsorted(openings, [last, block.origin[0, 0]], side="right").tolist()
+        return _Range(middle, half, last, slice(begin, end))
+
+    def count(self, block: Block) -> int:
+        """As :meth:`granphon.laws.collocation.Averages.count`."""
+        steps = min(len(block.root), max(_STEPS, len(self.shape.positions) // 3))
+        near = self._range(block).near
+        return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _NUMBERS else steps
+
+    def balls(self, block: Block) -> PointBalls:
+        """Near contacts and far ones."""
+        _, w = self._points
+        span = self._range(block)
+        near = self._near(block, span)
+        if span.near.start:
+            near = [one + other for one, other in zip(near, self._far(block, span), strict=True)]
+        return PointBalls(w, self.xi, *near)
+
+    def _near(self, block: Block, span: _Range) -> list[Array]:
+        """Stiffness, its change and that of the force over the step (n, B, s + 1), and the force at the upper end (n, B)."""
+        openings, entries = (part[..., span.near] for part in self._contacts)
+        closed = openings[:, None] <= block.origin[:, 0]
+        rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
+        root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
+        top = root[..., -1:]
+        change = block.drop * (block.root + block.root[:, -1:]) / np.where(closed[..., None], root + top, np.inf)
+
+        def summed(values: Array) -> Array:
+            shape = values.shape[1:]
+            return np.asarray(entries @ values.reshape(len(values), int(np.prod(shape)))).reshape(-1, *shape)
+
+        forces = change * (root * (root + top) + top * top)
+        return [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
+
+    def _far(self, block: Block, span: _Range) -> list[Array]:
+        """The same of the far contacts: the slope of the stiffness is interpolated, and integrated twice."""
+        _, w = self._points
+        least = block.origin[-1, 0]
+        far = self._matrix <= span.last
+        gap = np.where(far, least - self._matrix + span.middle, np.inf)
+        nodes = chebyshev.chebpts1(_DEGREE + 1)
+        slope = np.stack([0.75 / np.sqrt(gap + span.half * node) @ w for node in nodes])
+        gap = np.where(far, gap, 0.0)
+        root = np.sqrt(gap)
+        series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
+        stiffness = _integrated(series, span.half, 1.5 * root @ w)
+        force = _integrated(stiffness, span.half, gap * root @ w)
+        # T_m at the points, and less T_m at the upper end of the step, by recurrence: no digits are lost
+        t = (block.origin - least + block.root**2 - span.middle) / span.half
+        drop = block.drop * (block.root + block.root[:, -1:]) / span.half
+        values, changes = [np.ones_like(t), t], [np.zeros_like(t), drop]
+        for _ in range(len(force) - 2):
+            values.append(2.0 * t * values[-1] - values[-2])
+            changes.append(2.0 * (drop * values[-2] + t[:, -1:] * changes[-1]) - changes[-2])
+        basis, change = np.stack(values), np.stack(changes)
+
+        def summed(table: Array, terms: Array) -> Array:
+            return np.asarray(np.einsum("mn,m...->n...", table, terms[: len(table)]))
+
+        return [summed(stiffness, basis), summed(stiffness, change), summed(force, change), summed(force, basis[..., -1])]
+
+
+def _integrated(table: Array, scale: float, middle: Array) -> Array:
+    """Series of the integral, with its values at 0."""
+    out = np.asarray(chebyshev.chebint(table, scl=scale), float)
+    out[0] += middle - chebyshev.chebval(0.0, out)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class PointBalls:
+    """As :class:`granphon.laws.collocation.Balls`: ``stiffness`` K^Q at the points, (n, B, s + 1).
+
+    ``change`` and ``work``: what K^Q and F^Q have changed by since the upper end of the step, where F^Q is ``top`` (n, B).
+    """
+
+    weights: Array
+    xi: float
+    stiffness: Array
+    change: Array
+    work: Array
+    top: Array
+
+    known = 0.0
+    #: nothing cancels
+    noise = 0.0
+
+    @cached_property
+    def mean(self) -> Array:
+        """(B, s + 1) <K^Q>."""
+        return self._averaged(self.stiffness)
+
+    def balance(self, k: Array) -> tuple[Array, Array, Array]:
+        """As :meth:`granphon.laws.collocation.Balls.balance`; forces are counted from that at the upper end."""
+        part = 1.0 / (self.stiffness + self.xi * k)
+        last = part[..., -1]
+        start = self._averaged(last * self.top) / self._averaged(last)
+        excess = self.top - start
+        # <(F^Q - f) part> vanishes at the upper end: elsewhere it is the sum of what F^Q and part have changed by
+        moved = self.work - (self.change + self.xi * (k - k[:, -1:])) * (excess * last)[..., None]
+        total = self._averaged(part)
+        force = self._averaged(part * moved) / total
+        by_k = -self.xi * self._averaged(part * part * (self.work + excess[..., None] - force)) / total
+        return force, by_k, start + force[:, 0]
+
+    def _averaged(self, values: Array) -> Array:
+        return np.asarray(np.einsum("n,n...->...", self.weights, values))

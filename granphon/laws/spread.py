@@ -1,0 +1,336 @@
+"""Contact laws of balls that differ: mean force, stiffness and energy of a contact against the mean overlap.
+
+Every medium has a law of its own, f(delta) with k = df/d(delta). Equal balls follow Hertz's
+(:class:`~granphon.balls.contact.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the reduced
+units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law is a function of the shape of the distribution
+and of the medium alone. Where all contacts are closed it is y^(3/2) times a power series in 1/y, which is used
+far out: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.contact import HertzLaw
+from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.base.errors import InputError, PrecisionError, message
+
+__all__ = ["AveragedLaw", "Series", "SpreadLaw", "high_pressure_series"]
+
+Array = NDArray[np.float64]
+#: derivatives of the energy by the overlap: energy, force, stiffness, and the slope of the stiffness
+ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
+#: those of (2/5) y^(5/2), over the power of y that is left
+_HERTZ = (0.4, 1.0, 1.5, 0.75)
+#: the series is used beyond this many times the largest deviation
+_FAR = 12.0
+_TERMS = 16
+#: least part of the range of overlaps above the first contact at which doubles hold eight digits of the force
+_LEAST_DEPTH = 1e-8
+#: nodes on either side, where contacts are counted: a count has a kink that the nodes do not know
+_COUNTING = 128
+#: loads in one block of an average over balls
+_BLOCK = 1024
+
+
+class Series(NamedTuple):
+    """f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n for y from ``start`` on.
+
+    ``balls`` (n, n_Q) has the same coefficients of each F^Q, for balls of these ``weights`` (n_Q,).
+    """
+
+    mean: Array
+    scale: float
+    start: float
+    balls: Array
+    weights: Array
+
+    def ratio(self, y: Array, order: int) -> Array:
+        """A derivative of the energy over that of equal balls."""
+        return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, self.mean * _factors(order) / _HERTZ[order]))
+
+    def value(self, y: float, order: int) -> float:
+        """A derivative of the energy."""
+        return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
+
+    def excess(self, y: Array) -> tuple[Array, Array]:
+        """(F^Q - f)/f and K^Q/k, (n_y, n_Q), of y (n_y,): the leading terms that cancel are left out."""
+        powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
+        slopes = powers * _factors(STIFFNESS)
+        more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
+        return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[:, None]
+
+
+def _factors(order: int) -> Array:
+    """What y^(3/2 - n), a term of the force, is multiplied by in another derivative of the energy."""
+    n = np.arange(_TERMS)
+    return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
+
+
+@lru_cache(maxsize=128)
+def high_pressure_series(shape: Shape, xi: float) -> Series:
+    """f* where all contacts are closed, by equation (36); the averaged force is the limit of infinite Xi.
+
+    Solved order by order. Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
+    force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher orders only. To second
+    order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
+    """
+    n = np.arange(_TERMS)
+    scale = max(map(abs, shape.bounds)) or 1.0
+    x, weights = shape.nodes(_FAR * scale)
+    x = x / scale
+    moments = [float(np.sum(weights * x**m)) for m in n]
+    binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
+    # (1 + z (x + x')/2)^(3/2) with z = scale/y, averaged over x'
+    pairs = [sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1)) for m in n.tolist()]
+    balls = np.array([binomial[m] * 0.5**m * pairs[m] for m in n])
+    if math.isinf(xi):
+        return Series(balls @ weights, scale, _FAR * scale, balls, weights)
+    powers = _factors(STIFFNESS)
+    mean, inverse = np.zeros(_TERMS), np.zeros_like(balls)
+    mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
+    for m in n[1:]:
+        terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
+        mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
+        # 1/(K^Q + Xi k), to the same order
+        inverse[m] = -inverse[0] * sum(powers[j] * (balls[j] + xi * mean[j]) * inverse[m - j] for j in n[1 : m + 1])
+    return Series(mean, scale, _FAR * scale, balls, weights)
+
+
+class SpreadLaw(ABC):
+    """f = c W^(3/2) f*(y), y = delta/W. Methods take scalars or arrays of any shape, in SI: floats in, floats out.
+
+    A subclass gives the reduced law below the start of its series, and how much contacts differ.
+    """
+
+    coefficient: float
+    width: float
+    shape: UniformShape | NormalShape | PointShape
+
+    #: how stiffly a ball's surroundings hold it, in units of k; infinite if balls stay at their sites
+    xi: float
+
+    @abstractmethod
+    def _near(self, y: Array, order: int) -> Array:
+        """A derivative of the reduced energy, for y below the start of the series, zero where all contacts are open."""
+
+    @abstractmethod
+    def _near_overlap(self, force: Array) -> Array:
+        """y of f*, for forces below that at the start of the series."""
+
+    @property
+    def _series(self) -> Series:
+        return high_pressure_series(self.shape, self.xi)
+
+    @property
+    def _energy_offset(self) -> float:
+        """Reduced energy that the series leaves out."""
+        return 0.0
+
+    @property
+    def least_overlap(self) -> float:
+        """The overlap (m, below zero) up to which all contacts are open."""
+        return -self.width * self.shape.bounds[1]
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """The integral of the force, J; zero where all contacts are open."""
+        offset = self._energy_offset * self._unit(ENERGY)
+        return self._evaluate(overlap, ENERGY, offset)
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """f, N."""
+        return self._evaluate(overlap, FORCE)
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """k = df/d(delta), N/m."""
+        return self._evaluate(overlap, STIFFNESS)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """dk/d(delta), N/m^2."""
+        return self._evaluate(overlap, SLOPE)
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta, m, of a mean force above zero, N.
+
+        Raises :class:`~granphon.base.errors.InputError` for another, :class:`~granphon.base.errors.PrecisionError` for one so small
+        that the law is not known there.
+        """
+        load = np.asarray(force, float)
+        if not np.all(load > 0.0):
+            what = "the mean force of the contacts is not above zero"
+            raise InputError(message(what, "One-sided contacts carry no tension, and none at any overlap small enough"))
+
+        def near(part: Array) -> Array:
+            return self.width * self._near_overlap(part / self._unit(FORCE))
+
+        # W may be so small that its force is below the floating range: the load is then far above it
+        with np.errstate(over="ignore", under="ignore", divide="ignore"):
+            far = load / self._unit(FORCE) >= self._series.value(self._series.start, FORCE)
+            return self._parts(load, far, self._far_overlap, near)
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f of Section IV: rms over balls of the force of their contacts, relaxed, over the mean."""
+
+        def rms(excess: Array, stiffness: Array, weights: Array) -> Array:
+            # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
+            return np.asarray(np.sqrt(np.sum(weights * (excess / (1.0 + stiffness / self.xi)) ** 2, axis=-1)))
+
+        def far(y: Array) -> Array:
+            return rms(*self._series.excess(y), self._series.weights)
+
+        def near(y: Array) -> Array:
+            nodes = self.shape.nodes(y)
+            return rms(*self._balls(y, nodes.positions), nodes.weights)
+
+        return self._joined(overlap, far, near)
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """N_c of Section IV, the part of the contacts that is closed, the corona of each ball displaced by its u^Q."""
+
+        def near(y: Array) -> Array:
+            nodes = self.shape.nodes(y, _COUNTING, whole=True)
+            excess, stiffness = self._balls(y, nodes.positions)
+            force, k = self._near(y, FORCE), self._near(y, STIFFNESS)
+            moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
+            part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
+            return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))  # weights sum to one but for rounding
+
+        return self._joined(overlap, np.ones_like, near)
+
+    def _balls(self, y: Array, x: Array) -> tuple[Array, Array]:
+        """(F^Q - f)/f and K^Q/k of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
+
+        Zero where all contacts are open.
+        """
+        mean, k = (self._near(y, order)[:, None] for order in (FORCE, STIFFNESS))
+        closed = mean > 0.0
+        mean, k = (np.where(closed, value, 1.0) for value in (mean, k))
+        return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(y[:, None], x) / k
+
+    # -- between SI and reduced -------------------------------------------------------------------------------------
+
+    def _unit(self, order: int) -> float:
+        """c W^(5/2), c W^(3/2), c W^(1/2), c W^(-1/2); roots first, for widths near the ends of the floating range."""
+        root = math.sqrt(self.width)
+        return self.coefficient * root ** (5 - 2 * order) if order < 3 else self.coefficient / root
+
+    @property
+    def _hertz(self) -> HertzLaw:
+        return HertzLaw(self.coefficient)
+
+    def _evaluate(self, overlap: ArrayLike, order: int, offset: float = 0.0) -> Any:
+        delta = np.asarray(overlap, float)
+        hertz = self._hertz
+        exact = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order]
+
+        def far(part: Array) -> Array:
+            return np.asarray(exact(part) * self._series.ratio(part / self.width, order) + offset)
+
+        def near(part: Array) -> Array:
+            return self._unit(order) * self._near(part / self.width, order)
+
+        with np.errstate(over="ignore", under="ignore"):
+            return self._parts(delta, delta / self.width >= self._series.start, far, near)
+
+    @staticmethod
+    def _parts(values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]) -> Any:
+        """``one`` where ``far``, ``other`` elsewhere; neither is called for nothing."""
+        if np.all(far):
+            return one(values)[()]
+        if not np.any(far):
+            return other(values)[()]
+        out = np.empty(values.shape)
+        out[far], out[~far] = one(values[far]), other(values[~far])
+        return out
+
+    def _far_overlap(self, force: Array) -> Array:
+        hertz = self._hertz
+        delta = np.asarray(hertz.overlap(force))
+        for _ in range(20):  # the series is within a part in a hundred of one: each round gains two digits or more
+            better = np.asarray(hertz.overlap(force / self._series.ratio(delta / self.width, FORCE)))
+            settled = np.all(np.abs(better - delta) <= 4e-16 * better)
+            delta = better
+            if settled:
+                break
+        return delta
+
+    def _joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
+        """A function of y that is known in two parts."""
+        parts = (lambda values: _blockwise(far, values)), (lambda values: _blockwise(near, values))
+        with np.errstate(over="ignore", under="ignore"):
+            y = np.asarray(np.asarray(overlap, float) / self.width)
+            return self._parts(y, y >= self._series.start, *parts)
+
+
+def _blockwise(evaluate: Callable[[Array], Array], y: Array) -> Array:
+    """``evaluate`` (n,) -> (n,) for an array of any shape, in blocks."""
+    flat = y.reshape(-1)
+    return np.concatenate([evaluate(flat[i : i + _BLOCK]) for i in range(0, max(1, flat.size), _BLOCK)]).reshape(y.shape)
+
+
+# -- the averaged force ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AveragedLaw(SpreadLaw):
+    """Balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed form.
+
+    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
+    """
+
+    coefficient: float
+    width: float
+    shape: UniformShape | NormalShape | PointShape
+
+    xi = math.inf
+
+    def _near(self, y: Array, order: int) -> Array:
+        return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
+
+    def _near_overlap(self, force: Array) -> Array:
+        depths, logs = _table(self.shape)
+        first = -self.shape.bounds[1]
+        with np.errstate(divide="ignore"):  # a force below the floating range is refused below
+            wanted = np.log(force)
+        if np.any(wanted < logs[0]):
+            raise PrecisionError(
+                message(
+                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too near the first contact",
+                    "An overlap in double precision does not hold it to eight digits",
+                    "Raise the load",
+                )
+            )
+        # the force is convex: from an overlap too large Newton's method comes down to the root, past any kink
+        # just below the start of the series rounding may take a force beyond the table
+        place = np.minimum(np.searchsorted(logs, wanted), logs.size - 1)
+        y = np.ravel(first + np.exp(depths[place]))
+        goal, going = np.ravel(force), np.ones(y.shape, bool)
+        for _ in range(200):
+            step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(self.shape.stiffness(y[going]))
+            # a step that rounding has turned round, or that is no more than rounding, was the last
+            small = step <= 2e-16 * np.abs(y[going])
+            y[going] -= np.where(small, 0.0, step)
+            going[going] = ~small
+            if not np.any(going):
+                return y.reshape(np.shape(force))
+        raise PrecisionError(message("the overlap of the averaged force has not settled", mend="Give a less uneven spread"))
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """The part of the pairs that overlaps."""
+        return self._joined(overlap, np.ones_like, lambda part: np.asarray(self.shape.average(part, 0.0)))
+
+
+@lru_cache(maxsize=128)
+def _table(shape: Shape) -> tuple[Array, Array]:
+    """Logarithms of the depth y + max(x), and of F_ave there, up to the start of the series."""
+    start, first = high_pressure_series(shape, math.inf).start, -shape.bounds[1]
+    depths = np.linspace(math.log(_LEAST_DEPTH * abs(first)), math.log(start - first), 512)
+    return depths, np.log(shape.force(first + np.exp(depths)))

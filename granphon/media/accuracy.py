@@ -1,0 +1,129 @@
+"""What each medium is worth: its measured error at a load, from a table that comes with the package.
+
+``tests/benchmarks/accuracy.py`` made the table: the media against large samples of the disordered array (the triangular
+lattice), for some distributions, values of eta, and loads. Kept is the largest error over the distributions of a family
+(uniform, normal, any), at this load or any higher one, in reduced units, and more for what lies between: of listed diameters
+errors peak where contacts of a pair of kinds open. So it is a bound for packings whose distribution is no more skewed and
+has no longer tails than those, as far as such a sample of distributions goes. Of a simulation the table has the chance, the
+standard deviation of a sample, which falls as the root of the number of its balls.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.packing import Packing
+from granphon.base.errors import InputError, message
+
+__all__ = ["DEVIATIONS", "Accuracy", "accuracy", "coefficients_of_form"]
+
+Array = NDArray[np.float64]
+#: standard deviations of the chance in a sample that an expected error takes; the table has them with a margin
+DEVIATIONS = 2.5
+
+
+def coefficients_of_form(shape: Shape) -> tuple[float, float]:
+    """Skewness and excess kurtosis of a distribution; both zero for a normal one that is not cut."""
+    x, weights = shape.nodes(0.0, 64, whole=True)
+    second, third, fourth = (float(np.sum(weights * x**n)) for n in (2, 3, 4))
+    return third / second**1.5, fourth / second**2 - 3.0
+
+
+class Accuracy:
+    """The table. ``data`` is what its file holds."""
+
+    def __init__(self, data: Mapping[str, Any]) -> None:
+        self.data = data
+
+    def media(self) -> tuple[str, ...]:
+        """Names of the media whose error is known, the cheapest first; the last is "simulation"."""
+        return tuple(self.data["errors"]["any"]["force"])
+
+    def uncovered(self, packing: Packing) -> str | None:
+        """Why the table says nothing of a packing; None if it does."""
+        if not packing.width:
+            return None
+        if packing.structure != TRIANGULAR:
+            return f"nothing is known of the {packing.structure.name} lattice, which is not simulated"
+        skewness, kurtosis = coefficients_of_form(packing.spread.shape) if packing.spread else (0.0, 0.0)
+        most = self.data["most"]
+        if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
+            known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
+            return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
+        return None
+
+    def least(self, kind: str) -> float:
+        """The least load, f* or a*, from which errors are known."""
+        return float(self.data["loads"][_table(kind)][0])
+
+    def reduced(self, packing: Packing, kind: str, loads: ArrayLike) -> Array:
+        """f*, or a* of loads given as overlaps."""
+        values = np.asarray(loads, float)
+        with np.errstate(all="ignore"):
+            if kind == "overlap":
+                return np.asarray(values / packing.width + 0.5)
+            if kind == "pressure":
+                values = values * (packing.diameter / packing.structure.pressure_factor)
+            return np.asarray(values / packing.law.coefficient / math.sqrt(packing.width) ** 3)
+
+    def error(self, medium: str, packing: Packing, kind: str, loads: ArrayLike, balls: int = 1) -> Array:
+        """Expected relative error, of the shape of the loads (SI): of velocities and frequencies, the largest of them.
+
+        ``kind`` is "force", "pressure" or "overlap"; ``balls`` how many a simulation has in all its samples. Zero for equal
+        balls; +inf where nothing is known, below the least load of the table. Above the greatest the error falls as
+        the square of the spread over the overlap, which is the law of high loads.
+        """
+        values = np.asarray(loads, float)
+        if not packing.width:
+            return np.zeros(values.shape)
+        if self.uncovered(packing) is not None:
+            return np.full(values.shape, np.inf)
+        table = _table(kind)
+        at, known = np.array(self.data["loads"][table]), self.data["errors"][_family(packing)][table][medium]
+        rows = np.array(known)[self._rows(packing.mindlin_ratio)].max(axis=0)
+        place = np.maximum(self.reduced(packing, kind, values), 0.0)
+        with np.errstate(over="ignore", divide="ignore"):
+            found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
+            times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)
+            found = np.where(place > at[-1], rows[-1] / np.maximum(times, 1.0) ** 2, found)
+        if medium == "simulation":
+            found = found * (DEVIATIONS / math.sqrt(balls))
+        return np.asarray(np.where(place >= at[0], found, np.inf))
+
+    def _rows(self, eta: float) -> list[int]:
+        """Places of the tabulated eta next to one below and above."""
+        known: Sequence[float] = self.data["mindlin_ratios"]
+        above = min(int(np.searchsorted(known, eta)), len(known) - 1)
+        beside = [max(above - 1, 0), above]
+        return [row for row in beside if math.isclose(known[row], eta)] or beside
+
+
+def _family(packing: Packing) -> str:
+    """That of the distribution."""
+    shape = packing.spread.shape if packing.spread else None
+    if isinstance(shape, UniformShape):
+        return "uniform"
+    return "normal" if isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0 else "any"
+
+
+def _table(kind: str) -> str:
+    return "overlap" if kind == "overlap" else "force"
+
+
+@cache
+def accuracy() -> Accuracy:
+    """The table that comes with the package."""
+    data = json.loads((files("granphon") / "data" / "accuracy.json").read_text(encoding="utf-8"))
+    if data["schema"] != 1:
+        raise InputError(message(f"accuracy.json has schema {data['schema']}, not 1", mend="Install granphon anew"))
+    return Accuracy(data)

@@ -1,0 +1,290 @@
+"""The contacts of a packing under load: what every medium gives, and every observable starts from."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.contact import HertzLaw
+from granphon.balls.packing import Packing
+from granphon.base.errors import InputError, brief, message
+from granphon.base.results import Result
+from granphon.base.scales import Units
+from granphon.base.validation import ruled, truth
+from granphon.laws.effective import VALID_FORCE, EffectiveLaw
+from granphon.laws.spread import AveragedLaw
+
+__all__ = ["ContactLaw", "ContactState", "Law", "given_state", "overlap_flag", "with_keyword"]
+
+Array = NDArray[np.float64]
+#: scalar in, scalar out; array in, array out
+Values = Any
+
+
+class ContactLaw(Protocol):
+    """The contact law of a medium: scalars or arrays of any shape, in SI; floats in, floats out."""
+
+    @property
+    def coefficient(self) -> float:
+        """c of equal balls, N/m^(3/2)."""
+        ...
+
+    @property
+    def least_overlap(self) -> float:
+        """The overlap up to which all balls are apart, m."""
+        ...
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Of a contact, J."""
+        ...
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """f, N."""
+        ...
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """df/d(delta), N/m."""
+        ...
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """d^2f/d(delta)^2, N/m^2."""
+        ...
+
+    def overlap(self, force: ArrayLike) -> Any:
+        """delta, m."""
+        ...
+
+    def force_fluctuation(self, overlap: ArrayLike) -> Any:
+        """Delta f / f."""
+        ...
+
+    def contact_fraction(self, overlap: ArrayLike) -> Any:
+        """N_c / 6."""
+        ...
+
+
+Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
+#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
+_MUCH = math.sqrt(10.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactState(Result):
+    """The contacts of a packing under load. Every attribute has the shape of the load.
+
+    Attributes
+    ----------
+    packing, medium, law : where the state comes from: the packing, the medium's name and its contact law.
+    force : f, mean contact force, N.
+    overlap : delta = d - a, m. The state variable: the spacing a would lose every digit of it.
+    normal_stiffness : k = df/d(delta), N/m.
+    finite_overlap : whether the terms of relative order delta/d are kept, in everything that is found of the state: spacing
+        a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that follows the balls.
+    chosen : whether the medium was chosen for its expected error at this load, which says more than its own limit.
+    overlap_given : whether somebody said what ``finite_overlap`` is; it is False if nobody did.
+    """
+
+    units = {
+        "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
+        "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
+        "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
+    }  # fmt: skip
+    shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
+
+    packing: Packing
+    medium: str
+    law: Law = field(repr=False)
+    force: Values
+    overlap: Values
+    normal_stiffness: Values
+    finite_overlap: bool = False
+    chosen: bool = False
+    overlap_given: bool = field(default=False, repr=False, compare=False)
+
+    def __getitem__(self, index: Any) -> Self:
+        """The state at some of the loads, as arrays are indexed."""
+        names = ("force", "overlap", "normal_stiffness")
+        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+
+    @property
+    def shear_stiffness(self) -> Values:
+        """kappa = eta k, N/m (equation 4); zero without friction."""
+        return self.packing.mindlin_ratio * self.normal_stiffness
+
+    @property
+    def pressure(self) -> Values:
+        """P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
+
+        With finite overlap sqrt(3) f / a. :class:`~granphon.base.errors.InputError` if the lattice's stress is no pressure.
+        """
+        return self.packing.structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage)
+
+    @property
+    def effective_density(self) -> Values:
+        """rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
+        return self.packing.effective_density / self._shrinkage**2
+
+    @property
+    def _shrinkage(self) -> Values:
+        """a/d where the boundary follows the balls, else one."""
+        return 1.0 - self.relative_overlap if self.finite_overlap else self._constant(1.0)
+
+    @property
+    def relative_overlap(self) -> Values:
+        """delta / d."""
+        return self.overlap / self.packing.diameter
+
+    @property
+    def reduced_force(self) -> Values:
+        """f* of Section IV, f in units of the force c W^(3/2) of equal balls at an overlap of W; +inf for equal balls."""
+        width = self.packing.width
+        if not width:
+            return self._constant(np.inf)
+        # W may be so small that its force is below the floating range: f* is then beyond it
+        with np.errstate(over="ignore", divide="ignore"):
+            return _scalars(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
+
+    @property
+    def reduced_spacing(self) -> Values:
+        """a* of Section IV, (d + W/2 - a)/W; +inf for equal balls."""
+        return self._per_width(self.overlap) + 0.5
+
+    @property
+    def force_fluctuation(self) -> Values:
+        """Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean; 0 for equal balls."""
+        return _scalars(self.law.force_fluctuation(self.overlap))
+
+    @property
+    def contact_fraction(self) -> Values:
+        """N_c / 6, the fraction of contacts that carry load; 1 for equal balls."""
+        return _scalars(self.law.contact_fraction(self.overlap))
+
+    @property
+    def stiffness_ratio(self) -> Values:
+        """k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
+        ideal = self.packing.law
+        return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
+
+    @property
+    def exponent(self) -> Values:
+        """d log v / d log P of both sound velocities, f k'/2k^2, see :func:`granphon.local_exponent`."""
+        slope = self.law.stiffness_slope(self.overlap)
+        return _scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
+
+    @property
+    def exponent_error(self) -> Values:
+        """Standard error of ``exponent`` over samples: 0, as a law samples nothing."""
+        return self._constant(0.0)
+
+    @property
+    def valid(self) -> Values:
+        """Whether the load is inside the medium's range; always, for equal balls.
+
+        That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
+        and hold at high pressure (:attr:`regime`).
+        """
+        return _scalars(np.asarray(self.force) >= self.least_valid_force)
+
+    @property
+    def least_valid_force(self) -> float:
+        """The mean contact force from which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
+        width = self.packing.width
+        if not width or self.chosen:
+            return 0.0
+        if isinstance(self.law, EffectiveLaw):
+            return VALID_FORCE * self.packing.law.coefficient * math.sqrt(width) ** 3
+        return float(self.law.force(_MUCH * width / math.sqrt(12.0)))
+
+    @property
+    def regime(self) -> Values:
+        """Pressure regime of Section III: "low", "intermediate" or "high"; equal balls are in the last.
+
+        Which of the overlap and Delta_rms is much larger, taken as sqrt(10) times or more.
+        """
+        ratio = math.sqrt(12.0) * np.asarray(self._per_width(self.overlap))
+        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / _MUCH).astype(int) + (ratio >= _MUCH)]
+        return words if self.shape else str(words)
+
+    def _per_width(self, length: Values) -> Values:
+        if not self.packing.width:
+            return self._constant(np.inf)
+        with np.errstate(over="ignore"):
+            return length / self.packing.width
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the load; () for a single one."""
+        return np.shape(self.force)
+
+    @property
+    def is_single(self) -> bool:
+        """Whether this is the state at one load."""
+        return self.shape == ()
+
+    @property
+    def scales(self) -> Units:
+        """The scales of reduced units at this load; :class:`~granphon.base.errors.InputError` for several loads."""
+        if not self.is_single:
+            raise InputError(
+                message(
+                    f"the state holds {int(np.size(self.force))} loads",
+                    "Atoms, force constants and phonons belong to one",
+                    "Call medium.at_force with one number",
+                )
+            )
+        return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
+
+    def _constant(self, value: Any) -> Values:
+        return np.full(self.shape, value) if self.shape else value
+
+
+def overlap_flag(given: bool | None) -> tuple[bool, bool]:
+    """Whether terms of finite overlap are kept, and whether somebody said so; :class:`InputError` if not true or false."""
+    said, value = given is not None, given.item() if isinstance(given, np.bool_) else given
+    return said and ruled("finite_overlap", truth, value), said
+
+
+def given_state(state: ContactState) -> ContactState:
+    """The state that a public function was given; :class:`InputError` if it is none."""
+    if not isinstance(state, ContactState):
+        raise InputError(message(f"state is {brief(state)}", mend="Give a ContactState, as medium.at_force gives it"))
+    return state
+
+
+def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactState:
+    """The state as the deprecated keyword ``finite_overlap`` of the caller, a public function, would have it.
+
+    None leaves it as it is. Otherwise a state on which nobody set it takes it; :class:`InputError` if it was set otherwise,
+    or is no state.
+    """
+    given_state(state)
+    if finite_overlap is None:
+        return state
+    wanted, _ = overlap_flag(finite_overlap)
+    warnings.warn(
+        "finite_overlap is said where a state is made, as in medium.at_force(f, finite_overlap=True);"
+        " as a keyword of what takes a state it goes in granphon 0.3.0",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    if wanted == state.finite_overlap:
+        return state
+    if state.overlap_given:
+        raise InputError(
+            message(
+                f"the state was made with finite_overlap={state.finite_overlap}, and the keyword says {wanted}",
+                "Pressure, density, velocities and moduli of one state belong together",
+                f"Make the state with finite_overlap={wanted}, and leave the keyword out",
+            )
+        )
+    return replace(state, finite_overlap=wanted, overlap_given=True)
+
+
+def _scalars(values: Any) -> Values:
+    """A float (or bool) for a single load."""
+    return np.asarray(values).item() if np.ndim(values) == 0 else values

@@ -1,0 +1,186 @@
+"""Where the model holds: the conditions under which a state may be trusted, and how far each is fulfilled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granphon.balls.contact import LEAST_YOUNG_MODULUS, contact_radius_ratio
+from granphon.base.results import Result
+from granphon.media.simulation import SimulatedState
+from granphon.media.state import ContactState, with_keyword
+from granphon.observables.acoustics import ideal_lattice, long_waves, velocity_scale
+
+__all__ = ["Check", "Tally", "Validity", "validity"]
+
+#: why a material is questioned
+_UNIT = "probably a wrong unit, where SI is expected"
+#: what is checked of the contacts, the limit, and what fails beyond it. The first four are reached together, near
+#: delta/d = 1 %, which is also the size of the terms that the contact law leaves out there.
+_LIMITS = {
+    "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
+    "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
+    "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
+    "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
+    "spread": (0.03, "rms difference of diameters over their mean", "contacts are taken for those of nearly equal balls"),
+    "shear": (
+        1e-2,
+        "part by which the shear modulus of a simulation with friction is expected to be too small",
+        "loose balls have contacts that it leaves out; the transverse velocity lacks half of that part, the bulk modulus an"
+        " eighth",
+    ),
+    "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
+}
+
+
+class Tally(NamedTuple):
+    """A condition over several loads, or with ``loads`` None at a single one: its worst value, and at how many it fails."""
+
+    meaning: str
+    limit: float
+    reason: str
+    at_least: bool
+    worst: float
+    failing: int
+    loads: int | None
+
+    def joined(self, other: Tally) -> Tally:
+        """The same condition over the loads of both."""
+        worst = (min if self.at_least else max)(self.worst, other.worst)
+        loads = (self.loads or 1) + (other.loads or 1)
+        return self._replace(worst=worst, failing=self.failing + other.failing, loads=loads)
+
+    @property
+    def warning(self) -> str | None:
+        """What to tell the user, or None if the condition holds at every load."""
+        if not self.failing:
+            return None
+        where = "" if self.loads is None else f" (worst of {self.failing} loads out of {self.loads})"
+        excess = f"{self.worst / self.limit:.4g} times the limit of {self.limit:g}"
+        if self.at_least:
+            excess = f"below {self.limit:.4g}"
+        return f"{self.meaning} is {self.worst:.4g}{where}, {excess}: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``, or not be less, ``at_least``.
+
+    ``meaning`` says what the value is, ``reason`` why it is limited.
+    """
+
+    shapes = {"value": "..."}
+
+    name: str
+    meaning: str
+    value: Any
+    limit: float
+    reason: str
+    at_least: bool = False
+
+    @property
+    def ok(self) -> Any:
+        """Whether the condition holds, at each load."""
+        return np.asarray(self.value >= self.limit if self.at_least else self.value <= self.limit)[()]
+
+    @property
+    def tally(self) -> Tally:
+        """In short."""
+        worst = float(np.min(self.value) if self.at_least else np.max(self.value))
+        loads = None if np.ndim(self.value) == 0 else int(np.size(self.ok))
+        failing = int(np.sum(~np.asarray(self.ok)))
+        return Tally(self.meaning, float(self.limit), self.reason, self.at_least, worst, failing, loads)
+
+    @property
+    def warning(self) -> str | None:
+        """What to tell the user, or None if the condition holds at every load."""
+        return self.tally.warning
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validity(Result):
+    """The conditions under which the model holds, and how far each is fulfilled."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def ok(self) -> Any:
+        """Whether every condition holds, at each load."""
+        return np.logical_and.reduce([check.ok for check in self.checks])[()]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each condition that fails; empty if all hold."""
+        return tuple(check.warning for check in self.checks if check.warning is not None)
+
+    def __getitem__(self, name: str) -> Check:
+        for check in self.checks:
+            if check.name == name:
+                return check
+        raise KeyError(name)
+
+
+#: part by which simulated shear moduli with friction are too small at these a*, as seen at this W/d against a code of
+#: discrete elements and a response with true directions of contacts, and the power of W/d with which it falls. The
+#: simulation is that of no width; in true directions loose balls lean on their neighbours with a trace of the mean force,
+#: 1e-6 to 1e-3, and the shear springs there go as its cube root
+_SPACINGS, _DEFICITS = (0.4, 0.45, 0.5, 0.7), (0.17, 0.055, 0.03, 3e-4)
+_SEEN, _POWER = 2.55e-4, 0.31
+
+
+def _shear_deficit(state: SimulatedState) -> np.ndarray[Any, Any]:
+    """Expected relative deficit of the shear modulus, at most one; beyond the a* that were seen, that at the nearest."""
+    seen = np.exp(np.interp(state.reduced_spacing, _SPACINGS, np.log(_DEFICITS)))
+    return np.asarray(np.minimum(seen * (state.packing.width / state.packing.diameter / _SEEN) ** _POWER, 1.0))
+
+
+def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
+    """Where the state stands against the limits of its medium (Section IV) and of the contact model (end of Section II).
+
+    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.least_valid_force`) and how
+    much they differ; contact radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the
+    longitudinal and transverse ratios); the top of the branches over the lowest resonance of a free ball; if the material
+    has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at
+    1.07); of a simulation of balls that differ, with friction, the part by which its shear modulus is expected to be too
+    small; and whether Young modulus and density are those of a solid, or given in a wrong unit.
+
+    The keyword ``finite_overlap`` is deprecated: the state has it.
+    """
+    state = with_keyword(state, finite_overlap)
+    material, d = state.packing.material, state.packing.diameter
+    lattice = ideal_lattice(state.packing)
+    v = long_waves(state, (1.0, 0.0))
+    # of the mean force: where balls differ the mean overlap may be negative
+    radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
+    values = {
+        "contact_radius": radius,
+        # roots before products: f and E d^2 may each be near the ends of the floating range
+        "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
+        "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
+        "resonance": lattice.top_frequency * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
+    }
+    if state.packing.spread is not None:
+        values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
+    if isinstance(state, SimulatedState) and state.packing.width and state.packing.mindlin_ratio:
+        values["shear"] = _shear_deficit(state)
+    if material.yield_strength is not None:
+        spot = radius * d / 2.0
+        values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
+    checks = []
+    for name, value in values.items():
+        limit, meaning, reason = _LIMITS[name]
+        checks.append(Check(name, meaning, np.asarray(value), limit, reason))
+    if state.packing.width:
+        reason = f"pressed so little, the balls differ too much for the medium {state.medium!r}"
+        force = np.asarray(state.force)
+        checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
+    for name, value, limit, at_least in (
+        ("young_modulus", material.young_modulus, LEAST_YOUNG_MODULUS, True),
+        ("density", material.density, 1.0, True),
+        ("high_density", material.density, 3e4, False),
+    ):
+        meaning = "Young modulus in Pa" if name == "young_modulus" else "density in kg/m^3"
+        checks.append(Check(name, meaning, np.full(state.shape, value), limit, _UNIT, at_least))
+    return Validity(tuple(checks))

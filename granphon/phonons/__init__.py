@@ -1,0 +1,1 @@
+"""Force constants for ASE and phonopy; bands and densities of states."""

@@ -1,0 +1,374 @@
+"""Phonons of balls in contact: force constants from the calculator into phonopy, bands and densities of states out of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, Literal
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+from phonopy import Phonopy
+from phonopy.phonon.mesh import Mesh
+from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
+from phonopy.structure.atoms import PhonopyAtoms
+
+from granphon.balls.lattices import BALL, contacts_apart
+from granphon.base.arguments import positive, real_array
+from granphon.base.errors import InputError, InstabilityError, brief, message
+from granphon.base.scales import Units
+from granphon.dynamics.modes import ContactLattice
+from granphon.media.state import ContactState, with_keyword
+from granphon.observables.acoustics import contact_lattice
+from granphon.observables.validity import validity
+from granphon.phonons.bands import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
+from granphon.phonons.calculator import HertzMindlin, contact_blocks
+from granphon.phonons.calculator import atoms as lattice_atoms
+from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
+
+__all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
+
+Array = NDArray[np.float64]
+
+#: part of the top frequency below which phonopy's eigenvalues have lost digits that C(q) still has
+_RESOLVED = 1e-3
+#: bytes of tetrahedron weights that are held at a time
+_WEIGHTS = 2**26
+
+
+class Phonons:
+    """Phonons of balls in a given state of contact.
+
+    Parameters
+    ----------
+    state : at one load.
+    atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
+        default one cell of the lattice.
+    finite_overlap : deprecated; the state has it.
+    dim : (n1, n2), or (n1, n2, 1), cells of the supercell for force constants; by default as few as keep contacts apart.
+
+    Attributes
+    ----------
+    state, atoms, scales : as given; the scales of reduced units.
+    lattice : the :class:`~granphon.dynamics.modes.ContactLattice` of the cell, whose C(q) gives velocities and limits.
+    phonopy : the :class:`ContactPhonopy` object.
+
+    Raises
+    ------
+    InputError : several loads; atoms without masses, of other scales, or otherwise refused by :class:`HertzMindlin`; a
+        ``dim`` so small that contacts would be confused.
+    MechanismError : the state's own lattice is a mechanism (atoms that are given may be one).
+    """
+
+    def __init__(
+        self,
+        state: ContactState,
+        atoms: Atoms | None = None,
+        finite_overlap: bool | None = None,
+        dim: Sequence[int] | None = None,
+    ) -> None:
+        self.state = state = with_keyword(state, finite_overlap)
+        self.scales: Units = state.scales
+        self.calculator = HertzMindlin(state)
+        if not isinstance(atoms, Atoms | None):
+            raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
+        self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
+        if not self.atoms.cell[2].any():
+            self.atoms.cell[2, 2] = 1.0  # phonopy wants a cell; the layer is one diameter thick
+        # one cell of the lattice has the contacts of the state: they need not be looked for
+        self.lattice: ContactLattice = (
+            contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
+        )
+        if not self.lattice.area > 0.0:
+            raise InputError(
+                message("the Atoms have no cell", "Wave vectors are fractions of one", "Give them one of any size")
+            )
+        if not len(self.lattice.contacts):
+            raise InputError(
+                message("no two of these balls touch", "They fly, or are turned against the lattice of the state")
+            )
+        self.dim = self._dim(dim)
+        self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
+
+    def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
+        contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
+        # an axis without periods has no images
+        periodic = np.asarray(self.atoms.pbc)[:2]
+        cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
+        if given is not None:
+            dim = grid_numbers("dim", given)
+            if np.any((np.array(dim) > 1) & ~periodic):
+                raise InputError(message(f"dim is {given!r}", "An axis without periods has one cell", "Give 1 there"))
+            if not contacts_apart(cell, dim, contact):
+                raise InputError(
+                    message(
+                        f"a supercell of {dim[0]} x {dim[1]} cells is too small",
+                        "Two balls would touch through more than one image, and their contacts be confused",
+                        "Use at least {} x {}".format(*self._dim(None)),
+                    )
+                )
+            return dim
+        n1 = n2 = 1
+        while not contacts_apart(cell, (n1, n2), contact):
+            # lengthen the shorter side, so that the supercell stays as round as the cell allows
+            if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
+                n1 += 1
+            else:
+                n2 += 1
+        return (max(n1, n2),) * 2 if len(self.atoms) == 1 and np.all(periodic) else (n1, n2)
+
+    # -- phonopy ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def phonopy(self) -> ContactPhonopy:
+        """The Phonopy object, in reduced units (frequencies in (k/M)^1/2), symmetry off.
+
+        Its force constants are those of the calculator. What may be done with it is listed in the documentation; methods
+        that would give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
+        """
+        bridge = ContactPhonopy(
+            self._phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
+        )
+        bridge.unit_conversion_factor = 1.0
+        bridge.give_force_constants(self._force_constants(bridge))
+        return bridge
+
+    def _phonopy_cell(self) -> PhonopyAtoms:
+        cell, extent = np.array(self.atoms.cell), float(np.ptp(self.atoms.positions[:, :2], axis=0).sum())
+        for axis in np.flatnonzero(~np.asarray(self.atoms.pbc)[:2]):
+            # phonopy knows no open edge: an image must be too far to share a pair's weight
+            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / np.linalg.norm(cell[axis]))
+        return PhonopyAtoms(
+            symbols=[BALL] * len(self.atoms), cell=cell, masses=self.atoms.get_masses(), positions=self.atoms.positions
+        )
+
+    def _force_constants(self, bridge: Phonopy) -> Array:
+        """(n, n_supercell, 3, 3): those of the calculator, of the cell's balls with all of phonopy's supercell."""
+        table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
+        dim = np.array(self.dim)
+        # where phonopy has a ball of the cell and its images
+        cells, unit = bridge.supercell, bridge.unitcell
+        ball = np.array([cells.u2u_map[s] for s in cells.s2u_map])
+        place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int)[:, :2] % dim
+        where = np.empty((len(self.atoms), *dim), int)
+        where[ball, place[:, 0], place[:, 1]] = np.arange(len(ball))
+        constants = np.zeros((len(self.atoms), len(ball), 3, 3))
+        home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
+        i, j = (table.i, slice(0, 3)), (table.j, slice(3, 6))
+        for (one, row), (other, column), cell in ((i, i, home), (j, j, home), (i, j, away), (j, i, back)):
+            np.add.at(constants, (one, where[other, cell[:, 0], cell[:, 1]]), blocks[:, row, column])
+        return constants
+
+    def _eigen(self, qpoints: Array, vectors: bool = False) -> tuple[Array, NDArray[Any] | None]:
+        """Reduced frequencies, and eigenvectors if wanted, of phonopy's dynamical matrices."""
+        run = self.phonopy.run_qpoints(qpoints, with_dynamical_matrices=True)
+        matrices = np.asarray(run.dynamical_matrices)[:, self._xyw[:, None], self._xyw[None, :]]
+        if vectors:
+            squared, modes = np.linalg.eigh(matrices)
+        else:
+            squared, modes = np.linalg.eigvalsh(matrices), None
+        # judged against the top of all branches, not of those asked for: a frequency does not depend on its company
+        if squared.min() < -1e-12 * self.lattice.top_frequency**2:
+            raise InstabilityError(
+                message(
+                    f"a squared frequency is negative ({squared.min():.3g} k/M)",
+                    "The state is no minimum of the energy",
+                    "Lower the load, or leave finite_overlap off",
+                )
+            )
+        values = np.sqrt(np.maximum(squared, 0.0))
+        # an eigenvalue is exact to rounding of the largest; C(q) keeps the digits that phonopy's D(q) has lost
+        faint = values < _RESOLVED * self.lattice.top_frequency
+        rows = np.flatnonzero(faint.any(axis=1))
+        if rows.size:
+            exact = self.lattice.frequencies(self.lattice.wavevectors(qpoints[rows]))
+            values[rows] = np.where(faint[rows], exact, values[rows])
+        return values, modes
+
+    @cached_property
+    def _warnings(self) -> tuple[str, ...]:
+        return validity(self.state).warnings
+
+    # -- spectra ----------------------------------------------------------------------------------------------------
+
+    def frequencies(self, qpoints: ArrayLike) -> Array:
+        """Frequencies (n_q, n_branches) in Hz, ascending, at ``qpoints`` (n_q, 2 or 3) in fractions of the reciprocal cell.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        return self._eigen(_qpoints(qpoints))[0] * self.scales.frequency
+
+    def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
+        """Frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
+
+        ``direction`` (Cartesian) resolves branches that touch and the limit at Gamma, where it is required.
+        """
+        q = self.lattice.wavevectors(_qpoints(qpoints))
+        return PhononModes.of(self.lattice.modes(q, direction), self.scales)
+
+    @property
+    def special_points(self) -> dict[str, Array]:
+        """The special points of the cell's Brillouin zone, by ASE's letters, in fractions of the reciprocal cell."""
+        points = self.atoms.cell.bandpath(npoints=0, pbc=self.atoms.pbc).special_points
+        return {name: np.asarray(point) for name, point in points.items()}
+
+    def bands(
+        self,
+        path: str | ArrayLike | Sequence[ArrayLike] | None = None,
+        npoints: int = 101,
+        labels: Sequence[str] | None = None,
+    ) -> Bands:
+        """Band structure along a path.
+
+        Parameters
+        ----------
+        path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
+            reciprocal cell; by default around the irreducible zone (GKMG on a hexagonal cell, GXMG on a square one).
+        npoints : points in each segment, both ends counted.
+        labels : of the corners; by default the letters, or the coordinates.
+        """
+        if path is None:
+            known = self.special_points
+            if "K" not in known and not {"X", "M"} <= set(known):
+                raise InputError(message("this cell has no path of its own", mend=f"Name one of {', '.join(known)}"))
+            path = "GKMG" if "K" in known else "GXMG"
+        letters = self.special_points if isinstance(path, str) else {}
+        segments, ticks = band_path(path, npoints, letters, labels)
+        s, p, _ = segments.shape
+        q = self.lattice.wavevectors(segments)  # (s, p, 2)
+        steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
+        distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
+        distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
+        values, _ = self._eigen(segments.reshape(-1, 3))
+        along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
+        along[p - 1 :: p] *= -1.0  # the last point of a segment is reached from behind
+        modes = self.lattice.modes(q.reshape(-1, 2), along)
+        b = self.lattice.n_branches
+        return Bands(
+            segments, distances, values.reshape(s, p, b) * self.scales.frequency,
+            modes.group_velocities.reshape(s, p, b, 2) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
+            ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
+            self.scales, self._warnings,
+        )  # fmt: skip
+
+    def dos(
+        self,
+        mesh: Sequence[int] = (64, 64),
+        method: Literal["tetrahedron", "smearing"] = "tetrahedron",
+        sigma: float | None = None,
+        points: int = 501,
+    ) -> DensityOfStates:
+        """Density of states, split into translation and rotation.
+
+        Parameters
+        ----------
+        mesh : (n1, n2), or (n1, n2, 1), Gamma-centred; reduced by the symmetry of the layer.
+        method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
+        sigma : width of the Gaussian, Hz, not below the spacing of the points; by default a hundredth of the top frequency.
+        points : how many frequencies, 12 or more, from zero to just above the top.
+        """
+        numbers = grid_numbers("mesh", mesh)
+        if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
+            raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
+        count = whole_number("points", points, 12)
+        grid = self._mesh(numbers)
+        values, vectors = self._eigen(grid.qpoints, vectors=True)
+        motion = np.abs(np.asarray(vectors)) ** 2
+        per_ball = motion.reshape(len(values), len(self.atoms), self.lattice.dofs_per_ball, -1)
+        rotation = per_ball[:, :, 2].sum(axis=1) if self.lattice.rotates else np.zeros_like(values)
+        parts = np.stack([per_ball[:, :, :2].sum(axis=(1, 2)), rotation])  # (2, n_q, n_branches)
+        top = self.lattice.top_frequency
+        at = np.linspace(0.0, 1.02 * top, count)
+        if method == "tetrahedron":
+            if sigma is not None:
+                raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
+            # each value is the mean over its own interval, from the integrated density: van Hove singularities fall between
+            # points, and the trapezoidal sum over the points is the number of modes exactly
+            edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+            # phonopy holds a weight for each mode and frequency: some frequencies at a time
+            several = np.array_split(edges, -(-8 * values.size * edges.size // _WEIGHTS))
+            integrated = np.concatenate([
+                TetrahedronDOSAccumulator(
+                    values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
+                    ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=some,
+                ).result.cumulative[0].T for some in several
+            ], axis=1)  # fmt: skip
+            integrated[:, 0] = 0.0  # modes at zero belong to the first interval
+            density = np.diff(integrated, axis=1) / np.diff(edges)
+        else:
+            width = max(0.01, 1.0 / (count - 7)) * top
+            if sigma is not None:
+                width = positive("sigma", sigma, "Hz") / self.scales.frequency
+            at = np.linspace(0.0, top + 5.0 * width, count)
+            if width < at[1]:
+                raise InputError(message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points"))
+            # what a Gaussian has below zero is reflected, so that no mode is lost
+            density = sum(
+                SmearingDOSAccumulator(
+                    side, grid.weights, mode_property=parts, sigma=width, sampling_points=at
+                ).result.density
+                for side in (values, -values)
+            )
+        density = density / (len(self.atoms) * self.scales.frequency)
+        return DensityOfStates(
+            at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]), self._warnings
+        )
+
+    def _mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
+        """A Gamma-centred mesh, reduced by the layer group as far as the frequencies have its symmetry."""
+        dataset = self._layer_dataset() if reduce else None
+        if dataset is not None and numbers[0] != numbers[1] and np.any(dataset.rotations[:, [0, 1], [1, 0]] != 0):
+            dataset = None  # a rotation that mixes the axes does not map this mesh on itself
+        symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
+        return Mesh(
+            self.phonopy.dynamical_matrix, [*numbers, 1], is_gamma_center=True,
+            is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
+        )  # fmt: skip
+
+    def _layer_dataset(self) -> Any:
+        """spglib's dataset of the layer group, or None where the frequencies do not have that symmetry."""
+        import spglib
+
+        scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
+        _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
+        cell = (np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
+        try:
+            dataset = spglib.get_symmetry_layerdataset(cell, aperiodic_dir=2, symprec=1e-5)
+        except spglib.SpglibError:
+            return None
+        if dataset is None:
+            return None
+        # spglib sees where the balls are, not how stiff the contacts are: ask the frequencies themselves
+        generic = np.array([0.1234, 0.2871, 0.0])
+        images = np.einsum("rji,j->ri", dataset.rotations, generic)
+        values = self.lattice.frequencies(self.lattice.wavevectors(images))
+        return dataset if np.ptp(values, axis=0).max() <= 1e-10 * values.max() else None
+
+    # -- files ------------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str] = "phonopy_params.yaml") -> None:
+        """Write the force constants for phonopy, readable by its command with no option, and by Euphonic.
+
+        On loading, phonopy symmetrises force constants and takes frequencies for THz. The file is made so that both do no
+        harm: one very heavy auxiliary atom at a general position carries what the sum rule lacks and lowers the symmetry to
+        P1, at the price of three flat bands at zero; the masses are such that phonopy's "THz" are the decimal unit of hertz
+        in which the top frequency lies between 1 and 1000. The file names that unit under ``granphon``, with the scales.
+
+        :func:`load_phonopy` reads it back without the auxiliary atom.
+        """
+        flat = 3 if self.lattice.rotates else 3 + len(self.atoms)
+        write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
+
+
+def _qpoints(qpoints: ArrayLike) -> Array:
+    """(n, 3) points in the plane; InputError if they are not."""
+    q = real_array("q points", qpoints)
+    if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
+        raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
+    q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
+    if np.any(q[:, 2] != 0.0):
+        raise InputError(message("a q point lies out of the plane", "The array is one layer", "Set the third number to 0"))
+    return q

@@ -1,0 +1,235 @@
+"""The Phonopy object for balls in contact, and its files.
+
+The ball's three degrees of freedom sit in phonopy's x, y, z as (u_x, u_y, w), w = R_g phi. w is axial and not changed by a
+translation of the lattice, so whatever symmetrises force constants, or enforces their sum rule, is wrong here:
+:class:`ContactPhonopy` refuses it, and exported files are made so that it does no harm.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+from phonopy import Phonopy
+from phonopy.physical_units import get_physical_units
+from phonopy.structure.atoms import PhonopyAtoms
+
+from granphon.balls.lattices import BALL
+from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
+from granphon.base.errors import InputError, UnsupportedError, message
+from granphon.base.reading import plain_yaml
+from granphon.base.scales import HertzPrefix, Units, file_header, read_header
+from granphon.base.staging import write_text
+from granphon.base.text import versions
+
+__all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
+
+Array = NDArray[np.float64]
+
+_SYMMETRY = "it imposes the sum rule or the space group of three translations, and the third coordinate is a rotation"
+_DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
+_QUANTA = "it takes frequencies for THz and the third coordinate for a displacement"
+_VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
+_FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
+_CHARGE = "balls carry no charge"
+_FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
+_UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
+
+#: what reads the result of a method that is refused
+_READERS = {
+    "run_irreps": ("show_irreps", "write_yaml_irreps"),
+    "run_modulations": (
+        "get_modulated_supercells", "get_modulations_and_supercell", "write_modulations", "write_yaml_modulations",
+    ),
+    "run_moment": ("get_moment",),
+    "run_dynamic_structure_factor": ("get_dynamic_structure_factor",),
+    "run_thermal_properties": (
+        "get_thermal_properties_dict", "plot_thermal_properties", "write_yaml_thermal_properties",
+    ),
+    "run_thermal_displacements": (
+        "get_thermal_displacements_dict", "plot_thermal_displacements", "write_yaml_thermal_displacements",
+    ),
+    "run_thermal_displacement_matrices": (
+        "get_thermal_displacement_matrices_dict", "write_thermal_displacement_matrix_to_cif",
+        "write_yaml_thermal_displacement_matrices",
+    ),
+}  # fmt: skip
+#: methods of phonopy.Phonopy that would give a wrong answer, and why
+REFUSED: dict[str, str] = {
+    **dict.fromkeys(
+        ("symmetrize_force_constants", "symmetrize_force_constants_by_space_group", "set_irreps", "run_irreps"), _SYMMETRY
+    ),
+    **dict.fromkeys(
+        ("generate_displacements", "produce_force_constants", "develop_mlp", "load_mlp", "save_mlp", "evaluate_mlp"),
+        _DATASET,
+    ),
+    **dict.fromkeys(
+        (
+            "run_thermal_properties", "run_thermal_displacements", "run_thermal_displacement_matrices",
+            "init_random_displacements", "get_random_displacements_at_temperature", "init_dynamic_structure_factor",
+            "run_dynamic_structure_factor", "run_modulations", "write_animation", "set_Debye_frequency",
+        ),
+        _QUANTA,
+    ),
+    **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
+    **dict.fromkeys(("save", "to_phonopy_yaml"), _FILE),
+    "get_Debye_frequency": "it belongs to a density of states quadratic in frequency, and that of a layer is linear",
+    "run_moment": "it drops modes of negative frequency, so that modes at zero count or not as rounding has it",
+    "set_force_constants_zero_with_radius": _FIXED,
+    **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
+    **{reader: f"it reads the result of {run}, which is refused" for run, readers in _READERS.items() for reader in readers},
+}  # fmt: skip
+#: attributes that may be read, and not set
+READ_ONLY: dict[str, str] = {
+    **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
+    **dict.fromkeys(("force_constants", "masses"), _FIXED),
+    "nac_params": _CHARGE,
+}
+
+#: exported force constants are multiplied by this, so that phonopy's fixed decimals keep every digit
+_EXPORT_SCALE = 2.0**30
+#: symbol, place and mass (in balls) of the auxiliary atom of an export, see Phonons.save
+_AUXILIARY = "He"
+_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
+_AUXILIARY_MASS = 1e16
+
+
+def _refuse(name: str, reason: str) -> Any:
+    def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
+        raise UnsupportedError(message(f"Phonopy.{name} is refused for balls in contact: {reason}"))
+
+    method.__name__ = name
+    method.__doc__ = f"Raises UnsupportedError: {reason}."
+    return method
+
+
+class ContactPhonopy(Phonopy):  # type: ignore[misc]
+    """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
+
+    def give_force_constants(self, force_constants: Array) -> None:
+        """Set the force constants, once, by the calculator that knows them; they are read-only from then on."""
+        Phonopy.force_constants.fset(self, force_constants)
+        self.force_constants.setflags(write=False)
+
+
+for _name, _reason in REFUSED.items():
+    setattr(ContactPhonopy, _name, _refuse(_name, _reason))
+for _name, _reason in READ_ONLY.items():
+    _base = getattr(Phonopy, _name)
+    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
+
+
+def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, zero_bands: int) -> None:
+    """Write the force constants of ``bridge`` so that phonopy reads them right with no option; see ``Phonons.save``.
+
+    ``top`` is the highest frequency in Hz; ``zero_bands`` how many flat bands at zero a reader will see.
+    """
+    unit = HertzPrefix.for_top(top)
+    per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
+    mass = _EXPORT_SCALE / per_frequency**2
+    own = bridge.unitcell
+    n = len(own)
+    cell = PhonopyAtoms(
+        symbols=[BALL] * n + [_AUXILIARY], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
+        scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
+    )  # fmt: skip
+    export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+    export.force_constants = _with_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
+    # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
+    export.unit_conversion_factor = export.unit_conversion_factor
+    head = [
+        *file_header(unit, scales), f"  version: {versions()['granphon']}",
+        f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
+        "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
+    ]  # fmt: skip
+    body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
+    write_text(path, sealed([*head, *body.removesuffix("\n").split("\n")]))
+
+
+def _with_auxiliary(own: Array, export: Phonopy) -> Array:
+    """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
+    n, cells = own.shape[0], own.shape[1] // own.shape[0]
+    total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
+    out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
+    # phonopy orders a supercell by atom, then by cell
+    out[:n, : n * cells] = own
+    first = [int(s) for s in export.primitive.p2s_map]
+    auxiliary = first[n]
+    out[:n, auxiliary] = -total
+    for ball in range(n):
+        out[n, first[ball]] = -total[ball].T
+    back = total.sum(axis=0).T
+    out[n, auxiliary] = 0.5 * (back + back.T)
+    return out
+
+
+def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
+    """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
+
+    Only the named file is read, as plain data, and phonopy's own loader has no part in it.
+
+    Raises
+    ------
+    MissingFileError : there is no such file.
+    InputError : the file is not granphon's, was damaged, or edited after granphon had written it.
+
+    Warns
+    -----
+    UnverifiedFileWarning : the file carries no digest.
+    """
+    text, verified = read_sealed(path)
+    with own_file(path, "phonopy_params.yaml"):
+        data = plain_yaml(text, path)
+        own = data["granphon"]
+        _, scales = read_header(own)
+        masses, scale = _finite(own["masses"], (-1,)), float(_finite(own["force_constants_scale"], ()))
+        n = len(masses)
+        points = data["unit_cell"]["points"]
+        matrix = np.array(data["supercell_matrix"])
+        if len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
+            raise InputError("its cell is not one of balls and the auxiliary atom")
+        cells = _layer_cells(matrix)
+        if masses.min() <= 0.0 or scale <= 0.0:
+            raise InputError("its masses and scales are not above zero")
+        constants = _read_force_constants(data["force_constants"], n + 1, cells)
+        cell = PhonopyAtoms(
+            symbols=[BALL] * n, cell=_finite(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
+            scaled_positions=_finite([point["coordinates"] for point in points[:n]], (n, 3)),
+        )  # fmt: skip
+        bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
+        bridge.unit_conversion_factor = 1.0
+        bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
+    if not verified:
+        warn_unverified(path)
+    return bridge, scales
+
+
+def _layer_cells(matrix: NDArray[Any]) -> int:
+    """How many cells a supercell of n1 x n2 x 1 has; granphon writes no other, and phonopy may build others for ever."""
+    # as Python's numbers, whose product does not wrap around
+    n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
+    if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
+        raise InputError("its supercell_matrix is not that of n1 x n2 x 1 cells")
+    return n1 * n2
+
+
+def _finite(values: Any, shape: tuple[int, ...]) -> Array:
+    """Numbers of a file as an array of this shape, where -1 is any length."""
+    found = np.array(values)
+    if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
+        raise InputError("it has something else where finite numbers belong")
+    if any(wanted not in (-1, length) for wanted, length in zip(shape, found.shape, strict=True)):
+        raise InputError(f"it has numbers of shape {found.shape} where {shape} belongs")
+    return found.astype(float)
+
+
+def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Array:
+    """(atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
+    rows, columns = block["shape"]
+    if columns != atoms * cells or rows not in (atoms, columns):
+        raise InputError(f"its force constants of shape {block['shape']} do not belong to {cells} cells of {atoms} atoms")
+    found = _finite(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
+    # phonopy orders a supercell by atom, then by cell
+    return found if rows == atoms else found[::cells]

@@ -1,0 +1,1 @@
+"""The scene file, its run, and the files of a result."""

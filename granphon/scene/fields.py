@@ -1,0 +1,343 @@
+"""The values of a scene that are more than one quantity: ranges, spreads, media, parameters, grids, paths.
+
+Rules as in :mod:`granphon.base.validation`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+from granphon.balls.lattices import LATTICES, Lattice, lattice_named
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import PARAMETERS
+from granphon.base.errors import InputError, message
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Refused
+from granphon.base.text import shown
+from granphon.base.validation import Rule, block, choice, each, grid, number, ruled, text, truth, whole
+from granphon.media.choice import MEDIA, MediumChoice, medium
+
+__all__ = ["BandPath", "OBSERVABLES", "SCALES", "SCHEMA", "spaced", "values"]
+
+SCHEMA = 1
+OBSERVABLES = ("velocities", "bands", "dos")
+#: how the points of a range are spaced; the first is the default
+SCALES = ("log", "linear")
+
+#: most diameters of a measured spread that a scene holds itself
+MOST_DIAMETERS = 1000
+
+Spread = Uniform | Normal | Discrete | Measured
+
+
+# -- lists and ranges -----------------------------------------------------------------------------------------------
+
+
+def values(value: Any, rule: Rule) -> tuple[float, ...]:
+    """One number or quantity, a list of them, or a range of them: {from, to, points, scale}, evenly spaced on its scale."""
+    if isinstance(value, list | tuple):
+        return each(value, rule, "values")
+    if not isinstance(value, dict):
+        return (rule(value),)
+    points = partial(whole, low=1, high=200_000)
+    rules: dict[str, Rule] = {"from": rule, "to": rule, "points": points, "scale": partial(choice, options=SCALES)}
+    given = block(value, rules, ("from", "to", "points"))
+    first, last, count, scale = given["from"], given["to"], given["points"], given.get("scale", SCALES[0])
+    if (first == last) != (count == 1):
+        found = f"{count} for the range from {value['from']} to {value['to']}"
+        raise Refused(found, "1 if both ends are the same, 2 or more if they are not", path=("points",))
+    if scale == "log" and min(first, last) <= 0.0:
+        raise Refused(f"a log range from {value['from']} to {value['to']}", "values above zero", "Write scale: linear.")
+    return spaced(first, last, count, scale)
+
+
+def spaced(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
+    """``count`` numbers from ``first`` to ``last``, both kept to the last bit, evenly spaced on a log or a linear scale."""
+    between = np.geomspace if scale == "log" else np.linspace
+    with np.errstate(all="ignore"):  # the ends may be at those of the floating range
+        return tuple(between(first, last, count).tolist())
+
+
+def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
+    """What :func:`values` reads to the last bit: one value, a range where it gives the same, or a list."""
+    first, last, count = given[0], given[-1], len(given)
+    if count == 1:
+        return write(first)
+    for scale in SCALES:
+        if (
+            count > 2
+            and first != last
+            and (scale == "linear" or min(first, last) > 0.0)
+            and spaced(first, last, count, scale) == tuple(given)
+        ):
+            return {"from": write(first), "to": write(last), "points": count, "scale": scale}
+    return [write(value) for value in given]
+
+
+# -- spreads --------------------------------------------------------------------------------------------------------
+
+
+def spread(value: Any, folder: Path) -> Spread:
+    """How diameters differ: exactly one of uniform, normal, discrete, measured; files are looked for in ``folder``."""
+    measured = partial(_measured, folder=folder)
+    kinds: dict[str, Rule] = {"uniform": _uniform, "normal": _normal, "discrete": _discrete, "measured": measured}
+    allowed = f"exactly one of {', '.join(kinds)}"
+    if not isinstance(value, dict):
+        mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
+        raise Refused(shown(value), allowed, mend)
+    if len(value) != 1:
+        raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
+    (found,) = block(value, kinds).values()
+    return found  # type: ignore[no-any-return]
+
+
+def _uniform(value: Any) -> Uniform:
+    return Uniform(WIDTH.read(value))
+
+
+def _normal(value: Any) -> Normal:
+    """A standard deviation, or {std, cutoff}."""
+    if not isinstance(value, dict):
+        return Normal(WIDTH.read(value))
+    cutoff = partial(number, low=1e-3, high=10.0)
+    return Normal(**block(value, {"std": WIDTH.read, "cutoff": cutoff}, ("std",)))
+
+
+def _discrete(value: Any) -> Discrete:
+    """{diameters, fractions}, of the same length."""
+    rules = {"diameters": _diameters, "fractions": partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")}
+    given = block(value, rules, tuple(rules))
+    try:
+        return Discrete(**given)
+    except InputError as error:
+        allowed = "one fraction for each diameter, with the sum 1"
+        raise Refused(shown(given["fractions"]), allowed, str(error), ("fractions",)) from None
+
+
+def _measured(value: Any, folder: Path) -> Measured:
+    """The name of a table, {file, column}, or {diameters}."""
+    if isinstance(value, dict) and "diameters" in value:
+        return Measured(block(value, {"diameters": _diameters})["diameters"])
+    given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
+    try:
+        return Measured.from_csv(folder / given["file"], given.get("column"), quoted=False)
+    except InputError as error:
+        raise Refused(shown(given["file"]), "a table with a column of diameters", str(error)) from None
+
+
+def table_named(value: Any) -> str | None:
+    """The file that a spread, as it stands in a scene that has been read, is measured from; None if there is none."""
+    measured = value.get("measured") if isinstance(value, dict) else None
+    return measured.get("file") if isinstance(measured, dict) else measured
+
+
+_diameters = partial(each, rule=LENGTH.read, what="diameters")
+
+
+def write_spread(given: Any, table: str = "") -> dict[str, Any]:
+    """What :func:`spread` reads to the last bit; measured diameters too many for a scene are named by their ``table``."""
+    if isinstance(given, Uniform):
+        return {"uniform": WIDTH.write(given.width)}
+    if isinstance(given, Normal):
+        return {"normal": {"std": WIDTH.write(given.std), "cutoff": given.cutoff}}
+    if table and _is_long(given):
+        return {"measured": table}
+    diameters = [LENGTH.write(diameter) for diameter in given.diameters]
+    if isinstance(given, Discrete):
+        return {"discrete": {"diameters": diameters, "fractions": given.fractions}}
+    return {"measured": {"diameters": diameters}}
+
+
+def _is_long(given: Any) -> bool:
+    """Whether it is more measured diameters than a scene holds itself."""
+    return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
+
+
+def diameters_table(given: Any) -> str | None:
+    """The text of a table of the measured diameters, if they are more than a scene holds; else None."""
+    if not _is_long(given):
+        return None
+    return "diameter (m)\n" + "".join(f"{diameter!r}\n" for diameter in given.diameters)
+
+
+# -- media, and what a sweep goes over ------------------------------------------------------------------------------
+
+
+def media(value: Any) -> tuple[MediumChoice, ...]:
+    """One medium, or a list of them."""
+    if not isinstance(value, list | tuple):
+        return (medium(value),)
+    found: tuple[MediumChoice, ...] = each(value, medium, "media")
+    labels = [one.label for one in found]
+    double = [label for label in labels if labels.count(label) > 1]
+    if double:
+        raise Refused(f"{double[0]!r} twice", f"{', '.join(MEDIA)}, each once")
+    return found
+
+
+_QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
+
+
+def parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """What a sweep goes over besides loads and media: parameters of the packing with their values, in the order given."""
+    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {"poisson_ratio": poisson_ratio}
+    others: dict[str, Rule] = {"spread": partial(spread, folder=folder), "friction": truth, "lattice": lattice_name}
+    rules = {name: partial(values, rule=rule) for name, rule in numbers.items()}
+    rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
+    return tuple(block(value, {name: rules[name] for name in PARAMETERS}).items())
+
+
+def write_parameter(name: str, given: Sequence[Any]) -> Any:
+    """What :func:`parameters` reads for one of them, to the last bit."""
+    if name in _QUANTITIES:
+        return write_values(given, _QUANTITIES[name].write)
+    if name == "poisson_ratio":
+        return write_values(given, float)
+    others: dict[str, Rule] = {"spread": write_spread, "lattice": write_lattice, "friction": bool}
+    return [others[name](value) for value in given]
+
+
+# -- single values --------------------------------------------------------------------------------------------------
+
+
+def lattice_name(value: Any) -> str:
+    if value == "hexagonal":
+        raise Refused("'hexagonal'", ", ".join(LATTICES), "Did you mean 'triangular', with six neighbours?")
+    return choice(value, tuple(LATTICES))
+
+
+def write_lattice(lattice: str | Lattice) -> str:
+    """Its name; :class:`~granphon.base.errors.InputError` if it is not a lattice of that name."""
+    structure = lattice_named(lattice)
+    if LATTICES.get(structure.name) != structure:
+        raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))
+    return structure.name
+
+
+def poisson_ratio(value: Any) -> float:
+    allowed = "a plain number, -1 < poisson_ratio <= 0.5"
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise Refused(shown(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
+    if not -1.0 < value <= 0.5:
+        raise Refused(shown(value), allowed, "Outside it an isotropic solid is not stable.")
+    return float(value)
+
+
+def schema_number(value: Any) -> int:
+    if value == SCHEMA and isinstance(value, int) and not isinstance(value, bool):
+        return SCHEMA
+    newer = isinstance(value, int) and value > SCHEMA
+    raise Refused(shown(value), str(SCHEMA), "The scene was written for a newer granphon." if newer else "")
+
+
+def observed(value: Any) -> tuple[str, ...]:
+    allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
+    if not isinstance(value, list | tuple) or not value:
+        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
+        raise Refused(shown(value) if value != [] else "an empty list", allowed, mend)
+    names = tuple(choice(name, OBSERVABLES) for name in value)
+    double = [name for name in names if names.count(name) > 1]
+    if double:
+        raise Refused(f"{double[0]!r} twice", allowed + ", each once")
+    return tuple(name for name in OBSERVABLES if name in names)
+
+
+supercell = partial(grid, low=2, high=100, example="3 3 1")
+mesh_numbers = partial(grid, low=1, high=4096, example="64 64 1")
+segment_points = partial(whole, low=2, high=100_000)
+balls_on_side = partial(whole, low=1, high=1_000_000)
+
+
+def band_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+    """Paths of points, from "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma parts paths that do not join."""
+    allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
+    if not isinstance(value, str):
+        raise Refused(shown(value), allowed, "Write the points as one line of text.")
+    paths = []
+    for part in value.split(","):
+        numbers = [_fraction(word, value, allowed) for word in part.split()]
+        if len(numbers) % 3 or len(numbers) < 6:
+            found = f"{shown(value)}, with {len(numbers)} numbers in a path"
+            raise Refused(found, allowed, "A path has two points or more.")
+        points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
+        if any(point[2] != 0.0 for point in points):
+            raise Refused(f"{shown(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
+        if any(one == two for one, two in itertools.pairwise(points)):
+            raise Refused(f"{shown(value)}, with the same point twice in a row", allowed)
+        paths.append(points)
+    return tuple(paths)
+
+
+def _fraction(word: str, value: str, allowed: str) -> float:
+    if re.fullmatch(r"[-+]?[0-9]{1,9}/0*[1-9][0-9]{0,8}", word):
+        return float(Fraction(word))
+    number = float(word) if re.fullmatch(NUMBER, word) else math.nan
+    if not abs(number) <= 1e3:
+        raise Refused(f"{shown(word)} in {shown(value)}", allowed)
+    return number + 0.0
+
+
+def label_words(value: Any) -> tuple[str, ...]:
+    words = value.split() if isinstance(value, str) else value
+    if (
+        not isinstance(words, list | tuple)
+        or not words
+        or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words)
+    ):
+        allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
+        raise Refused(shown(value), allowed)
+    return tuple(words)
+
+
+@dataclass(frozen=True)
+class BandPath:
+    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
+
+    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
+    """
+
+    paths: tuple[tuple[tuple[float, float, float], ...], ...]
+    labels: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        count = sum(map(len, self.paths))
+        if self.labels is not None and len(self.labels) != count:
+            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
+
+    @classmethod
+    def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
+        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
+        named = None if labels is None else ruled("band_labels", label_words, labels)
+        return cls(ruled("band", band_paths, points), named)
+
+    @classmethod
+    def default(cls, packing: Packing) -> Self:
+        """Around the irreducible zone of the packing's lattice: G-K-M-G, or G-X-M-G on a square cell."""
+        (ax, ay), (bx, by) = packing.structure.cell
+        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
+        if abs(cosine) < 1e-6:
+            return cls.parse("0 0 0 1/2 0 0 1/2 1/2 0 0 0 0", "G X M G")
+        return cls.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
+
+    @property
+    def arrays(self) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
+        """Each path as an array (n_points, 3)."""
+        return [np.array(path) for path in self.paths]
+
+    def __str__(self) -> str:
+        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
+
+
+def _as_fraction(x: float) -> str:
+    near = Fraction(x).limit_denominator(100)
+    return str(near) if float(near) == x else repr(x)

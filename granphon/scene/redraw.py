@@ -1,0 +1,103 @@
+"""Drawing the results of a run again, from the files in its folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from granphon.base.errors import InputError, message
+from granphon.base.staging import files_written, opened
+from granphon.observables.acoustics import contact_lattice, ideal_lattice
+from granphon.scene.scene import Scene
+
+__all__ = ["figure_name", "redraw"]
+
+_FORMATS = (".pdf", ".png", ".svg")
+
+
+def figure_name(bands: bool) -> str:
+    """Of the figure of bands, or of the density of states alone."""
+    return "bands.png" if bands else "dos.png"
+
+
+def redraw(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
+    asymptotes: bool = False,
+    variable: str | None = None,
+    backend: str | None = None,
+) -> Path:
+    """Draw the results in a run's folder again, in one figure.
+
+    Parameters
+    ----------
+    folder : where sweep.nc is, or band.yaml, dos.csv, or both.
+    out : where to, in the format of its ending; by default sweep.png, bands.png (dos.png without bands) in the folder.
+    force : overwrite.
+    asymptotes : add the long waves (equations 13-15) of the scene that the folder holds to its bands.
+    variable : of a sweep, to be drawn alone.
+    backend : of matplotlib, such as "pgf"; by default the one that the ending of ``out`` has.
+
+    Returns
+    -------
+    The path written.
+
+    Raises
+    ------
+    InputError : the folder holds nothing to draw, its files are damaged, the format or the variable is unknown, or what is
+        asked for belongs to another kind of result.
+    FigureError : matplotlib cannot draw it.
+    FileExistsInRunError, OutputError : the figure cannot be written.
+    """
+    source = Path(folder)
+    have = {name: source / name for name in ("sweep.nc", "band.yaml", "dos.csv") if (source / name).is_file()}
+    if not have:
+        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
+        why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
+        raise InputError(
+            message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
+        )
+    swept = "sweep.nc" in have
+    if swept and asymptotes:
+        raise InputError(message(f"{source} holds a sweep", "Long waves are drawn beside bands", "Leave asymptotes out"))
+    if variable is not None and not swept:
+        raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
+    target = source if out is None else Path(out).parent
+    name = Path(out).name if out is not None else "sweep.png" if swept else figure_name("band.yaml" in have)
+    if Path(name).suffix not in _FORMATS:
+        raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
+    # locked before anything is read, so that a run cannot exchange the files under the figure that is to stand beside them
+    with opened(target, [name], force) as locked:
+        before = files_written(source)
+        figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
+        if files_written(source) != before:
+            what = f"{source} has been written into while it was read"
+            raise InputError(message(what, "The figure would show two results", "Draw it again"))
+        from granphon.figures.bands import save_figure
+
+        with locked.staging([name]) as place:
+            save_figure(figure, place / name, backend=backend)
+    return target / name
+
+
+def _sweep_figure(path: Path, variable: str | None) -> Any:
+    from granphon.figures.charts import sweep_figure
+    from granphon.sweeps.archive import load_sweep
+
+    return sweep_figure(load_sweep(path), variable=variable)
+
+
+def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
+    from granphon.figures.bands import bands_figure
+    from granphon.phonons.phonons import Bands, DensityOfStates
+
+    bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
+    dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
+    lattice = None
+    if asymptotes and bands is not None:
+        scene = Scene.from_yaml(source / "scene.yaml")
+        # in the paper's limit it is the same under every load: nothing need be solved
+        lattice = contact_lattice(scene.state()) if scene.finite_overlap else ideal_lattice(scene.packing)
+    return bands_figure(bands=bands, dos=dos, asymptotes=lattice)

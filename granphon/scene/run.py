@@ -1,0 +1,399 @@
+"""Carrying a scene out: everything is computed first, then written into one folder.
+
+=====================  =====================================================================================
+file                   holds
+=====================  =====================================================================================
+scene.yaml             the scene with every default written out, in SI
+summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
+band.yaml              bands, phonopy's format with eigenvectors
+phonopy_params.yaml    force constants, for the phonopy command
+dos.csv                density of states
+sample.extxyz          of a simulation at one load: the first sample, balls with their places, sizes and forces
+forces.png             of the same: its force chains, and how forces are distributed
+bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
+sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; the table without bands
+sweep.png              of a sweep: velocities and exponents over the load
+diameters.csv          the measured diameters, if they are too many for scene.yaml
+=====================  =====================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from granphon.array.atoms import write_extxyz
+from granphon.base.errors import InputError
+from granphon.base.progress import Progress, Step, silent
+from granphon.base.staging import files_written, is_written, opened
+from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
+from granphon.dynamics.local_field import LocalField
+from granphon.media.choice import Rung
+from granphon.media.mean_field import EffectiveMedium
+from granphon.media.simulation import SimulatedState
+from granphon.media.state import ContactState
+from granphon.observables.validity import Validity, validity
+from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
+from granphon.scene.redraw import figure_name
+from granphon.scene.scene import DIAMETERS_FILE, Scene
+from granphon.sweeps.jobs import LATTICE_BANDS, exponents, has_pressure, packages, sampling_errors
+from granphon.sweeps.tasks import kept
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from xarray import Dataset
+
+    from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
+
+__all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "is_complete", "run"]
+
+SCHEMA = 1
+#: every file that a run may write
+RESULT_FILES = (
+    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
+    "forces.png", "sweep.nc", "sweep.csv", "sweep.png", DIAMETERS_FILE,
+)  # fmt: skip
+#: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
+WORK_FOLDER = ".granphon-sweep"
+_UNITS = {
+    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
+    "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "exponent_error": "1",
+    "direction": "1", "top_frequency": "Hz",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a scene of one state gave. What it did not ask for is None.
+
+    ``load`` is what was given, "force", "pressure" or "overlap". ``files`` are the paths written, ``folder`` where they are.
+    ``phonons`` are those of the bands and of the density of states. ``local_field`` is that of the effective medium; None in
+    another, and for equal balls. ``rung`` is what an automatic medium has chosen, and its expected error. ``failures`` says
+    which figures could not be drawn, and why.
+    """
+
+    folder: Path
+    state: ContactState
+    medium: str
+    load: str
+    local_field: LocalField | None
+    validity: Validity
+    velocities: SoundVelocities | None
+    moduli: Moduli | None
+    phonons: Phonons | None
+    bands: Bands | None
+    dos: DensityOfStates | None
+    files: tuple[Path, ...]
+    rung: Rung | None = None
+    failures: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each limit that is passed, for what is not known or left out, and for figures that failed."""
+        spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
+        return self.validity.warnings + self._exponents[1] + ((LATTICE_BANDS,) if spectra else ()) + self.failures
+
+    @cached_property
+    def _exponents(self) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Those of a simulation take equilibria of their own: with the velocities only."""
+        asked = self.velocities is not None or not isinstance(self.state, SimulatedState)
+        return exponents(self.state) if asked and not self.state.finite_overlap else ({}, ())
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers as plain data, under the names of the library's attributes."""
+        state, packing = self.state, self.state.packing
+        out: dict[str, Any] = {"medium": self.medium}
+        if self.rung is not None:
+            out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
+        left_out = set() if has_pressure(packing) else {"pressure"}
+        out |= {name: getattr(state, name) for name in (*state.units, "regime") if name not in left_out}
+        if isinstance(state, SimulatedState) and state.n_samples > 1:
+            found = "force" if self.load == "overlap" else "overlap"
+            out[f"{found}_error"] = state.standard_error(found)
+        out |= self._exponents[0]
+        out |= {"width": packing.width, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
+        if self.local_field is not None:
+            out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}
+        if self.velocities is not None and self.moduli is not None:
+            out |= {"longitudinal": self.velocities.longitudinal, "transverse": self.velocities.transverse}
+            if self.moduli.isotropic:
+                out |= {"bulk": self.moduli.bulk, "shear": self.moduli.shear}
+            else:
+                out["direction"] = self.velocities.direction
+            out["tensor"] = self.moduli.tensor
+            out |= sampling_errors(self.velocities, self.moduli)
+        if self.bands is not None:
+            out["top_frequency"] = float(self.bands.frequencies.max())
+        return out
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """What the computation took, besides numpy and scipy."""
+        if self.phonons is not None:
+            return ("ase", "phonopy", "spglib")
+        return ("ase",) if isinstance(self.state, SimulatedState) else ()
+
+    def write(self, place: Path, step: Step) -> None:
+        """Write the files of the spectra, and of a sample, into a folder that is there."""
+        if isinstance(self.state, SimulatedState):
+            write_extxyz(place / "sample.extxyz", self.state.sample.atoms())
+            step.advance()
+        if self.bands is not None and self.phonons is not None:
+            self.bands.write(place / "band.yaml")
+            self.phonons.save(place / "phonopy_params.yaml")
+            step.advance(2)
+        if self.dos is not None:
+            self.dos.write_csv(place / "dos.csv")
+            step.advance()
+
+    def figure(self, name: str) -> Any:
+        """The matplotlib figure that is saved as ``name``."""
+        if isinstance(self.state, SimulatedState) and name == "forces.png":
+            from granphon.figures.charts import forces_figure
+
+            return forces_figure(self.state)
+        from granphon.figures.bands import bands_figure
+
+        return bands_figure(bands=self.bands, dos=self.dos)
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What a scene of many states gave: the data set of :func:`granphon.sweeps.sweep.sweep`.
+
+    ``files`` are the paths written, ``folder`` where they are; ``failures`` says which figures could not be drawn, and why.
+    """
+
+    #: what the computation took, besides numpy and scipy
+    packages: ClassVar[tuple[str, ...]] = ("xarray", "h5netcdf")
+
+    folder: Path
+    dataset: Dataset
+    files: tuple[Path, ...]
+    failures: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each condition of validity that fails, in which medium at which parameters, and for figures."""
+        return (*json.loads(self.dataset.attrs["warnings"]), *self.failures)
+
+    def summary(self) -> dict[str, Any]:
+        """Sizes of the dimensions, and the least and the greatest velocities and load."""
+        data = self.dataset
+        sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
+        out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
+        for name in ("force", "overlap", "longitudinal", "transverse"):
+            out[name] = [float(data[name].min()), float(data[name].max())]
+        return out | {"valid": bool(data["valid"].all())}
+
+    def write(self, place: Path, step: Step) -> None:
+        """Write the data set and its table into a folder that is there."""
+        from granphon.sweeps.archive import write_sweep
+
+        write_sweep(self.dataset, place / "sweep.nc")
+        step.advance(2)
+
+    def figure(self, name: str) -> Any:
+        """The matplotlib figure of the sweep, the only one that there is."""
+        from granphon.figures.charts import sweep_figure
+
+        return sweep_figure(self.dataset)
+
+
+def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
+    """Names of the files that a run of ``scene`` writes."""
+    numbers, drawn = _expected(scene)
+    return numbers + (drawn if figures else ())
+
+
+def _expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and of figures."""
+    names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
+    drawn = []
+    if scene.is_sweep:
+        names += ["sweep.nc", "sweep.csv"]
+        if sum(len(values) > 1 for _, values in scene.parameters) <= 1:  # more make no figure of lines
+            drawn.append("sweep.png")
+    else:
+        if "bands" in scene.observe:
+            names += ["band.yaml", "phonopy_params.yaml"]
+        if "dos" in scene.observe:
+            names.append("dos.csv")
+        if {"bands", "dos"} & set(scene.observe):
+            drawn.append(figure_name("bands" in scene.observe))
+        if scene.rung.medium.simulates:
+            names.append("sample.extxyz")
+            drawn.append("forces.png")
+    return tuple(names), tuple(drawn)
+
+
+def run(
+    scene: Scene,
+    folder: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    progress: Progress = silent,
+    figures: bool = True,
+    resume: bool = False,
+    executor: Executor | None = None,
+) -> RunResult | SweepResult:
+    """Compute what ``scene`` observes, and nothing else, and write it into ``folder``.
+
+    Parameters
+    ----------
+    scene : what to compute.
+    folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished. No other
+        run can write into it meanwhile.
+    force : replace an earlier result, its files that this scene does not write included; and discard what another sweep has
+        finished there. What granphon did not write, or somebody has changed since, and what the scene reads, is never
+        replaced.
+    progress : told how far the work has come.
+    figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a warning of the result.
+    resume : if the sweep is complete (see :func:`is_complete`) read it, and compute and write nothing. A sweep that was
+        cut off goes on from what it has finished in any case.
+    executor : for a sweep's work side by side; the numbers do not depend on it.
+
+    Returns
+    -------
+    :class:`SweepResult` if the scene is a sweep, else :class:`RunResult`.
+
+    Raises
+    ------
+    FileExistsInRunError : a file would be overwritten, or what another scene or version has finished be discarded, and
+        ``force`` is off; or a file may not be replaced at all. Found out before anything is computed.
+    OutputError : the folder cannot be written, or another run is writing into it.
+    GranphonError : the computation fails; no result has been written then.
+    """
+    target, (names, drawn) = Path(folder), _expected(scene)
+    drawn = drawn if figures else ()
+    every = (*names, *drawn)
+    if resume and not force and scene.is_sweep and is_complete(scene, target):
+        from granphon.sweeps.archive import load_sweep
+
+        there = tuple(target / name for name in every if (target / name).exists())
+        return SweepResult(target, load_sweep(target / "sweep.nc"), there)
+    text = scene.to_yaml()
+    result: RunResult | SweepResult
+    with (
+        opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
+        kept(target / WORK_FOLDER, force) as store,
+    ):
+        if scene.is_sweep:
+            result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
+        else:
+            store.claim(None)
+            result = _single(scene, target, progress)
+        used = versions("numpy", "scipy", *result.packages)
+        with locked.staging(every, optional=drawn) as place, progress.step("writing", len(every)) as step:
+            head = "".join(f"# {package} {number}\n" for package, number in used.items())
+            _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
+            if scene.diameters is not None:
+                _write(place / DIAMETERS_FILE, scene.diameters)
+            result.write(place, step)
+            failures: dict[str, str] = {}
+            if drawn:
+                from granphon.figures.style import draw
+
+                failures = draw(result.figure, drawn, place)
+                step.advance(len(drawn))
+            files = tuple(target / name for name in every if name not in failures)
+            result = replace(result, files=files, failures=tuple(failures.values()))
+            _write(place / "summary.yaml", _summary(result, scene, used))
+    return result
+
+
+def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` holds all that a run of ``scene`` gives, figures aside, made with the versions at hand.
+
+    A file that is not as it was written does not count.
+    """
+    target, written = Path(folder), files_written(folder)
+    if not all(name in written for name in expected_files(scene, figures=False)):
+        return False
+    try:
+        made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
+        if Scene.from_yaml(target / "scene.yaml") != scene or made != made | packages():
+            return False
+    except (InputError, KeyError, TypeError):
+        return False
+    return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
+
+
+def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
+    """The result of a scene of one state."""
+    rung = scene.rung
+    choice = rung.medium
+    velocities, constants = None, None
+    with progress.step("simulation") if choice.simulates else nullcontext():
+        state = scene.state()
+        report = validity(state)
+        if "velocities" in scene.observe:
+            constants = moduli(state)
+            direction = None if constants.isotropic else (1.0, 0.0)
+            velocities = sound_velocities(state, direction)
+            _ = state.exponent  # of a simulation two more equilibria, while its step is shown
+    phonons, bands, dos = _spectra(scene, state, progress)
+    medium = choice.of(scene.packing)
+    field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
+    load = scene.load.applied[0]
+    automatic = rung if scene.media[0].is_automatic else None
+    label = scene.media[0].label
+    return RunResult(
+        target, state, label, load, field, report, velocities, constants, phonons, bands, dos, (), automatic
+    )  # fmt: skip
+
+
+def _spectra(
+    scene: Scene, state: ContactState, progress: Progress
+) -> tuple[Phonons | None, Bands | None, DensityOfStates | None]:
+    if not {"bands", "dos"} & set(scene.observe):
+        return None, None, None
+    from granphon.phonons.phonons import Phonons
+
+    bands = dos = None
+    with progress.step("force constants"):
+        phonons = Phonons(state, dim=scene.dim)
+        _ = phonons.phonopy
+    if "bands" in scene.observe:
+        with progress.step("bands"):
+            bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
+    if "dos" in scene.observe:
+        with progress.step("density of states"):
+            dos = phonons.dos(mesh=scene.mesh)
+    return phonons, bands, dos
+
+
+def _summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
+    numbers = result.summary()
+    limits: dict[str, Any] = {}
+    if isinstance(result, RunResult):
+        checks = [
+            {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
+            for c in result.validity.checks
+        ]
+        limits = {"ok": bool(result.validity.ok), "validity": checks}
+    return dump_yaml(
+        {
+            "schema": SCHEMA,
+            "versions": used,
+            "source": None if scene.source is None else scene.source.name,
+            "observe": scene.observe,
+            "finite_overlap": scene.finite_overlap,
+            **numbers,
+            **limits,
+            "warnings": result.warnings,
+            "files": [path.name for path in result.files],
+            "units": {name: unit for name, unit in _UNITS.items() if name in numbers},
+        }
+    )
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Many states as one data set: tasks, workers, files."""

@@ -1,0 +1,359 @@
+"""What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one, load by load.
+
+Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Samples are put together again from the few numbers that are averaged, and
+give what a simulation of all of them gives, to the last bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.sample import Sample
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError, InputError
+from granphon.base.results import plain
+from granphon.base.text import versions
+from granphon.media.choice import MediumChoice, Rung
+from granphon.media.simulation import DirectSimulation, SimulatedState, in_order
+from granphon.media.state import ContactState
+from granphon.observables.acoustics import contact_lattice
+from granphon.observables.validity import Tally, validity
+from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
+from granphon.sweeps.archive import SCHEMA
+from granphon.sweeps.tasks import Part
+
+__all__ = [
+    "ERRORS", "LATTICE_BANDS", "Job", "exponents", "has_pressure", "packages", "sampling_errors", "to_json", "told",
+]  # fmt: skip
+
+Array = NDArray[Any]
+#: of propagation, Cartesian; on an isotropic lattice any other gives the same
+_DIRECTION = (1.0, 0.0)
+#: standard errors over the samples of a simulation; of other media zero
+ERRORS = ("longitudinal_error", "transverse_error", "bulk_error", "shear_error")
+#: what is said of the bands of a simulation
+LATTICE_BANDS = (
+    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
+    "the disorder of the contacts is in the velocities and moduli only"
+)
+#: what is said of the exponent of one sample
+_LONE_EXPONENT = "the standard error of the exponent is not known (nan) from one sample: take two or more"
+
+
+def to_json(data: Any) -> str:
+    """Plain data as a text, the same for equal data."""
+    return json.dumps(data, default=plain, sort_keys=True)
+
+
+@cache
+def packages() -> dict[str, str]:
+    """Versions of what determines the numbers."""
+    return versions("numpy", "scipy")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands.
+
+    ``places`` of its loads among those of the sweep, if an automatic medium gave it some of them.
+    """
+
+    where: str
+    packing: Packing
+    medium: MediumChoice
+    load: str
+    values: tuple[float, ...]
+    finite_overlap: bool
+    qpoints: Array | None
+    places: tuple[int, ...] | None = None
+
+    def state(self, values: ArrayLike) -> ContactState:
+        """At some of the loads."""
+        at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
+        return replace(at(values, finite_overlap=self.finite_overlap), chosen=self.places is not None)
+
+    @cached_property
+    def name(self) -> str:
+        """Of its file: the medium, and a digest of everything that determines the numbers."""
+        data = {**plain(self), "where": "", "places": "", "schema": SCHEMA, "versions": packages()}
+        return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+
+    @cached_property
+    def rungs(self) -> list[Rung]:
+        """What serves which of the loads; an error says at which load."""
+        try:
+            return self.medium.rungs(self.packing, self.load, np.array(self.values))
+        except InputError as error:
+            raise (_located if "load_index" in vars(error) else _named)(self, error) from error
+
+    def _parts(self) -> list[tuple[Job, Rung]]:
+        """The jobs that an automatic medium leaves to others."""
+        out = []
+        for rung in self.rungs:
+            places = tuple(rung.loads.tolist())
+            where = f"{self.where}: {rung.medium.label}"
+            values = tuple(self.values[i] for i in places)
+            out.append((replace(self, where=where, medium=rung.medium, values=values, places=places), rung))
+        return out
+
+    @property
+    def pieces(self) -> list[Job]:
+        """What can be done side by side: the loads of different media, and the samples of a simulation; else the job."""
+        if self.medium.is_automatic:
+            return [piece for job, _ in self._parts() for piece in job.pieces]
+        try:
+            medium = self.medium.of(self.packing)
+        except InputError as error:
+            raise _named(self, error) from error
+        if not isinstance(medium, DirectSimulation):
+            return [self]
+        out: list[Job] = []
+        for seed in range(medium.seed, medium.seed + medium.samples):
+            # the same sample is the same piece, however many there are
+            alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
+            where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
+            out.append(
+                _SampleJob(where, self.packing, alone, self.load, self.values, self.finite_overlap, None, self.places)
+            )
+        return out
+
+    def joined(self, parts: Sequence[Part]) -> Part:
+        """The result, from those of its :attr:`pieces`."""
+        if self.medium.is_automatic:
+            return self._together(parts)
+        medium = self.medium.of(self.packing)
+        return self.observed(_averaged(self, medium, parts)) if isinstance(medium, DirectSimulation) else parts[0]
+
+    def _together(self, parts: Sequence[Part]) -> Part:
+        """The results of the media that were chosen, each at its loads, of what all of them have."""
+        left, found = list(parts), []
+        for job, rung in self._parts():
+            count = len(job.pieces)
+            found.append((job.joined(left[:count]), rung))
+            del left[:count]
+        out: Part = {"warnings": _once([text for part, _ in found for text in part["warnings"].tolist()])}
+        for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
+            values = np.concatenate([part[name] for part, _ in found])
+            order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
+            out[name] = values[order]
+        return out
+
+    def chosen(self) -> Part:
+        """At each load the medium that served it, and its expected error, +inf if that is not known."""
+        choice, error = np.empty(len(self.values), object), np.empty(len(self.values))
+        for rung in self.rungs:
+            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
+        return {"choice": choice.astype(str), "expected_error": error}
+
+    @property
+    def steps(self) -> int:
+        """One: all loads together."""
+        return 1
+
+    def done(self, part: Part) -> int:
+        """How many steps are in a result."""
+        return 1
+
+    def solve(self, begun: Part | None = None) -> Part:
+        """Every variable at every load, and "warnings", for :func:`told`; an error says at which load of which task."""
+        try:
+            return self.observed(self.state(np.array(self.values)))
+        except GranphonError as error:
+            raise _located(self, error) from error
+
+    def observed(self, state: ContactState) -> Part:
+        """What is found of a state."""
+        velocities, constants = sound_velocities(state, _DIRECTION), moduli(state)
+        names = [name for name in state.units if name != "pressure" or has_pressure(self.packing)]
+        out = {name: getattr(state, name) for name in (*names, "regime")}
+        out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
+        if constants.isotropic:
+            out |= {"bulk": constants.bulk, "shear": constants.shear}
+        out |= sampling_errors(velocities, constants)
+        notes: list[Tally | str] = [check.tally for check in validity(state).checks]
+        if not state.finite_overlap:
+            found, doubts = exponents(state)
+            out |= found
+            notes += doubts
+        if self.qpoints is not None:
+            out["frequencies"] = _frequencies(state, self.qpoints)
+            notes += [LATTICE_BANDS] if isinstance(state, SimulatedState) else []
+        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _written(notes)}
+
+
+def _written(notes: Sequence[Tally | str]) -> NDArray[Any]:
+    """What has to be said of a result, as an array of texts: conditions over loads, or sentences."""
+    return np.array([json.dumps(note) for note in notes], str)
+
+
+def _read(text: str) -> Tally | str:
+    note = json.loads(text)
+    return note if isinstance(note, str) else Tally(*note)
+
+
+def _once(texts: Sequence[str]) -> NDArray[Any]:
+    """Notes on parts of the loads as notes on all of them: each condition once, and each sentence."""
+    found: dict[Any, Tally | str] = {}
+    for note in map(_read, texts):
+        key = note if isinstance(note, str) else note[:4]
+        before = found.get(key)
+        found[key] = before.joined(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+    return _written(list(found.values()))
+
+
+def told(part: Part) -> list[str]:
+    """The warnings of a result, a sentence for each condition that fails."""
+    sentences = (note if isinstance(note, str) else note.warning for note in map(_read, part["warnings"].tolist()))
+    return [sentence for sentence in sentences if sentence is not None]
+
+
+def sampling_errors(velocities: SoundVelocities, constants: Moduli) -> dict[str, Any]:
+    """Those of :data:`ERRORS` that there are: none of a medium, or a single sample."""
+    found = {name: getattr(one, name) for one in (velocities, constants) for name in ERRORS if name in one.units}
+    return {name: error for name, error in found.items() if error is not None}
+
+
+def exponents(state: ContactState) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The local exponent and its standard error, and a warning if that is not known."""
+    error = state.exponent_error
+    return {"exponent": local_exponent(state), "exponent_error": error}, (_LONE_EXPONENT,) * bool(np.any(np.isnan(error)))
+
+
+def _located(job: Job, error: GranphonError) -> GranphonError:
+    """``error``, or that of the first load which alone gives one, with the task and the load before it.
+
+    The index of that load is its attribute ``load_index``, which comes back from a worker process too.
+    """
+
+    def at(index: int, error: GranphonError) -> GranphonError:
+        unit = ContactState.units[job.load]
+        located = type(error)(f"{job.where}, {job.load} = {job.values[index]!r} {unit}: {error}")
+        vars(located)["load_index"] = index if job.places is None else job.places[index]
+        return located
+
+    if (known := vars(error).get("load_index")) is not None:  # that of a simulation, which is not worked out again
+        return at(known, error)
+    for index, value in enumerate(job.values):
+        try:
+            job.observed(job.state(np.array([value])))
+        except GranphonError as alone:
+            return at(index, alone)
+    return _named(job, error)
+
+
+def _named(job: Job, error: GranphonError) -> GranphonError:
+    """``error`` with the task before it."""
+    return type(error)(f"{job.where}: {error}")
+
+
+def has_pressure(packing: Packing) -> bool:
+    """Whether the stress of the lattice is a pressure."""
+    with suppress(InputError):
+        return packing.structure.pressure_factor > 0.0
+    return False
+
+
+def _frequencies(state: ContactState, qpoints: Array) -> Array:
+    """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
+
+    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
+    """
+    loads = [state[i] for i in range(len(state.force))]
+    lattices = [contact_lattice(one) for one in (loads if state.finite_overlap else loads[:1])]
+    rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
+    hertz = np.array([one.scales.frequency for one in loads])
+    out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
+    return out
+
+
+# -- samples --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Averaged:
+    """Of a :class:`~granphon.array.sample.Sample` what a state averages, in its place."""
+
+    force: float
+    overlap: float
+    normal_stiffness: float
+    force_fluctuation: float
+    contact_force_fluctuation: float
+    fraction: float
+    elastic_tensor: Array
+    elastic_tensors_beside: Array
+
+    def contact_fraction(self) -> float:
+        """The part of the contacts that carries load."""
+        return self.fraction
+
+
+_NAMES = tuple(field.name for field in fields(_Averaged))
+
+
+class _SampleJob(Job):
+    """One sample of a simulation at all loads, one after the other, each from the one above as in a simulation of all.
+
+    What is begun has its loads in the order in which they are found, and where the balls rest under the last one.
+    """
+
+    @property
+    def steps(self) -> int:
+        """One for each load."""
+        return len(self.values)
+
+    def done(self, part: Part) -> int:
+        """How many loads are in a result."""
+        return len(part["force"])
+
+    def solve(self, begun: Part | None = None) -> Part:
+        """What is begun and one load more; with the last (n_loads, ...) every number of the sample that is averaged."""
+        index: int | None = None
+        try:
+            simulation: Any = self.medium.of(self.packing)
+            loads = simulation.loads(self.load, np.array(self.values))
+            order = in_order(loads)
+            so_far = dict(begun or {})
+            before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
+            index = order[self.done(so_far) if so_far else 0]
+            sample = simulation.sample(loads[index], before)
+            found = {name: np.asarray(value)[None] for name, value in _averaged_numbers(sample).items()}
+        except GranphonError as error:
+            if index is not None:
+                vars(error)["load_index"] = index
+            raise _located(self, error) from error
+        found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
+        if self.done(found) < len(order):
+            rest = sample.equilibrium
+            return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
+        return {name: value[np.argsort(order)] for name, value in found.items()}
+
+    def observed(self, state: ContactState) -> Part:
+        """(n_loads, ...): every number of the sample that is averaged."""
+        samples: Sequence[Sample] = state.samples if isinstance(state, SimulatedState) else ()
+        rows = [_averaged_numbers(one) for one in samples]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _averaged_numbers(sample: Sample) -> dict[str, Any]:
+    """Every number of a sample that is averaged."""
+    of = {name: attrgetter(name) for name in _NAMES} | {"fraction": Sample.contact_fraction}
+    return {name: find(sample) for name, find in of.items()}
+
+
+def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:
+    """The state of all samples."""
+    samples: Any = tuple(
+        _Averaged(**{name: part[name][load] for name in _NAMES}) for load in range(len(job.values)) for part in parts
+    )
+    given: dict[str, Any] = {job.load: np.array(job.values)} if job.load != "pressure" else {}
+    return SimulatedState.of(simulation, samples, (len(job.values),), **given)

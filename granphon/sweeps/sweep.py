@@ -1,0 +1,358 @@
+"""Many states at once: loads, media and parameters of the packing, as one labelled data set.
+
+The work is cut into tasks (:mod:`granphon.sweeps.jobs`), and the results are put in place by index. With a path each finished task
+is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import Lattice
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import PARAMETERS, Axis, combinations, numbers
+from granphon.base.errors import InputError, message
+from granphon.base.progress import Progress, silent
+from granphon.base.results import restore
+from granphon.base.staging import files_written, is_written, opened
+from granphon.base.text import versions
+from granphon.base.validation import ruled, truth
+from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.simulation import SimulatedState
+from granphon.observables.velocities import Moduli, SoundVelocities
+from granphon.phonons.bands import band_path
+from granphon.sweeps.archive import FORMAT, LOADS, SCHEMA, file_names, load_sweep, write_sweep
+from granphon.sweeps.jobs import ERRORS, Job, packages, to_json, told
+from granphon.sweeps.tasks import Part, Store, kept, solve_all
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["sweep", "swept_packing"]
+
+Array = NDArray[Any]
+_UNITS = {
+    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "exponent_error": "1",
+    "frequencies": "Hz", "expected_error": "1",
+    **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
+}  # fmt: skip
+_LONG_NAMES = {
+    **LOADS,
+    "relative_overlap": "overlap over the mean diameter",
+    "normal_stiffness": "normal stiffness of a contact",
+    "shear_stiffness": "shear stiffness of a contact",
+    "effective_density": "density of the layer taken one diameter thick",
+    "reduced_force": "f*, force over that at an overlap of the width",
+    "reduced_spacing": "a*, (d + W/2 - a)/W",
+    "force_fluctuation": "rms over balls of the mean force of a ball's contacts, over the mean",
+    "contact_force_fluctuation": "rms difference of single contact forces from the mean, over the mean",
+    "contact_fraction": "fraction of contacts that carry load",
+    "stiffness_ratio": "normal stiffness over that of the ideal lattice at the same force",
+    "valid": "inside the medium's range",
+    "regime": "pressure regime of Section III",
+    "longitudinal": "longitudinal sound velocity",
+    "transverse": "transverse sound velocity",
+    "bulk": "bulk modulus of the layer taken one diameter thick",
+    "shear": "shear modulus of the layer taken one diameter thick",
+    "tensor": "elastic tensor of the layer taken one diameter thick, Voigt order",
+    "longitudinal_error": "standard error over samples of the longitudinal sound velocity",
+    "transverse_error": "standard error over samples of the transverse sound velocity",
+    "bulk_error": "standard error over samples of the bulk modulus",
+    "shear_error": "standard error over samples of the shear modulus",
+    "exponent": "d log v / d log P",
+    "exponent_error": "standard error over samples of the exponent",
+    "choice": "medium that an automatic one chose",
+    "expected_error": "expected relative error of velocities and frequencies",
+    "frequencies": "frequencies of the branches, ascending",
+    "young_modulus": "Young modulus of the material",
+    "poisson_ratio": "Poisson ratio of the material",
+    "density": "density of the material",
+    "diameter": "mean diameter",
+    "width": "W, width of the distribution of diameters",
+    "friction": "whether contacts resist shear",
+    "spread": "distribution of diameters",
+    "lattice": "lattice of the contacts",
+}
+_VOIGT = ("xx", "yy", "xy")
+#: dimensions of a variable after load, medium and parameters
+_EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
+
+
+# -- the sweep ------------------------------------------------------------------------------------------------------
+
+
+def sweep(
+    packing: Packing,
+    *,
+    force: ArrayLike | None = None,
+    pressure: ArrayLike | None = None,
+    overlap: ArrayLike | None = None,
+    media: Any = ("ala",),
+    finite_overlap: bool = False,
+    bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
+    npoints: int = 101,
+    labels: Sequence[str] | None = None,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    store: Store | None = None,
+    **parameters: Any,
+) -> Dataset:
+    """States, velocities and moduli over loads, media and parameters of the packing.
+
+    Parameters
+    ----------
+    packing : what is common to the sweep.
+    force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
+    media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
+        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
+        each once.
+    finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
+    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
+    labels : of the corners of that path; by default the letters, or the coordinates.
+    executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
+    progress : told how many steps are done: a medium at one combination of parameters, or one sample of it at one load.
+    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it. What is finished is kept
+        beside it until then: the same sweep to the same path goes on from there, with the numbers of an uninterrupted one.
+    resume : if the sweep in ``path`` is complete return it, and compute and write nothing.
+    overwrite : replace existing files, and discard what another sweep to ``path`` has finished.
+    store : where finished tasks are kept, instead of beside ``path``; what is there serves, and the caller clears it.
+    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread and keeps
+        its shape, uniform if there is none; a ``diameter`` leaves it as it is.
+
+    Returns
+    -------
+    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
+    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along (1, 0) where
+    sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
+    ``exponent`` and its standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
+    sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
+    ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
+    if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
+    and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
+    ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
+
+    Raises
+    ------
+    InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
+        bands over parameters that change the number of branches, a simulation with finite overlap.
+    FileExistsInRunError : files are there, or what another sweep or version has finished, and ``overwrite`` is off; found
+        out before anything is computed.
+    OutputError : the files cannot be written; found out before anything is computed if it can be.
+    GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
+        result is written then.
+    """
+    load, values = _load(force=force, pressure=pressure, overlap=overlap)
+    choices = _media(media)
+    if ruled("finite_overlap", truth, finite_overlap):
+        no_simulation(choices)
+    axes = [Axis.of(name, given) for name, given in parameters.items()]
+    packings = combinations(packing, axes)
+    way = None if bands is None else _Way.of(packings, bands, npoints, labels)
+    frame = _frame((load, values), choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
+    target = _target(path, resume)
+    if target is not None and resume and not overwrite and (there := _complete(target, frame)) is not None:
+        return there
+    qpoints = None if way is None else way.qpoints
+    jobs = [
+        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, finite_overlap, qpoints)
+        for where, one in packings
+        for choice in choices
+    ]
+    pieces = [job.pieces for job in jobs]
+    folder = nullcontext() if target is None else opened(target.parent, file_names(target), overwrite)
+    own = kept(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
+    with folder as locked, own if store is None else nullcontext(store) as place:
+        place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
+        found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
+        ends = accumulate(map(len, pieces), initial=0)
+        parts = [job.joined(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
+        dataset = _filled(frame, jobs, parts, axes)
+        if locked is not None and target is not None:
+            with locked.staging(file_names(target)) as stage:
+                write_sweep(dataset, stage / target.name)
+    return dataset
+
+
+def _load(**given: ArrayLike | None) -> tuple[str, tuple[float, ...]]:
+    """The one kind of load that is given, and its values."""
+    kinds = [name for name, values in given.items() if values is not None]
+    if len(kinds) != 1:
+        what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
+        raise InputError(message(what, mend="Give one of " + ", ".join(given)))
+    return kinds[0], numbers(kinds[0], given[kinds[0]])
+
+
+def _media(given: Any) -> list[MediumChoice]:
+    """The media, each once."""
+    choices = [MediumChoice.parse(one) for one in (given if isinstance(given, list | tuple) else [given])]
+    if not choices:
+        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+    double = [choice.label for choice in choices if choices.count(choice) > 1]
+    if double:
+        raise InputError(message(f"the medium {double[0]!r} is given twice", mend="Give each once"))
+    return choices
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """The path of the bands: ``qpoints`` (s, p, 3), ``distances`` (s, p) in the paper's limit, ``labels`` (s + 1)."""
+
+    qpoints: Array
+    distances: Array
+    labels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
+        """That of all packings; :class:`InputError` if they have no one path."""
+        first = packings[0][1]
+        if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
+            raise InputError(
+                message(
+                    "bands cannot be swept over friction or lattices",
+                    "The number of branches, or the Brillouin zone, differs, and they would make no one array",
+                    "Make a sweep of each",
+                )
+            )
+        letters = _special_points(first.structure) if isinstance(bands, str) else {}
+        qpoints, ticks = band_path(bands, npoints, letters, labels)
+        cartesian = qpoints[..., :2] @ np.linalg.inv(first.structure.vectors).T
+        # the step to the first point of a segment is none, so that paths that do not join are drawn side by side
+        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
+        return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
+
+
+def _special_points(structure: Lattice) -> dict[str, Array]:
+    """The special points of the Brillouin zone by ASE's letters, as those of :class:`granphon.phonons.phonons.Phonons`."""
+    from ase.cell import Cell
+
+    cell = np.eye(3)
+    cell[:2, :2] = structure.vectors
+    return dict(Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points)
+
+
+def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
+    if path is None:
+        if resume:
+            raise InputError(message("there is nothing to resume", "Parts of a sweep are kept beside its file", "Give path"))
+        return None
+    target = Path(path)
+    if target.suffix != ".nc":
+        raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
+    return target
+
+
+def _complete(target: Path, frame: Dataset) -> Dataset | None:
+    """The sweep in ``target`` if it is that of ``frame``; else None."""
+    written = files_written(target.parent)
+    if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
+        return None
+    there = load_sweep(target)
+    return there if _identity(there) == json.loads(to_json(_identity(frame))) else None
+
+
+# -- the data set ---------------------------------------------------------------------------------------------------
+
+
+def _frame(
+    load: tuple[str, tuple[float, ...]], media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool
+) -> Dataset:
+    """The data set before anything is computed: its coordinates, the path of the bands, and what it is made of."""
+    from xarray import Dataset
+
+    kind, values = load
+    coordinates: dict[str, Any] = {kind: ("load", np.array(values), _attrs(kind)), "medium": [m.label for m in media]}
+    for axis in axes:
+        # labels say less than the spread or the lattice itself
+        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
+        coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
+    attrs = {
+        "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
+        "direction": "(1, 0), Cartesian, where velocities depend on it",
+    }  # fmt: skip
+    if finite:
+        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+    return Dataset({} if way is None else _path_variables(way, finite), coordinates, attrs)
+
+
+def _identity(frame: Dataset) -> dict[str, Any]:
+    """All that determines the numbers, as plain data; the same of a frame and of the sweep that is read from its file."""
+    made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
+    out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
+    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS] + path:
+        whole = frame[name].attrs.get("values")
+        out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
+    return out
+
+
+def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
+    """The data set: the frame with what was found."""
+    load, values = jobs[0].load, jobs[0].values
+    dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
+    # a medium that samples nothing has no error
+    exact = {name: np.zeros(len(values)) for name in ERRORS if any(name in part for part in parts)}
+    parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
+    if any(job.medium.is_automatic for job in jobs):
+        parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
+    # what every medium gives; the tensor only where it is needed
+    names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
+    if "bulk" in names:
+        names.remove("tensor")
+    variables: dict[str, Any] = {}
+    for name in names:
+        stack = np.array([part[name] for part in parts])
+        stack = stack.reshape(*counts, frame.sizes["medium"], len(values), *stack.shape[2:])
+        stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
+        variables[name] = ((*dims, *_EXTRA.get(name, ())), stack, _attrs(name))
+    if "tensor" in names:
+        frame = frame.assign_coords({dim: list(_VOIGT) for dim in _EXTRA["tensor"]})
+    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
+    path = dict(frame.data_vars)  # after what is found along it
+    return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
+
+
+def _attrs(name: str) -> dict[str, str]:
+    return {"long_name": _LONG_NAMES[name]} | ({"units": _UNITS[name]} if name in _UNITS and name != "valid" else {})
+
+
+def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
+    # "1/d" is one a day to readers of units, and the spacing is another at each load
+    unit = "1/a" if finite_overlap else "1/d"
+    return {
+        "qpoints": (
+            ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
+        ),
+        "distances": (
+            ("segment", "point"), way.distances,
+            {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
+        ),
+        "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
+    }  # fmt: skip
+
+
+def swept_packing(dataset: Dataset) -> Packing:
+    """The packing that a sweep was made of, before its parameters were changed.
+
+    :class:`InputError` if the data set does not say it.
+    """
+    try:
+        data = json.loads(dataset.attrs["packing"])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(message("the data set does not say its packing", mend="Give one that sweep() has made")) from None
+    packing: Packing = restore(data, Packing, "packing")
+    return packing

@@ -1,0 +1,366 @@
+"""Work that can run side by side, on any executor, and that an interruption does not undo.
+
+A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
+run anywhere and in any order. A long one is done in steps, and each step is kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Protocol
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import FileExistsInRunError, InputError, OutputError, message
+from granphon.base.progress import Progress, Step, silent
+from granphon.base.reading import read_bytes
+from granphon.base.staging import write_bytes
+from granphon.base.text import shown
+
+__all__ = ["IDENTITY", "Part", "Store", "Task", "kept", "solve_all"]
+
+#: the result of a task, or of its first steps; no array holds Python objects
+Part = dict[str, NDArray[Any]]
+#: the file of a store that says what its results belong to
+IDENTITY = "identity.json"
+#: differences that a message names
+_MOST_NAMED = 3
+
+
+class Task(Protocol):
+    """A piece of work, in one step or more."""
+
+    @property
+    def name(self) -> str:
+        """A file name that no task with another result has; it does not begin with a dot."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """In how many it is done."""
+        ...
+
+    def done(self, part: Part) -> int:
+        """How many steps are in ``part``."""
+        ...
+
+    def solve(self, begun: Part | None = None) -> Part:
+        """What is ``begun`` and the next step, or the first; the result if that was the last."""
+        ...
+
+
+# -- what is kept ---------------------------------------------------------------------------------------------------
+
+
+class Store:
+    """The results of finished tasks and steps, one file a task in ``folder``; None keeps nothing.
+
+    The folder is made when the first is kept, in one that is there. It belongs to one work, see :meth:`claim`; ``force``
+    lets another discard it. Files in it that hold no result are the user's, and stay.
+    """
+
+    def __init__(self, folder: Path | None = None, force: bool = False) -> None:
+        self.folder, self.force = folder, force
+        self._identity: bytes | None = None
+        self._names: set[str] = set()
+        self._home: tuple[int, int] | None = None
+
+    def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
+        """Say what the results are to belong to, plain data; what is there serves it. None claims none.
+
+        The work may be another than the one that has left results there, if all of them are among its ``names``. They
+        belong to it from its first own result on.
+
+        Raises
+        ------
+        OutputError : what is there is no folder, or a symbolic link.
+        FileExistsInRunError : there is a result of another work that is none of ``names``, and nobody has said ``force``:
+            then all are discarded.
+        """
+        if self.folder is None:
+            return
+        self._check()
+        self._home = _place(self.folder.parent)
+        text = json.dumps(identity, sort_keys=True)
+        mine, before, self._names = json.loads(text), self._read_identity(), set(names())
+        if (identity is None or before != mine) and self._others():
+            if not self.force:
+                raise FileExistsInRunError(
+                    message(
+                        f"{self.folder} holds what another sweep has finished, which was cut off",
+                        _why(before, mine),
+                        "Run that one again to go on with it, use --force (force=True, overwrite=True) to discard what it "
+                        "has finished, or choose another folder",
+                    )
+                )
+            self.clear()
+        if identity is not None:
+            data = {"digest": hashlib.sha256(text.encode()).hexdigest(), "sweep": mine}
+            self._identity = json.dumps(data, indent=1).encode()
+
+    def _check(self) -> None:
+        """Raise unless the folder is one, or is not there: what is kept in it is nowhere else."""
+        if self.folder is None:
+            return
+        try:
+            found = os.lstat(self.folder)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
+        if not stat.S_ISDIR(found.st_mode):
+            what = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "a file"
+            why = "What a sweep has finished is kept in a folder of that name"
+            raise OutputError(message(f"{self.folder} is {what}", why, "Move it away, or choose another folder"))
+
+    def _read_identity(self) -> Any:
+        """What is said of the results that are there; None if nothing is, or it is damaged."""
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            data = json.loads(read_bytes(self.folder / IDENTITY)) if self.folder else {}
+            if hashlib.sha256(json.dumps(data["sweep"], sort_keys=True).encode()).hexdigest() == data["digest"]:
+                return data["sweep"]
+        return None
+
+    def _others(self) -> set[str]:
+        """Names of the results that are there and are not this work's."""
+        with suppress(OSError):
+            there = set(os.listdir(self.folder)) if self.folder else set()
+            return {name for name in there - self._names if self._data(name) is not None}
+        return set()
+
+    def _data(self, name: str) -> memoryview | None:
+        """The content of the result of that name; None if there is none, or it is damaged."""
+        if self.folder is None:
+            return None
+        try:
+            raw = memoryview(read_bytes(self.folder / name))
+        except (InputError, OSError):
+            return None
+        return raw[32:] if raw[:32] == _digest(name, raw[32:]) else None
+
+    def read(self, task: Task) -> Part | None:
+        """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
+        data = self._data(task.name)
+        if data is None:
+            return None
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return dict(arrays)
+        except (BadZipFile, EOFError, KeyError, OSError, ValueError):
+            return None
+
+    def write(self, task: Task, part: Part) -> None:
+        """Keep the result of ``task``, or of its first steps; :class:`~granphon.base.errors.OutputError` if that fails.
+
+        It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that
+        one writes there alone.
+        """
+        if self.folder is None:
+            return
+        stream = io.BytesIO()
+        np.savez(stream, **part)  # type: ignore[arg-type]  # no array is called allow_pickle
+        self._make()
+        try:
+            if self._identity is not None:
+                write_bytes(self.folder / IDENTITY, self._identity)
+                self._identity = None
+            data = stream.getbuffer()  # no copy: results may be large
+            write_bytes(self.folder / task.name, _digest(task.name, data), data)
+        except BaseException:
+            with suppress(OSError):  # it holds something
+                self.folder.rmdir()
+            raise
+
+    def _make(self) -> None:
+        """Make the folder, but not the one that holds it."""
+        if self.folder is None:
+            return
+        self._check()
+        home = self.folder.parent
+        try:
+            if self._home not in (None, _place(home)):
+                raise FileNotFoundError
+            self.folder.mkdir(exist_ok=True)
+        except FileNotFoundError:
+            what, why = f"{home} has been removed while a sweep was writing into it", "What it had finished there is gone"
+            raise OutputError(message(what, why, "The same command begins again")) from None
+        except OSError as error:
+            raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
+
+    def clear(self) -> None:
+        """Forget every result."""
+        if self.folder is None or self.folder.is_symlink():
+            return
+        for name in self._names | self._others():
+            _remove(self.folder / name)
+        for left in self.folder.glob(".granphon-*/"):  # of a process that was killed while it wrote
+            shutil.rmtree(left, ignore_errors=True)
+        _remove(self.folder / IDENTITY)
+        with suppress(OSError):  # it holds something of the user's
+            self.folder.rmdir()
+
+
+@contextmanager
+def kept(folder: Path | None, force: bool = False) -> Iterator[Store]:
+    """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to go on from."""
+    store = Store(folder, force)
+    yield store
+    store.clear()
+
+
+def _digest(name: str, data: bytes | memoryview) -> bytes:
+    # of the name too: a file that was renamed is another task's
+    found = hashlib.sha256(name.encode())
+    found.update(data)
+    return found.digest()
+
+
+def _place(folder: Path) -> tuple[int, int] | None:
+    """Which folder it is, whatever its name; None if it is not there."""
+    with suppress(OSError):
+        found = os.stat(folder)
+        return found.st_dev, found.st_ino
+    return None
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink()
+
+
+def _why(there: Any, here: Any) -> str:
+    """In words how the work there differs from the one here."""
+    if here is None:
+        return "A result of one state would stand beside it"
+    differences = "; ".join(_differences(there, here))
+    return f"They differ: {differences}" if there else "What it belongs to is not said there"
+
+
+def _differences(there: Any, here: Any) -> list[str]:
+    """In words where plain data differ, the first few."""
+    found = list(_different(there, here, ""))
+    more = len(found) - _MOST_NAMED
+    return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
+
+
+def _different(there: Any, here: Any, where: str) -> Iterator[str]:
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in [*there, *(key for key in here if key not in there)]:
+            name = f"{where}.{key}" if where else str(key)
+            if key not in here or key not in there:
+                yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
+            else:
+                yield from _different(there[key], here[key], name)
+    elif isinstance(there, list) and isinstance(here, list):
+        if len(there) != len(here):
+            yield f"{where} has {len(there)} values there, and {len(here)} here"
+        else:
+            for index, (one, other) in enumerate(zip(there, here, strict=True)):
+                yield from _different(one, other, f"{where}[{index}]")
+    elif there != here:
+        yield f"{where} is {shown(there)} there, and {shown(here)} here"
+
+
+# -- doing it -------------------------------------------------------------------------------------------------------
+
+
+def solve_all(
+    label: str,
+    tasks: Sequence[Task],
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    store: Store | None = None,
+) -> list[Part]:
+    """The results of ``tasks`` in their order, whichever is finished first.
+
+    Parameters
+    ----------
+    label : what ``progress`` calls the work; it is told of each step when its result has been kept.
+    tasks : those that ``store`` has are not done again, nor are steps of them.
+    executor : any that follows :class:`concurrent.futures.Executor`; None does one task after the other. It is not shut
+        down.
+    store : where each result is kept as soon as it is there.
+
+    An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled, and results
+    that are there are kept.
+    """
+    known = store or Store()
+    parts = {i: part for i, task in enumerate(tasks) if (part := known.read(task)) is not None}
+    with progress.step(label, sum(task.steps for task in tasks)) as step:
+        step.advance(sum(tasks[i].done(part) for i, part in parts.items()))
+        work = _Work(tasks, parts, known, step)
+        if executor is None:
+            work.in_turn()
+        else:
+            work.spread_out(executor)
+    return [parts[i] for i in range(len(tasks))]
+
+
+class _Work:
+    """Tasks under way; ``parts`` are their results so far, by index."""
+
+    def __init__(self, tasks: Sequence[Task], parts: dict[int, Part], store: Store, step: Step) -> None:
+        self.tasks, self.parts, self.store, self.step = tasks, parts, store, step
+
+    def _is_left(self, index: int) -> bool:
+        return index not in self.parts or self.tasks[index].done(self.parts[index]) < self.tasks[index].steps
+
+    def _keep(self, index: int, part: Part) -> None:
+        self.store.write(self.tasks[index], part)
+        self.parts[index] = part
+        self.step.advance()
+
+    def _rescue(self, index: int, part: Part) -> None:
+        """Keep what an error or an interruption has overtaken."""
+        with suppress(OutputError):  # that is the error itself
+            self.store.write(self.tasks[index], part)
+
+    def in_turn(self) -> None:
+        """Do one task after the other, here."""
+        for index, task in enumerate(self.tasks):
+            while self._is_left(index):
+                part = task.solve(self.parts.get(index))
+                try:
+                    self._keep(index, part)
+                except BaseException:
+                    self._rescue(index, part)
+                    raise
+
+    def spread_out(self, executor: Executor) -> None:
+        """Have them done side by side, the next step of a task when the one before is there."""
+        running: dict[Future[Part], int] = {}
+        ready: SimpleQueue[Future[Part]] = SimpleQueue()
+
+        def submit(index: int) -> None:
+            future = executor.submit(self.tasks[index].solve, self.parts.get(index))
+            running[future] = index
+            future.add_done_callback(ready.put)
+
+        try:
+            for index in filter(self._is_left, range(len(self.tasks))):
+                submit(index)
+            while running:
+                future = ready.get()
+                index = running[future]
+                self._keep(index, future.result())
+                del running[future]
+                if self._is_left(index):
+                    submit(index)
+        finally:
+            for future in running:
+                future.cancel()
+            for future, index in running.items():
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    self._rescue(index, future.result())

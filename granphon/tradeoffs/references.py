@@ -1,0 +1,339 @@
+"""References made by other algorithms than those of the package, to measure its errors against; slower than what they judge.
+
+- :func:`local_field_by_cubature` integrates the lattice's Green's function by adaptive rules of scipy;
+- :func:`curve_by_integration` follows the effective medium's curve as a differential equation, by scipy's integrators;
+- :func:`integrated_dos` counts modes along whole lines of wave vectors, between the roots of a determinant: no mesh, no
+  interpolation of branches, no phonopy.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.distributions import PointShape, Shape
+from granphon.base.errors import InputError, PrecisionError, message
+from granphon.dynamics.modes import ContactLattice
+from granphon.laws.spread import STIFFNESS, high_pressure_series
+
+__all__ = ["balance", "curve_by_integration", "integrated_dos", "local_field_by_cubature"]
+
+Array = NDArray[np.float64]
+#: weights, F^Q, K^Q, and the derivative of K^Q by y or what y is a function of, each (n_Q,)
+Balls = tuple[Array, Array, Array, Array]
+#: called time and again in long work; what it raises ends it
+Check = Callable[[], object] | None
+
+# -- the local field ----------------------------------------------------------------------------------------------------
+
+#: relative error asked of each integral
+_ASKED = 1e-13
+#: directions of the contacts and across them, those of the triangular lattice, each once
+_ANGLES = np.pi / 3.0 * np.arange(3)
+_NORMALS, _TANGENTS = (np.stack([np.cos(a), np.sin(a)]) for a in (_ANGLES, _ANGLES + 0.5 * np.pi))
+
+
+def local_field_by_cubature(mindlin_ratio: float) -> tuple[float, float]:
+    """Xi of the triangular lattice and a bound of its error, by adaptive Gauss-Kronrod rules.
+
+    u_1 = <F^T D^-1 F>/6 with F(q) the unit radial forces on the corona and D(q) the lattice's static stiffness, rotations
+    eliminated: the definition that opens the paper's appendix. In polar coordinates around Gamma, where its limit depends on
+    the direction, the integrand is smooth; its symmetry leaves a twelfth of the zone, 30 degrees from Gamma-M to Gamma-K.
+
+    Raises :class:`~granphon.base.errors.InputError` if eta is below zero or not finite.
+    """
+    from scipy.integrate import quad
+
+    if not 0.0 <= mindlin_ratio < np.inf:
+        raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a finite number, zero or above"))
+    edge, error = 2.0 * math.pi / math.sqrt(3.0), 0.0  # |q| at M
+
+    def along(angle: float) -> float:
+        nonlocal error
+        # Gamma-M is across a contact
+        way = np.array([-math.sin(angle), math.cos(angle)])
+        value, off, *_ = quad(lambda r: r * _radial(r * way, mindlin_ratio), 0.0, edge / math.cos(angle), **options)
+        error = max(error, off)
+        return float(value)
+
+    options: dict[str, Any] = {"epsabs": 0.0, "epsrel": _ASKED, "full_output": 1}
+    third = math.pi / 6.0
+    value, off, *_ = quad(along, 0.0, third, **options)
+    scale = 12.0 * math.sqrt(3.0) / (8.0 * math.pi**2)  # twelve parts, over the area of the zone
+    compliance = scale * value
+    return 1.0 / compliance - 1.0, scale * (off + third * error) / compliance**2
+
+
+def _radial(q: Array, eta: float) -> float:
+    """F^T D^-1 F/6 at one wave vector (2,): the mean radial displacement of the corona under unit radial forces there."""
+    half = 0.5 * (q @ _NORMALS)
+    sine, cosine = np.sin(half), np.cos(half)
+    stiff = 4.0 * (_NORMALS * sine**2) @ _NORMALS.T
+    if eta:
+        # a slip is 2 sin(half) t.u - cos(half) phi, with phi such that no torque is left
+        turned = _TANGENTS @ (sine * cosine)
+        stiff += 4.0 * eta * ((_TANGENTS * sine**2) @ _TANGENTS.T - np.outer(turned, turned) / np.sum(cosine**2))
+    force = 4.0 * _NORMALS @ (sine * cosine)
+    (a, b), (_, c) = stiff
+    x, y = force
+    return float((c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)) / 6.0
+
+
+# -- the effective medium -----------------------------------------------------------------------------------------------
+
+#: how far below the least force the integration goes, and how near to the first contact, of the way to it
+_BELOW, _NEAR = 0.99, 1e-9
+
+
+def balance(balls: Balls, k: float, xi: float, rise: float = 1.0) -> tuple[float, float, float]:
+    """G, its derivative by the variable of which y has the derivative ``rise``, and dG/dk; f = G(y, k) solves (36)."""
+    weights, force, stiffness, slope = balls
+    part = weights / (stiffness + xi * k)
+    total = np.sum(part)
+    f = np.sum(part * force) / total
+    bent = part / (stiffness + xi * k) * (force - f)
+    by_place = (rise * np.sum(part * stiffness) - np.sum(bent * slope)) / total
+    return float(f), float(by_place), float(-xi * np.sum(bent) / total)
+
+
+def curve_by_integration(
+    shape: Shape,
+    xi: float,
+    force: ArrayLike,
+    tolerance: float = 1e-13,
+    method: Literal["LSODA", "Radau"] = "LSODA",
+    check: Check = None,
+) -> tuple[Array, Array]:
+    """y and k of the effective medium at reduced forces f*, from k' = (k - dG/dy)/(dG/dk).
+
+    Integrated downwards from the high-pressure series, anew between openings, in the square root of the distance to the
+    opening below. From f* = 1e-4 to 100, for densities and for up to ten listed diameters, y agrees with
+    :func:`~granphon.laws.effective.effective_curve` to 1e-13 and k to 4e-12 (1e-13 but near openings, where the integrator
+    interpolates); at a tolerance of 1e-11, to 2e-12 and 6e-11.
+
+    Parameters
+    ----------
+    shape, xi : of the medium.
+    force : (n,) f*, above zero, in any order.
+    tolerance : relative, of a step.
+    method : of :func:`scipy.integrate.solve_ivp`. Radau's is of fixed order: k to 4e-9 at 1e-8, to 1e-10 at 1e-10.
+    check : called time and again, if given; what it raises ends the work.
+
+    Raises
+    ------
+    InputError : a force is not finite and above zero.
+    PrecisionError : the stiffness falls to zero above the least force, the integrator fails, or loads are so high that
+        the differences of diameters are lost in rounding.
+    """
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import brentq
+
+    wanted = np.asarray(force, float)
+    if wanted.ndim != 1 or not wanted.size or not np.all((wanted > 0.0) & (wanted < np.inf)):
+        raise InputError(message("force must be one row of finite numbers above zero"))
+    far = high_pressure_series(shape, xi)
+    top = max(far.start, 1.1 * float(np.max(wanted)) ** (2.0 / 3.0))
+    k, first, least = far.value(top, STIFFNESS), float(shape.openings[0]), _BELOW * float(np.min(wanted))
+    overlaps, stiffnesses, missing = np.empty(wanted.size), np.empty(wanted.size), np.ones(wanted.size, bool)
+    for origin, end in reversed(list(pairwise([*shape.openings.tolist(), top]))):
+
+        def state(root: float, k: float, origin: float = origin) -> tuple[float, float, float]:
+            return balance(_balls(shape, origin, root), k, xi, 2.0 * root)
+
+        def slope(root: float, k: Array) -> list[float]:
+            if check is not None:
+                check()
+            _, by_root, by_k = state(root, float(k[0]))
+            if not by_k:
+                raise PrecisionError(message("the differences of diameters are lost in rounding", mend="Lower the load"))
+            return [(2.0 * root * float(k[0]) - by_root) / by_k]
+
+        def excess(root: float, k: Array) -> float:
+            return math.log(max(state(root, float(k[0]))[0], 1e-300) / least)
+
+        def positive(root: float, k: Array) -> float:
+            return float(k[0])
+
+        for event in (excess, positive):
+            event.terminal = True  # type: ignore[attr-defined]
+        high = math.sqrt(end - origin)
+        span = high, _NEAR * high if origin == first else 0.0
+        with warnings.catch_warnings():  # of failures, which the result tells of too
+            warnings.simplefilter("ignore", UserWarning)
+            out: Any = solve_ivp(
+                slope, span, [k], method, events=(excess, positive), dense_output=True, rtol=tolerance, atol=0.0
+            )
+        forces = np.array([state(root, one)[0] for root, one in zip(out.t, out.y[0], strict=True)])
+        for place in np.flatnonzero(missing & (wanted >= forces[-1])):
+            # the last step whose end is below the force
+            step = min(max(int(np.searchsorted(-forces, -wanted[place])), 1), len(forces) - 1)
+
+            def miss(root: float, within: Any = out.sol, goal: float = float(wanted[place])) -> float:
+                return state(root, float(within(root)[0]))[0] - goal
+
+            low, root = out.t[step], out.t[step - 1]
+            if miss(root) > 0.0:  # else rounding has put the force between two intervals
+                root = float(brentq(miss, low, root, xtol=1e-15, rtol=1e-15))
+            overlaps[place], stiffnesses[place], missing[place] = origin + root**2, out.sol(root)[0], False
+        k = float(out.y[0, -1])
+        if out.status:  # an end, or a failure
+            break
+    if np.any(missing):
+        raise PrecisionError(message(f"the curve was not followed down to f* = {np.min(wanted):.3g}", out.message))
+    return overlaps, stiffnesses
+
+
+def _balls(shape: Shape, origin: float, root: float) -> Balls:
+    """At y = ``origin`` + ``root``^2 above the opening ``origin``, with the derivative of K^Q by the root."""
+    if not isinstance(shape, PointShape):
+        y = origin + root * root
+        x, weights = shape.nodes(y)
+        return weights, shape.force(y, x), shape.stiffness(y, x), 2.0 * root * shape.stiffness_slope(y, x)
+    # sums over pairs; which are closed is known of the whole interval, and near the opening no digit is lost
+    x, weights = np.array(shape.positions), np.array(shape.weights)
+    rest = origin + 0.5 * (x[:, None] + x)
+    side = np.sqrt(np.where(rest >= 0.0, rest + root * root, 0.0))
+    share = np.divide(root, side, out=np.where(rest == 0.0, 1.0, 0.0), where=side > 0.0)
+    return weights, side**3 @ weights, 1.5 * side @ weights, 1.5 * share @ weights
+
+
+# -- density of states --------------------------------------------------------------------------------------------------
+
+#: lines of a panel; lines that are worked on at a time, of one ball that turns
+_ORDER, _LINES = 8, 2**13
+#: rounds in which panels are split, halvings to find a kink, and the panel too short to be split
+_ROUNDS, _HALVINGS, _SHORT = 12, 40, 1e-9
+#: imaginary part below which a root is taken for real
+_REAL = 1e-7
+
+
+def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512, check: Check = None) -> Array:
+    """Number of modes per ball below each frequency, exact in one direction of the wave vector.
+
+    On a line of wave vectors along a reciprocal vector det(D(q) - omega^2) is a trigonometric polynomial. Between its roots
+    no branch crosses omega, so that the lengths between them, times the number of eigenvalues below, are the number of modes
+    on that line. In the other component of q it is smooth but for kinks, square roots or steps, where the line touches a
+    contour. They are found by bisection, and Gauss rules are graded towards the ends of the panels between them.
+
+    Parameters
+    ----------
+    lattice : of few balls, prestressed or not; its branches are counted 2 or 3 for each ball.
+    edges : (n,) angular frequencies, (k/M)^1/2.
+    points : lines for each frequency, before panels are split at kinks.
+    check : called time and again, if given; what it raises ends the work.
+
+    Returns
+    -------
+    (n,), 0 at and below zero, and 2 or 3 above the top. Errors are those of contours so small that they fall between lines:
+    at single frequencies near the edge of a branch, below 5/``points``^2 in all that was tried, and 1e-7 or less elsewhere.
+    The difference from twice the points is a fair estimate.
+
+    Raises
+    ------
+    InputError : ``edges`` is not one row of finite numbers, or ``points`` is below one.
+    """
+    values = np.asarray(edges, float)
+    if values.ndim != 1 or not np.all(np.isfinite(values)):
+        raise InputError(message("edges must be one row of finite frequencies"))
+    if points < 1:
+        raise InputError(message(f"points is {points!r}", "It must be one or more"))
+    lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
+    gauss, weights = np.polynomial.legendre.leggauss(_ORDER)
+    half = 0.5 * (gauss + 1.0)
+    # the map s^2 (3 - 2s) makes square roots at either end smooth; q and -q are one
+    places, weights = half * half * (3.0 - 2.0 * half), weights * 6.0 * half * (1.0 - half)
+    ends = np.linspace(0.0, 0.5, -(-points // _ORDER) + 1)
+    above = np.flatnonzero(squared)
+    panels = np.array([(edge, low, high) for edge in above for low, high in pairwise(ends)]).reshape(-1, 3)
+    total = np.zeros(values.size)
+    for left in reversed(range(_ROUNDS)):
+        found = []
+        for part in np.array_split(panels, -(-len(panels) * _ORDER // lines.most)) if len(panels) else []:
+            edge, low, length = part[:, 0].astype(int), part[:, 1:2], part[:, 2:] - part[:, 1:2]
+            q = low + length * places
+            counts, kinds = (x.reshape(q.shape) for x in lines.count(q.ravel(), np.repeat(squared[edge], _ORDER)))
+            split = np.any(kinds != kinds[:, :1], axis=1) & (length[:, 0] > _SHORT) & (left > 0)
+            total += np.bincount(edge, np.where(split, 0.0, (counts * length) @ weights), values.size)
+            found += _split(lines, squared, part[split], q[split], kinds[split])
+        panels = np.array(found).reshape(-1, 3)
+    return total / lattice.n_balls
+
+
+def _split(
+    lines: _Lines, squared: Array, panels: Array, q: Array, kinds: NDArray[np.intp]
+) -> list[tuple[float, float, float]]:
+    """The panels cut wherever the kind of line changes between neighbouring ``q`` (n_panels, order)."""
+    row, place = np.nonzero(np.diff(kinds, axis=1))
+    low, high, kind = q[row, place], q[row, place + 1], kinds[row, place]
+    for _ in range(_HALVINGS if row.size else 0):
+        middle = 0.5 * (low + high)
+        same = lines.count(middle, squared[panels[row, 0].astype(int)])[1] == kind
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    kinks = 0.5 * (low + high)
+    return [
+        (edge, *pair)
+        for i, (edge, first, last) in enumerate(panels.tolist())
+        for pair in pairwise([first, *kinks[row == i].tolist(), last])
+    ]
+
+
+class _Lines:
+    """Lines of wave vectors along the reciprocal vector in which the determinant has the lower degree."""
+
+    def __init__(self, lattice: ContactLattice, check: Check = None) -> None:
+        reach = np.max(np.abs(lattice.contacts.shift), axis=0)
+        self.lattice, self.axis, self.check = lattice, int(np.argmin(reach)), check
+        # lines of matrices of which roots are found at a time
+        self.most = max(_ORDER, _LINES * 27 // lattice.n_branches**3)
+        self.degree = max(1, int(reach[self.axis])) * lattice.n_branches
+        # exp(i k theta) (1 + t^2)^m = (1 + it)^(m + k) (1 - it)^(m - k), t = tan(theta/2): its powers of t for k = -m ... m
+        up, down = np.polynomial.Polynomial([1.0, 1.0j]), np.polynomial.Polynomial([1.0, -1.0j])
+        m = self.degree
+        self.powers = np.array([(up ** (m + k) * down ** (m - k)).coef for k in range(-m, m + 1)])
+
+    def matrices(self, along: Array, across: Array) -> NDArray[np.complex128]:
+        """(..., n_branches, n_branches): D at these fractions of the reciprocal vectors, which broadcast."""
+        fractions = np.stack(np.broadcast_arrays(*((along, across) if self.axis == 0 else (across, along))), axis=-1)
+        matrices = self.lattice.dynamical_matrix(self.lattice.wavevectors(fractions.reshape(-1, 2)))
+        return matrices.reshape(*fractions.shape[:-1], *matrices.shape[1:])
+
+    def count(self, across: Array, squared: Array) -> tuple[Array, NDArray[np.intp]]:
+        """Modes below omega^2 (n,) on each line (n,), and a number that changes where they have a kink."""
+        if self.check is not None:
+            self.check()
+        m, n = self.degree, len(across)
+        ticks = np.arange(2 * m + 1) / (2 * m + 1)
+        shifted = self.matrices(ticks, across[:, None]) - squared[:, None, None, None] * np.eye(self.lattice.n_branches)
+        samples = np.linalg.det(shifted).real
+        # t is infinite where the determinant is largest, so that the leading coefficient is no small number
+        turn = ticks[np.argmax(np.abs(samples), axis=1)] + 0.5
+        k = np.arange(-m, m + 1)
+        series = np.fft.fftshift(np.fft.fft(samples, axis=1), axes=1) * np.exp(2j * np.pi * k * turn[:, None])
+        polynomial = (series @ self.powers).real
+        leading = np.where(polynomial[:, -1:] == 0.0, 1.0, polynomial[:, -1:])
+        companion = np.zeros((n, 2 * m, 2 * m))
+        companion[:, 1:, :-1] = np.eye(2 * m - 1)
+        companion[:, :, -1] = -polynomial[:, :-1] / leading
+        roots = np.linalg.eigvals(companion)
+        # a cut too many does no harm: real parts serve for all
+        inner = np.sort(np.arctan(roots.real) / np.pi, axis=1)
+        cuts = np.concatenate([np.full((n, 1), -0.5), inner, np.full((n, 1), 0.5)], axis=1)
+        length = np.diff(cuts, axis=1)
+        line, place = np.nonzero(length > 0.0)
+        length = length[line, place]
+        middle = cuts[line, place] + 0.5 * length + turn[line]
+        below = np.sum(np.linalg.eigvalsh(self.matrices(middle, across[line])) < squared[line, None], axis=1)
+        crossings = np.sum(np.abs(roots.imag) < _REAL * (1.0 + np.abs(roots) ** 2), axis=1)
+        fewest, most = np.full(n, self.lattice.n_branches), np.zeros(n, int)
+        seen = length > _REAL
+        np.minimum.at(fewest, line[seen], below[seen])
+        np.maximum.at(most, line[seen], below[seen])
+        size = self.lattice.n_branches + 1
+        kind: NDArray[np.intp] = (crossings * size + fewest) * size + most
+        return np.asarray(np.bincount(line, below * length, n), float), kind
