@@ -23,7 +23,8 @@ def order(filename: str) -> tuple[int, str]:
 
 
 def scraper(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
-    """Take ``figure`` once a script has made it. Those of granphon.figures.bands are not pyplot's, where sphinx-gallery looks.
+    """Take ``figure`` once a script has made it. Those of granphon.figures.bands are not pyplot's, where sphinx-gallery
+    looks.
 
     An animation is left to sphinx-gallery.
     """

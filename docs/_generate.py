@@ -12,6 +12,7 @@ import itertools
 import re
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
@@ -54,13 +55,13 @@ from granphon.fits.fit import FIT_FILES
 from granphon.media.choice import MEDIA, OPTIONS
 from granphon.media.state import ContactState
 from granphon.scene import fields as rules
-from granphon.scene.run import RESULT_FILES
+from granphon.scene.result_files import RESULT_FILES
 from granphon.scene.schema import SceneFile
 from granphon.sweeps.archive import load_sweep
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent
-PAGES = [HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files")]
+PAGES = [HERE / "development.md", *(HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files"))]
 _REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
 _UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, *LOADS.values())}
 
@@ -486,13 +487,34 @@ def tradeoff_columns(results: Results) -> str:
     return table(("column", "unit", "what it is"), rows)
 
 
+# -- the packages ---------------------------------------------------------------------------------------------------
+
+
+def rooms() -> str:
+    """Packages from the ground up, as the contract of imports has them, with their modules."""
+    project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    (contract,) = (one for one in project["tool"]["importlinter"]["contracts"] if one["id"] == "rooms")
+    rows = []
+    for level in reversed(contract["layers"]):
+        for name in (room.strip() for room in level.split("|")):
+            if name == "__main__":
+                continue
+            package = import_module(f"granphon.{name}")
+            modules = sorted(
+                path.stem for path in Path(str(package.__file__)).parent.glob("*.py") if path.stem != "__init__"
+            )
+            what = (package.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+            rows.append([f"`{name}`", what, " ".join(f"`{module}`" for module in modules)])
+    return table(("package", "room of", "modules"), rows)
+
+
 # -- the pages ------------------------------------------------------------------------------------------------------
 
 
 def regions() -> dict[str, str]:
     """What stands between the marks, by their names."""
     plain = (
-        result_units,
+        rooms, result_units,
         scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
     )  # fmt: skip
     read = (

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 import tomllib
 from importlib.metadata import version
@@ -14,58 +13,20 @@ from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
-from test_structure import ORDER, PACKAGE, imports
+from test_structure import PACKAGE
 
 import granphon
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "development.md"
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-FLOORS = ("ground", "physics", "bridges", "studies", "face")
 
 
 def read(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-# -- the diagram ----------------------------------------------------------------------------------------------------
-
-
-def diagram() -> list[tuple[str, list[str]]]:
-    """Floors and their modules, from the first block of the page whose lines are ``floor | room | modules``."""
-    block = re.search(r"^```text\n(.*?)^```$", read("docs/development.md"), re.MULTILINE | re.DOTALL)
-    assert block is not None
-    floors: list[tuple[str, list[str]]] = []
-    for line in block[1].splitlines():
-        if line.count("|") == 2:
-            floor, _, modules = (cell.strip() for cell in line.split("|"))
-            if floor:
-                floors.append((floor, []))
-            floors[-1][1].extend(modules.split())
-    return floors
-
-
-def test_the_floors_of_the_diagram_are_those_of_the_design():
-    assert tuple(floor for floor, _ in diagram()) == FLOORS
-
-
-def test_the_diagram_has_the_modules_of_the_import_order():
-    drawn = [module for _, modules in diagram() for module in modules]
-    missing = [f"{module} after {before}" for before, module in itertools.pairwise(["", *ORDER]) if module not in drawn]
-    assert not missing, f"add to the diagram of docs/development.md: {', '.join(missing)}"
-    gone = [module for module in drawn if module not in ORDER]
-    assert not gone, f"in docs/development.md, and not in ORDER of tests/test_structure.py: {', '.join(gone)}"
-    first = next((pair for pair in zip(drawn, ORDER, strict=True) if pair[0] != pair[1]), None)
-    assert first is None, f"docs/development.md has {first[0]} where ORDER of tests/test_structure.py has {first[1]}"
-
-
-def test_no_import_goes_to_a_later_floor():
-    floor = {module: n for n, (_, modules) in enumerate(diagram()) for module in modules}
-    for module in floor:
-        for name in imports(module):
-            other = name.removeprefix("granphon.").partition(".")[0]
-            if name.startswith("granphon.") and other in floor:
-                assert floor[other] <= floor[module], f"{module} imports {other}, of the floor {FLOORS[floor[other]]}"
+# -- what is named --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("page", ["docs/development.md", "CONTRIBUTING.md"])

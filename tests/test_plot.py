@@ -345,7 +345,7 @@ def test_global_state_is_left_alone(bands):
 MADE = """
 import sys
 import numpy as np, granphon as gp
-from granphon.{module} import *
+from granphon.figures.{module} import *
 from granphon.figures.bands import bands_figure, save_figure
 state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
 save_figure(bands_figure(gp.Phonons(state).bands("GKM", npoints=5)), sys.argv[1])
@@ -358,8 +358,8 @@ print(dict.__getitem__(matplotlib.rcParams, "backend"))
 @pytest.mark.parametrize(
     ("module", "backend", "kept"),
     [
-        ("plot", "nonsense", None), ("charts", "module://there.is.none", None), ("diagrams", "", None),
-        ("plot", "svg", "svg"),
+        ("bands", "nonsense", None), ("charts", "module://there.is.none", None), ("work_precision", "", None),
+        ("bands", "svg", "svg"),
     ],
 )  # fmt: skip
 def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(tmp_path, module, backend, kept):
@@ -389,7 +389,7 @@ def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(tmp_path, monkeypa
         figure.subplots().set_xlabel(label)
         with pytest.raises(FigureError, match=f"^{name} could not be drawn: .*{told}") as caught:
             plot.save_figure(figure, tmp_path / name)
-    assert isinstance(caught.value, gp.errors.GranphonError)
+    assert isinstance(caught.value, gp.GranphonError)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -24,7 +24,8 @@ from granphon.base.staging import LIST, LOCK, opened
 from granphon.cli.commands import main
 from granphon.cli.wording import human
 from granphon.scene.redraw import redraw
-from granphon.scene.run import RESULT_FILES, WORK_FOLDER, SweepResult, expected_files, is_complete
+from granphon.scene.result_files import RESULT_FILES, WORK_FOLDER
+from granphon.scene.run import SweepResult, expected_files, is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.sweep import sweep
@@ -948,7 +949,7 @@ def test_a_scene_in_the_folder_of_finished_tasks_stays(work, monkeypatch):
 def test_a_killed_sweep_goes_on(work):
     Scene.from_yaml("scene.yaml").run("whole")
     code = (
-        "import os, signal\nfrom granphon import tasks\nfrom granphon.cli.commands import main\n"
+        "import os, signal\nfrom granphon.sweeps import tasks\nfrom granphon.cli.commands import main\n"
         "write = tasks.Store.write\n"
         "def last(*arguments):\n    write(*arguments)\n    os.kill(os.getpid(), signal.SIGKILL)\n"
         "tasks.Store.write = last\nmain(['run', 'scene.yaml', '-o', 'out'])"

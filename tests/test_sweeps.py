@@ -1041,8 +1041,8 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
 def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
     other, path = changed(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
-        for module in ("jobs", "sweeps"):
-            patch.setattr(f"granphon.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
+        for module in ("jobs", "sweep"):
+            patch.setattr(f"granphon.sweeps.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
         with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
             sweep(rough, path=path, **ARGUMENTS)
     with pytest.raises(FileExistsInRunError, match=r"differ: packing\.material\.density is 7840\.0 there, and 7841\.0 here"):

@@ -1,7 +1,8 @@
 """Balls as an ``ase.Atoms``: what the arrays on it mean, and to which state they belong.
 
-Atoms are in reduced units (d = k = M = 1). The scales are in ``atoms.info`` (see :class:`granphon.base.scales.Units`), for those
-who convert; ASE loses that dictionary in several places, so that what guards against the units of another state is an array:
+Atoms are in reduced units (d = k = M = 1). The scales are in ``atoms.info`` (see :class:`granphon.base.scales.Units`), for
+those who convert; ASE loses that dictionary in several places, so that what guards against the units of another state is an
+array:
 
 ``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg), of which files with eight decimals keep
                          eight digits.

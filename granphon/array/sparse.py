@@ -1,8 +1,8 @@
 """A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of the simulation.
 
-The same balls, units and measure of rest as :mod:`granphon.array.equilibrium` and :mod:`granphon.array.response`, by another algorithm:
-C as a matrix made from the table of contacts, Newton's method with an LU factorisation at each step, and one more for the
-linear response with rotations. No stencil, no Fourier transform, no conjugate gradients.
+The same balls, units and measure of rest as :mod:`granphon.array.equilibrium` and :mod:`granphon.array.response`, by another
+algorithm: C as a matrix made from the table of contacts, Newton's method with an LU factorisation at each step, and one more
+for the linear response with rotations. No stencil, no Fourier transform, no conjugate gradients.
 """
 
 from __future__ import annotations

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LOADS
-from granphon.base.validation import ruled
-from granphon.scene import fields as rules
+from granphon.base.validation import ruled, whole
 
-__all__ = ["Load", "force_of_frame"]
+__all__ = ["Load", "balls_on_side", "force_of_frame"]
+
+#: a rule: how many balls a side of a hexagonal frame is long
+balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
 def force_of_frame(side_force: float, balls_per_side: int) -> float:
@@ -31,8 +34,8 @@ def force_of_frame(side_force: float, balls_per_side: int) -> float:
 class Load:
     """The loads of a scene: ``kind`` (force, pressure, overlap, side_force), ``values`` in SI (N, N/m, m, N), one or more.
 
-    ``balls_per_side`` belongs to a side force, and to no other. :class:`~granphon.base.errors.InputError` for a value that is not
-    finite, or, unless it is an overlap, not above zero.
+    ``balls_per_side`` belongs to a side force, and to no other. :class:`~granphon.base.errors.InputError` for a value that
+    is not finite, or, unless it is an overlap, not above zero.
     """
 
     kind: str
@@ -49,7 +52,7 @@ class Load:
         if (self.kind == "side_force") != (self.balls_per_side is not None):
             raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
         if self.balls_per_side is not None:
-            ruled("balls_per_side", rules.balls_on_side, self.balls_per_side)
+            ruled("balls_per_side", balls_on_side, self.balls_per_side)
 
     def _checked(self, value: float) -> float:
         if self.kind == "overlap" and math.isfinite(value):

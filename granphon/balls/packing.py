@@ -28,8 +28,8 @@ class Packing:
     material : what the balls are made of.
     diameter : d, the mean diameter, m.
     spread : how diameters differ: :class:`~granphon.balls.diameters.Uniform`, :class:`~granphon.balls.diameters.Normal`,
-        :class:`~granphon.balls.diameters.Discrete` or :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the
-        limit of width zero.
+        :class:`~granphon.balls.diameters.Discrete` or :class:`~granphon.balls.diameters.Measured`; None for equal balls,
+        which is the limit of width zero.
     lattice : "triangular", "square", "kagome", or a :class:`~granphon.balls.lattices.Lattice`.
     friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
 

@@ -23,9 +23,9 @@ _REAL = "It must be a real number or an array of them"
 def real_array(name: str, values: Any) -> NDArray[np.float64]:
     """``values`` as an array of floats, of any shape, perhaps not finite; an array of floats is returned as it is.
 
-    :class:`~granphon.base.errors.InputError`, which calls it ``name``, for what NumPy would turn into other numbers than were
-    meant: complex numbers, whose imaginary part would be dropped; masked entries, which would become numbers again; texts
-    and truth values; numbers too large for a float; lists of different lengths, or that contain themselves.
+    :class:`~granphon.base.errors.InputError`, which calls it ``name``, for what NumPy would turn into other numbers than
+    were meant: complex numbers, whose imaginary part would be dropped; masked entries, which would become numbers again;
+    texts and truth values; numbers too large for a float; lists of different lengths, or that contain themselves.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values

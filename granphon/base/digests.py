@@ -91,7 +91,8 @@ def digest(data: Any) -> str:
 def canonical(data: Any) -> str:
     """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that they equal.
 
-    Mappings, lists, tuples, arrays, strings, numbers, booleans and None; :class:`~granphon.base.errors.InputError` for others.
+    Mappings, lists, tuples, arrays, strings, numbers, booleans and None; :class:`~granphon.base.errors.InputError` for
+    others.
     """
     if isinstance(data, Mapping):
         return "{" + ",".join(sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())) + "}"

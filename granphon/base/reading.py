@@ -80,8 +80,8 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
     """The data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing else.
 
     The events of the parser are put together here, so that no tag can choose what is made. Refused, as
-    :class:`~granphon.base.errors.InputError`: broken YAML, tags, anchors and aliases, a key given twice, lists or blocks as keys,
-    a second document, deep nesting, an empty text. Scalars are those of YAML 1.2, see :func:`plain_scalar`.
+    :class:`~granphon.base.errors.InputError`: broken YAML, tags, anchors and aliases, a key given twice, lists or blocks as
+    keys, a second document, deep nesting, an empty text. Scalars are those of YAML 1.2, see :func:`plain_scalar`.
     """
     import yaml
 

@@ -82,8 +82,8 @@ class Result:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """The inverse of :meth:`to_dict`.
 
-        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of a newer schema, in other units, or
-        incomplete, if a field is of another kind or shape than the class has, if there is a field that it has not, or if
+        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of a newer schema, in other units,
+        or incomplete, if a field is of another kind or shape than the class has, if there is a field that it has not, or if
         there is a ``digest`` that is not that of the data. Without one, damage that leaves all these right is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}

@@ -241,8 +241,8 @@ def opened(
 ) -> Iterator[ResultFolder]:
     """The folder, made if need be and locked, so that no other run writes into it until the end of the block.
 
-    Arguments and errors are those of :func:`check_free`; :class:`~granphon.base.errors.OutputError` too if another run has the
-    lock. Folders that were made and have remained empty are removed again.
+    Arguments and errors are those of :func:`check_free`; :class:`~granphon.base.errors.OutputError` too if another run has
+    the lock. Folders that were made and have remained empty are removed again.
     """
     target, made, read, ours = Path(folder), list[Path](), list(inputs), list(known)
     check_free(target, names, force, earlier=earlier, inputs=read, known=ours)

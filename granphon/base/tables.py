@@ -103,10 +103,9 @@ class Table:
     def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
         """The column called ``name``, (rows,), in the SI unit of its ``kind``.
 
-        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter.
-        ``mend`` says what to do where there is no such column.
-        :class:`~granphon.base.errors.InputError` if there is no such column or there are two, if it has no unit, if there are no
-        rows, or a cell is not what the kind allows.
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter. ``mend``
+        says what to do where there is no such column. :class:`~granphon.base.errors.InputError` if there is no such column
+        or there are two, if it has no unit, if there are no rows, or a cell is not what the kind allows.
         """
         wanted, places = Heading.parse(name), self._places(name)
         if len(places) != 1:

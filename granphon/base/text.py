@@ -91,8 +91,8 @@ def parse_yaml(text: str, name: str) -> Document:
     """Read a YAML text.
 
     Only mappings, lists and plain values are taken; booleans are ``true`` and ``false`` (YAML 1.2), numbers have no
-    underscores. Refused, as :class:`~granphon.base.errors.SceneError` with file and line: broken YAML, an empty text, a second
-    document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, control characters.
+    underscores. Refused, as :class:`~granphon.base.errors.SceneError` with file and line: broken YAML, an empty text, a
+    second document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, control characters.
     """
     odd = _ODD.search(text)
     if odd:

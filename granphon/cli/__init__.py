@@ -1,1 +1,5 @@
 """The command ``granphon``."""
+
+from granphon.cli.commands import main
+
+__all__ = ["main"]

@@ -166,7 +166,8 @@ def run(
       granphon run sweep.yaml -o out --resume --workers 4
     """
     from granphon.base.progress import on_stderr
-    from granphon.scene.run import WORK_FOLDER, is_complete
+    from granphon.scene.result_files import WORK_FOLDER
+    from granphon.scene.run import is_complete
     from granphon.scene.scene import Scene
     from granphon.sweeps.workers import worker_processes
 

@@ -143,9 +143,10 @@ def plot_asymptotes(
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 = omega_0^2 (1 - c q^2).
 
-    ``velocities`` of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError` for several); or
-    the lattice itself (``Phonons.lattice``), which knows them for each direction, and its rotational branch if there is one
-    ball in the cell. ``unit`` as in :func:`plot_bands`; ``reach`` in parts of the segment that starts or ends at Gamma.
+    ``velocities`` of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError` for
+    several); or the lattice itself (``Phonons.lattice``), which knows them for each direction, and its rotational branch if
+    there is one ball in the cell. ``unit`` as in :func:`plot_bands`; ``reach`` in parts of the segment that starts or ends
+    at Gamma.
     """
     unit = _unit_of(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):

@@ -1,7 +1,8 @@
 """Figures over load: sweeps of many states, and fits to measured velocities; and the force chains of a simulated sample.
 
-As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and returns it, and matplotlib's global
-state is left alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is dashed.
+As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and returns it, and matplotlib's
+global state is left alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is
+dashed.
 """
 
 from __future__ import annotations

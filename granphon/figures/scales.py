@@ -1,7 +1,7 @@
 """The door of matplotlib, and what of the looks of figures needs it: scales of axes, and colours between two ends.
 
-Whoever draws imports this first. No backend of matplotlib and no pyplot is loaded. :class:`~granphon.base.errors.FigureError` if
-matplotlib cannot be imported: it is not there, or its settings cannot be read.
+Whoever draws imports this first. No backend of matplotlib and no pyplot is loaded.
+:class:`~granphon.base.errors.FigureError` if matplotlib cannot be imported: it is not there, or its settings cannot be read.
 """
 
 from __future__ import annotations

@@ -276,7 +276,8 @@ def force_of_pressure(
 ) -> float:
     """Contact force, N, of a pressure, N/m: with finite overlap that of the ``medium`` at the packing's own width.
 
-    :class:`~granphon.base.errors.InputError` if the diameter, by which it is in proportion, is among what is to be ``fitted``.
+    :class:`~granphon.base.errors.InputError` if the diameter, by which it is in proportion, is among what is to be
+    ``fitted``.
     """
     if "diameter" in fitted:
         why = "The contact force of a pressure is in proportion to the diameter"

@@ -207,7 +207,7 @@ class VelocityModel:
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """:class:`~granphon.base.errors.UnreachableFrequencyError` if equal balls do not carry a pulse, and so no others do."""
+        """Raise UnreachableFrequencyError if equal balls do not carry a pulse: then no others do."""
         if self.waves.frequency is None:
             return
         logs = self.start(1e-9 * self.packing.diameter)

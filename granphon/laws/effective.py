@@ -73,7 +73,9 @@ class DensityAverages:
 
 @dataclass(frozen=True, eq=False)
 class DensityBalls:
-    """As :class:`granphon.laws.collocation.Balls`: forces are counted from the mean ``common``, whose derivative is ``known``."""
+    """As :class:`granphon.laws.collocation.Balls`: forces are counted from the mean ``common``, whose derivative is
+    ``known``.
+    """
 
     xi: float
     weights: Array
@@ -99,8 +101,8 @@ class EffectiveLaw(SpreadLaw):
     """The effective medium: balls displace their neighbours, and equation (36) holds.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
-    factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError` between the
-    first contact and the start of the curve.
+    factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError`
+    between the first contact and the start of the curve.
     """
 
     coefficient: float

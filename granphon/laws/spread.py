@@ -1,9 +1,9 @@
 """Contact laws of balls that differ: mean force, stiffness and energy of a contact against the mean overlap.
 
 Every medium has a law of its own, f(delta) with k = df/d(delta). Equal balls follow Hertz's
-(:class:`~granphon.balls.contact.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the reduced
-units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law is a function of the shape of the distribution
-and of the medium alone. Where all contacts are closed it is y^(3/2) times a power series in 1/y, which is used
+(:class:`~granphon.balls.contact.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the
+reduced units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law is a function of the shape of the
+distribution and of the medium alone. Where all contacts are closed it is y^(3/2) times a power series in 1/y, which is used
 far out: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
 """
 
@@ -160,8 +160,8 @@ class SpreadLaw(ABC):
     def overlap(self, force: ArrayLike) -> Any:
         """delta, m, of a mean force above zero, N.
 
-        Raises :class:`~granphon.base.errors.InputError` for another, :class:`~granphon.base.errors.PrecisionError` for one so small
-        that the law is not known there.
+        Raises :class:`~granphon.base.errors.InputError` for another, :class:`~granphon.base.errors.PrecisionError` for one
+        so small that the law is not known there.
         """
         load = np.asarray(force, float)
         if not np.all(load > 0.0):

@@ -172,8 +172,8 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
 class MediumChoice:
     """A medium by its name, with the options of its class, for a packing to be given later.
 
-    :class:`~granphon.base.errors.InputError` for a name that is not in :data:`MEDIA`, an option that it does not have, or a value
-    that the option does not take.
+    :class:`~granphon.base.errors.InputError` for a name that is not in :data:`MEDIA`, an option that it does not have, or a
+    value that the option does not take.
     """
 
     name: str
@@ -297,7 +297,9 @@ def medium(value: Any) -> MediumChoice:
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
-    """:class:`~granphon.base.errors.InputError` if a medium is, or may be, a simulation, which has no terms of finite overlap."""
+    """:class:`~granphon.base.errors.InputError` if a medium is, or may be, a simulation, which has no terms of finite
+    overlap.
+    """
     for one in media:
         if one.simulates or one.is_automatic:
             raise no_finite_overlap(one.label)

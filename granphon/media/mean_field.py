@@ -62,10 +62,10 @@ class Medium(Protocol):
 class _ByLaw(ABC):
     """A medium that is a contact law: ``at_*`` take scalars or arrays, in SI.
 
-    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls together
-    by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
-    With ``finite_overlap`` all that is found of the state keeps the terms of relative order delta/d, and its pressure and
-    density are those of a boundary that follows the balls.
+    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
+    together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
+    known there. With ``finite_overlap`` all that is found of the state keeps the terms of relative order delta/d, and its
+    pressure and density are those of a boundary that follows the balls.
     """
 
     name: ClassVar[str]

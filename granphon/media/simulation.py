@@ -1,8 +1,8 @@
 """The disordered array itself: every ball with its own diameter, at rest under load, as a medium.
 
 Section III of Velicky and Caroli replaces the array by an average one. Here it is simulated: a periodic sample of L1 x L2
-balls in mechanical equilibrium (:mod:`granphon.array.equilibrium`), which is found without friction; and then its linear response
-(:mod:`granphon.array.response`), with shear springs at every contact that carries load.
+balls in mechanical equilibrium (:mod:`granphon.array.equilibrium`), which is found without friction; and then its linear
+response (:mod:`granphon.array.response`), with shear springs at every contact that carries load.
 """
 
 from __future__ import annotations
@@ -237,7 +237,8 @@ class SimulatedState(ContactState):
 
     @property
     def exponent(self) -> Any:
-        """d log v_L / d log P: that of the mean K + G of the samples, by differences over :data:`~granphon.array.sample.STEP`.
+        """d log v_L / d log P: that of the mean K + G of the samples, by differences over
+        :data:`~granphon.array.sample.STEP`.
 
         Each sample is solved at two more loads beside its own, when this or its error is first asked for. The derivative
         itself has no finite variance: a contact about to open has the slope h^(-1/2). Equal balls have exactly 1/6.
@@ -303,8 +304,8 @@ class DirectSimulation:
     InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples, a
         width below 1e-20 of the diameter.
 
-    ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load that
-    is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
+    ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
+    that is not finite, not compressive, or presses balls together by their whole diameter, and for one under which a sample
     carries none (at and below the rigidity threshold a* = 0.343), and with ``finite_overlap``, whose terms a simulation does
     not have; and :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found.
     """

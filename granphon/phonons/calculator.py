@@ -1,7 +1,7 @@
 """The calculator of the contacts of balls that are an ``ase.Atoms``, and the Atoms of one cell of a lattice.
 
-Atoms are in reduced units, with the arrays of :mod:`granphon.array.atoms`. A contact's reference direction is the nearest contact
-vector of the lattice, so nothing else needs to be stored: slip does not depend on where the lattice as a whole is.
+Atoms are in reduced units, with the arrays of :mod:`granphon.array.atoms`. A contact's reference direction is the nearest
+contact vector of the lattice, so nothing else needs to be stored: slip does not depend on where the lattice as a whole is.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     Raises
     ------
-    InputError : unknown keywords, several loads; on use, Atoms without masses or an array of :mod:`granphon.array.atoms`, or of
-        another state (:meth:`adopt` gives what is missing); balls that are periodic across the plane, or that touch in other
-        directions than the lattice's, as when it is turned (with ``finite_overlap`` and no friction they may).
+    InputError : unknown keywords, several loads; on use, Atoms without masses or an array of :mod:`granphon.array.atoms`, or
+        of another state (:meth:`adopt` gives what is missing); balls that are periodic across the plane, or that touch in
+        other directions than the lattice's, as when it is turned (with ``finite_overlap`` and no friction they may).
     PrecisionError : on use, delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -133,9 +133,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
         """A copy of Atoms from elsewhere as balls of this state, with this calculator.
 
-        What is there is kept, be it set by hand. Masses, scales and the arrays of :mod:`granphon.array.atoms` that are missing are
-        those of ``like``, ball by ball; without it, those of balls of the state on the sites of its lattice, with masses
-        (1 + deviation)^3. Positions and cell are taken to be in mean diameters.
+        What is there is kept, be it set by hand. Masses, scales and the arrays of :mod:`granphon.array.atoms` that are
+        missing are those of ``like``, ball by ball; without it, those of balls of the state on the sites of its lattice,
+        with masses (1 + deviation)^3. Positions and cell are taken to be in mean diameters.
 
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the Atoms are of another
         state.

@@ -255,7 +255,6 @@ def observed(value: Any) -> tuple[str, ...]:
 supercell = partial(grid, low=2, high=100, example="3 3 1")
 mesh_numbers = partial(grid, low=1, high=4096, example="64 64 1")
 segment_points = partial(whole, low=2, high=100_000)
-balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
 def band_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:

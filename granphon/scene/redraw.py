@@ -9,16 +9,12 @@ from typing import Any
 from granphon.base.errors import InputError, message
 from granphon.base.staging import files_written, opened
 from granphon.observables.acoustics import contact_lattice, ideal_lattice
+from granphon.scene.result_files import figure_name
 from granphon.scene.scene import Scene
 
-__all__ = ["figure_name", "redraw"]
+__all__ = ["redraw"]
 
 _FORMATS = (".pdf", ".png", ".svg")
-
-
-def figure_name(bands: bool) -> str:
-    """Of the figure of bands, or of the density of states alone."""
-    return "bands.png" if bands else "dos.png"
 
 
 def redraw(
@@ -91,7 +87,7 @@ def _sweep_figure(path: Path, variable: str | None) -> Any:
 
 def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
     from granphon.figures.bands import bands_figure
-    from granphon.phonons.phonons import Bands, DensityOfStates
+    from granphon.phonons.bands import Bands, DensityOfStates  # without phonopy
 
     bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
     dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None

@@ -40,8 +40,7 @@ from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
-from granphon.scene.redraw import figure_name
-from granphon.scene.scene import DIAMETERS_FILE, Scene
+from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
 from granphon.sweeps.jobs import LATTICE_BANDS, exponents, has_pressure, packages, sampling_errors
 from granphon.sweeps.tasks import kept
 
@@ -51,17 +50,11 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
+    from granphon.scene.scene import Scene
 
-__all__ = ["RESULT_FILES", "RunResult", "SweepResult", "expected_files", "is_complete", "run"]
+__all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 
 SCHEMA = 1
-#: every file that a run may write
-RESULT_FILES = (
-    "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
-    "forces.png", "sweep.nc", "sweep.csv", "sweep.png", DIAMETERS_FILE,
-)  # fmt: skip
-#: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
-WORK_FOLDER = ".granphon-sweep"
 _UNITS = {
     **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
     "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "exponent_error": "1",
@@ -319,7 +312,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
         return False
     try:
         made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
-        if Scene.from_yaml(target / "scene.yaml") != scene or made != made | packages():
+        if type(scene).from_yaml(target / "scene.yaml") != scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False

@@ -39,6 +39,7 @@ from granphon.observables.acoustics import contact_lattice
 from granphon.scene import fields as rules
 from granphon.scene.fields import BandPath
 from granphon.scene.plan import MOST_CASES, Plan
+from granphon.scene.result_files import DIAMETERS_FILE
 from granphon.scene.schema import SceneFile, validated
 
 if TYPE_CHECKING:
@@ -49,10 +50,8 @@ if TYPE_CHECKING:
     from granphon.media.cost import Cost
     from granphon.scene.run import RunResult, SweepResult
 
-__all__ = ["DIAMETERS_FILE", "BandPath", "Load", "Scene", "force_of_frame"]
+__all__ = ["BandPath", "Load", "Scene", "force_of_frame"]
 
-#: where a run writes the diameters of a measured spread that are too many for the scene file
-DIAMETERS_FILE = "diameters.csv"
 #: as many states are looked at one by one
 _MOST_STATES = 20_000
 
@@ -350,7 +349,8 @@ class Scene:
             yield ("phonopy", "dim"), mend, force_constants(self.dim, structure.n_balls)
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
-        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep.sweep`, which has the other keywords too.
+        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep.sweep`, which has the other keywords
+        too.
 
         A load that cannot be carried is a :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
         """

@@ -1,7 +1,7 @@
 """The scene file as a schema: its blocks, the rule of each key, and what a mistake is told.
 
-Every mistake is one :class:`~granphon.base.errors.SceneError` that names file, line and key, what was found, what is allowed, and
-the likely intention.
+Every mistake is one :class:`~granphon.base.errors.SceneError` that names file, line and key, what was found, what is
+allowed, and the likely intention.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, ValidationInfo, model_validator
 
+from granphon.balls.loads import balls_on_side
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, Refused
 from granphon.base.text import Document, shown
 from granphon.base.validation import truth, unknown_key
@@ -55,7 +56,7 @@ class _Load(_Block):
     pressure: Annotated[tuple[float, ...] | None, _load("pressure")] = None
     overlap: Annotated[tuple[float, ...] | None, _load("overlap")] = None
     side_force: Annotated[tuple[float, ...] | None, _load("side_force")] = None
-    balls_per_side: Annotated[int | None, PlainValidator(rules.balls_on_side)] = None
+    balls_per_side: Annotated[int | None, PlainValidator(balls_on_side)] = None
 
     @model_validator(mode="before")
     @classmethod

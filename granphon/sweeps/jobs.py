@@ -1,7 +1,7 @@
 """What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one, load by load.
 
-Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Samples are put together again from the few numbers that are averaged, and
-give what a simulation of all of them gives, to the last bit.
+Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Samples are put together again from the few numbers that are
+averaged, and give what a simulation of all of them gives, to the last bit.
 """
 
 from __future__ import annotations

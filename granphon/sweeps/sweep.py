@@ -1,7 +1,7 @@
 """Many states at once: loads, media and parameters of the packing, as one labelled data set.
 
-The work is cut into tasks (:mod:`granphon.sweeps.jobs`), and the results are put in place by index. With a path each finished task
-is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
+The work is cut into tasks (:mod:`granphon.sweeps.jobs`), and the results are put in place by index. With a path each
+finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
 """
 
 from __future__ import annotations
@@ -121,7 +121,8 @@ def sweep(
         {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
         each once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
-    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a segment.
+    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a
+        segment.
     labels : of the corners of that path; by default the letters, or the coordinates.
     executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
     progress : told how many steps are done: a medium at one combination of parameters, or one sample of it at one load.
@@ -130,8 +131,8 @@ def sweep(
     resume : if the sweep in ``path`` is complete return it, and compute and write nothing.
     overwrite : replace existing files, and discard what another sweep to ``path`` has finished.
     store : where finished tasks are kept, instead of beside ``path``; what is there serves, and the caller clears it.
-    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread and keeps
-        its shape, uniform if there is none; a ``diameter`` leaves it as it is.
+    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread
+        and keeps its shape, uniform if there is none; a ``diameter`` leaves it as it is.
 
     Returns
     -------

@@ -76,7 +76,8 @@ class Moments:
     """Sums samples up: :meth:`add` them, a few at a time, and ask for the :meth:`ensemble`.
 
     ``packing`` on the triangular lattice, ``kind`` ("force", "pressure", "overlap") and ``loads`` (SI, n_loads) of all
-    samples, of ``shape`` (L1, L2), with seeds from ``seed`` on. Raises as :class:`~granphon.media.simulation.DirectSimulation`.
+    samples, of ``shape`` (L1, L2), with seeds from ``seed`` on. Raises as
+    :class:`~granphon.media.simulation.DirectSimulation`.
     """
 
     def __init__(self, packing: Packing, kind: str, loads: Sequence[float], shape: tuple[int, int], seed: int = 0) -> None:
