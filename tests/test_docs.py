@@ -36,6 +36,7 @@ import pytest
 from pydantic import BaseModel
 
 import granphon as gp
+from granphon.base import errors
 from granphon.cli.commands import main
 from granphon.fits import measurements
 from granphon.media import choice as ladder
@@ -416,7 +417,7 @@ def sections(text: str) -> dict[str, list[str]]:
 
 DOCUMENTED = [
     (f"{path.stem}.{getattr(node, 'name', '')}", ast.get_docstring(node))
-    for path in sorted(Path(gp.__file__).parent.glob("*.py"))
+    for path in sorted(Path(gp.__file__).parent.rglob("*.py"))
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
     if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and "---" in (ast.get_docstring(node) or "")
 ]
@@ -427,7 +428,7 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
     import _docstrings
 
     def role(error: str) -> str:
-        return f":exc:`~granphon.base.errors.{error}`" if hasattr(gp.errors, error) else f":exc:`{error}`"
+        return f":exc:`~granphon.base.errors.{error}`" if hasattr(errors, error) else f":exc:`{error}`"
 
     assert len(DOCUMENTED) > 50
     for name, text in DOCUMENTED:
