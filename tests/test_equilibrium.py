@@ -123,13 +123,6 @@ def test_against_newtons_method_with_a_matrix(solve, shape, spacing):
     close_forces(again.forces, forces, 1e-9)
 
 
-def test_force_that_depends_on_the_spacing():
-    # P a = sqrt(3) f with a boundary that follows the balls: f* = force - slope y
-    state = equilibrate(balls((9, 8)), Load(None, 0.5, 0.2))
-    assert state.force == pytest.approx(0.5 - 0.2 * state.overlap, rel=2e-13)
-    close_forces(state.forces, equilibrate(balls((9, 8)), Load(force=state.force)).forces, 1e-9)
-
-
 # -- closed forms -------------------------------------------------------------------------------------------------------
 
 

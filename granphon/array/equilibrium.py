@@ -52,11 +52,10 @@ _RESPONSE = 1e-7
 
 
 class Load(NamedTuple):
-    """What is prescribed: the overlap y, or the mean contact force, f* = ``force`` - ``slope`` y."""
+    """What is prescribed: the overlap y, or the mean contact force f*, ``force``."""
 
     overlap: float | None = None
     force: float = 0.0
-    slope: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,7 +235,7 @@ def equilibrate(
         mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
         force = common + mean
         pull = stencils.forces(excess)
-        push = ((load.force - load.slope * y) - common) - mean if free else 0.0
+        push = (load.force - common) - mean if free else 0.0
         # near the rigidity threshold overlaps are so small that y itself is not fine enough for the load
         push *= abs(push) > _ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
@@ -254,10 +253,9 @@ def equilibrate(
         if distance <= tolerance:
             return _found(Equilibrium(deviations, y, _centred(balls), left / force, newton, steps), stencils)
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
-        spring = contacts * load.slope if free else None
         stiffness = 1.5 * root
         stiffness += _LENT * min(1.0, distance) * np.mean(stiffness)
-        step, taken = _conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, spring)
+        step, taken = _conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, free)
         length = _step_length(y, differences, step, stencils, load if free else None)
         y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
     raise ConvergenceError(
@@ -304,8 +302,7 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
             value -= dot(excess, part)
             rise += 1.5 * dot(root, part * part)
         if load is not None:
-            value += work * (max(there, 0.0) ** 1.5 - (load.force - load.slope * there))
-            rise += work * more * load.slope
+            value += work * (max(there, 0.0) ** 1.5 - load.force)
         return value, rise
 
     first = slope(0.0)[0]
@@ -342,19 +339,18 @@ def _conjugate_gradients(
     stiffness: Array,
     force: Motion,
     reduction: float,
-    spring: float | None = None,
+    free: bool = False,
     most: int | None = None,
     floor: float = 0.0,
 ) -> tuple[Motion, int]:
     """Solve C^T K C u = ``force`` until the error of the energy norm has fallen by about ``reduction``; and the steps taken.
 
-    ``floor`` is a square of that norm which is only rounding. With ``spring`` the compression moves too, held by this
-    stiffness. More than
+    ``floor`` is a square of that norm which is only rounding. If it is ``free``, the compression moves too. More than
     ``most`` steps raise :class:`ConvergenceError`; without it the iteration ends, and Newton's method goes on from there.
     """
     contacts = stencils.n_contacts * stiffness[0].size
     precondition = stencils.preconditioner(stiffness)
-    held = 0.0 if spring is None else 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts])) + spring)
+    held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
     left, press = force.balls.copy(), force.compression
     balls, compression = np.zeros_like(left), 0.0
     way, out = stencils.padded(), stencils.padded()
@@ -370,16 +366,15 @@ def _conjugate_gradients(
             raise ConvergenceError(message(f"the linear response of the sample is not found in {most} steps"))
         stencils.wrap(way)
         change, pull, energy = stencils.product(stiffness, way, squeeze, out)
-        energy += (spring or 0.0) * squeeze * squeeze
         if energy <= 0.0:  # nothing but rounding is left
             break
         length = product / energy
         for rows in stencils.blocks():
             balls[:, rows] += length * inner[:, rows]
             left[:, rows] -= length * change[:, rows]
-        if spring is not None:
+        if free:
             compression += length * squeeze
-            press -= length * (spring * squeeze - pull)
+            press += length * pull
         better = precondition(left)
         last, product = product, dot(left, better) + held * press * press
         turn = product / last

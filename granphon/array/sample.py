@@ -28,8 +28,7 @@ Array = NDArray[np.float64]
 #: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
 LEAST_CONTACT = 1e-6
 #: of log f, to either side, over which moduli are differenced. The bias of an exponent goes as its square, 2e-3 STEP^2 at
-#: f* = 1, where chance is least: 5e-6, the standard error of a million balls. The variance grows with -log STEP only: at
-#: f* = 0.3, of 12 x 12 balls, by 0.003/144 each time that the step is halved, from 0.0077/144 at 0.1 to 0.0108/144 at 0.05
+#: f* = 1, where chance is least: 5e-6, the standard error of a million balls. The variance grows with -log STEP only
 STEP = 0.05
 
 
