@@ -49,7 +49,8 @@ def imports(module: Path) -> set[str]:
 
 
 def test_the_top_folder_holds_the_public_names_and_the_packages():
-    assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py"}
+    files = {path.name for path in PACKAGE.iterdir() if path.is_file()}
+    assert files == {"__init__.py", "__init__.pyi", "__main__.py", "py.typed"}
     packages = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
     assert packages == LEVELS.keys() - {"__main__"}
     for package in packages:
@@ -116,6 +117,24 @@ def test_a_scene_of_velocities_loads_neither_phonopy_nor_matplotlib_nor_calculat
     modules = loaded_after(code)
     assert not heavy(modules)
     assert (tmp_path / "out" / "summary.yaml").is_file()
+
+
+def test_public_names_stand_in_the_stub_which_type_checkers_read_and_nowhere_else():
+    statements = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8")).body[1:]
+    listed = {"__version__"}
+    for statement in statements:
+        if isinstance(statement, ast.ImportFrom):
+            (alias,) = statement.names
+            # a name that a stub imports "as" itself is public for type checkers
+            assert (statement.level, alias.asname) == (1, alias.name)
+            listed.add(alias.name)
+            assert getattr(granphon, alias.name).__module__ == f"granphon.{statement.module}"
+        else:
+            assert ast.unparse(statement) == "__version__: str"
+    assert sorted(granphon.__all__) == sorted(listed)
+    starred: dict[str, Any] = {}
+    exec("from granphon import *", starred)
+    assert listed <= set(starred)
 
 
 def test_public_names_exist_and_are_documented():

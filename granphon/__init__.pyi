@@ -1,0 +1,45 @@
+"""The public names of granphon, each with the module in which it stands: one line for each, in this form.
+
+Type checkers read this file; ``__init__.py`` reads it too, and imports a name when it is first used.
+"""
+
+from .array.atoms import write_extxyz as write_extxyz
+from .array.sample import Sample as Sample
+from .balls.contact import HertzLaw as HertzLaw
+from .balls.contact import Material as Material
+from .balls.contact import mindlin_reduction as mindlin_reduction
+from .balls.diameters import Discrete as Discrete
+from .balls.diameters import Measured as Measured
+from .balls.diameters import Normal as Normal
+from .balls.diameters import Uniform as Uniform
+from .balls.lattices import Lattice as Lattice
+from .balls.packing import Packing as Packing
+from .base.errors import GranphonError as GranphonError
+from .base.scales import Units as Units
+from .dynamics.modes import ContactLattice as ContactLattice
+from .fits.fit import fit_width as fit_width
+from .media.choice import AutoMedium as AutoMedium
+from .media.mean_field import AveragedForce as AveragedForce
+from .media.mean_field import AveragedLattice as AveragedLattice
+from .media.mean_field import EffectiveMedium as EffectiveMedium
+from .media.mean_field import Medium as Medium
+from .media.simulation import DirectSimulation as DirectSimulation
+from .media.simulation import SimulatedState as SimulatedState
+from .media.state import ContactState as ContactState
+from .observables.validity import validity as validity
+from .observables.velocities import local_exponent as local_exponent
+from .observables.velocities import moduli as moduli
+from .observables.velocities import pulse_velocities as pulse_velocities
+from .observables.velocities import sound_velocities as sound_velocities
+from .phonons.bands import Bands as Bands
+from .phonons.bands import DensityOfStates as DensityOfStates
+from .phonons.calculator import HertzMindlin as HertzMindlin
+from .phonons.calculator import atoms as atoms
+from .phonons.phonons import Phonons as Phonons
+from .phonons.phonopy_bridge import load_phonopy as load_phonopy
+from .scene.scene import Scene as Scene
+from .sweeps.archive import load_sweep as load_sweep
+from .sweeps.sweep import sweep as sweep
+from .tradeoffs.measure import tradeoff as tradeoff
+
+__version__: str
