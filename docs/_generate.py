@@ -1,5 +1,7 @@
 """The tables of the reference, from what they describe: ``python docs/_generate.py`` writes them into their pages.
 
+With names, as in ``python docs/_generate.py rooms media``, only the tables between the marks of these names.
+
 What a key allows is asked of the rule that reads it; defaults and units are those of the schema; commands and their options
 are those of the command line; the fields of output files are read from files that small scenes wrote just now. Only what
 things *mean* is written here, and what has no meaning yet is an error.
@@ -511,20 +513,25 @@ def rooms() -> str:
 # -- the pages ------------------------------------------------------------------------------------------------------
 
 
-def regions() -> dict[str, str]:
-    """What stands between the marks, by their names."""
-    plain = (
-        rooms, result_units,
-        scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
-    )  # fmt: skip
-    read = (
-        summary, sweep_fields, sweep_attributes, band_fields, phonopy_fields, dos_fields, sample_fields, fit_fields,
-        fit_columns,
-        tradeoff_columns,
-    )  # fmt: skip
+#: tables made of the code alone, and those made of files that small scenes write
+PLAIN = (
+    rooms, result_units, scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
+)  # fmt: skip
+READ = (
+    summary, sweep_fields, sweep_attributes, band_fields, phonopy_fields, dos_fields, sample_fields, fit_fields,
+    fit_columns, tradeoff_columns,
+)  # fmt: skip
+
+
+def regions(names: Sequence[str] = ()) -> dict[str, str]:
+    """What stands between the marks, by their names: of all, or of ``names``. Scenes run only where it takes their files."""
+    made = {one.__name__: one() for one in PLAIN if one.__name__ in names or not names}
+    read = [one for one in READ if one.__name__ in names or not names]
+    if not read:
+        return made
     with tempfile.TemporaryDirectory() as folder:
         results = Results(Path(folder))
-        return {one.__name__: one() for one in plain} | {one.__name__: one(results) for one in read}
+        return made | {one.__name__: one(results) for one in read}
 
 
 def marks(text: str) -> list[str]:
@@ -533,12 +540,12 @@ def marks(text: str) -> list[str]:
 
 
 def filled(text: str, found: Mapping[str, str]) -> str:
-    """A page with its regions made anew."""
-    return _REGION.sub(lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}", text)
+    """A page with its regions made anew, as far as they were found."""
+    return _REGION.sub(lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}" if m[2] in found else m[0], text)
 
 
 if __name__ == "__main__":
-    made = regions()
+    made = regions(sys.argv[1:])
     for page in PAGES:
         before = page.read_text(encoding="utf-8")
         after = filled(before, made)

@@ -32,7 +32,7 @@ from .observables.velocities import moduli as moduli
 from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.bands import Bands as Bands
-from .phonons.bands import DensityOfStates as DensityOfStates
+from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms
 from .phonons.phonons import Phonons as Phonons

@@ -135,6 +135,13 @@ class Result:
                 what = f"{name} of the {type(self).__name__} is of shape {found}, where ({wanted}) belongs"
                 raise InputError(message(what, so_far))
 
+    def check_finite(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if an array among ``shapes`` holds an infinity or a nan."""
+        for name in self.shapes:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
+                raise InputError(message(f"{name} of the {type(self).__name__} holds what is no finite number"))
+
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
     """Whether a shape is as the words of ``layout`` say; ``sizes`` gathers what the letters stand for."""

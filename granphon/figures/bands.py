@@ -34,7 +34,8 @@ from granphon.base.scales import HertzPrefix
 from granphon.dynamics.modes import ContactLattice
 from granphon.figures.style import STYLE, save_figure
 from granphon.observables.velocities import SoundVelocities
-from granphon.phonons.bands import Bands, DensityOfStates
+from granphon.phonons.bands import Bands
+from granphon.phonons.dos import DensityOfStates
 
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons

@@ -1,24 +1,20 @@
-"""Band structures and densities of states: the results, their files, and the paths through the Brillouin zone."""
+"""Band structures, in memory and in phonopy's band.yaml."""
 
 from __future__ import annotations
 
 import itertools
 import json
-import operator
 import os
-import re
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
-from granphon.base.arguments import real_array, texts
 from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, file_header, read_header
@@ -26,11 +22,9 @@ from granphon.base.staging import write_text
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.modes import Modes
 
-__all__ = ["Bands", "DensityOfStates", "PhononModes", "band_path"]
+__all__ = ["Bands", "PhononModes"]
 
 Array = NDArray[np.float64]
-#: the greatest number of points or cells
-_MOST = 1_000_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,119 +40,6 @@ class PhononModes(Modes):
             modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
             modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
         )  # fmt: skip
-
-
-def whole_number(name: str, value: Any, least: int = 1) -> int:
-    """``value`` as an int; :class:`~granphon.base.errors.InputError` if it is no whole number, or below ``least``."""
-    try:
-        number = int(operator.index(value))
-    except TypeError:
-        number = least - 1
-    if not least <= number <= _MOST or isinstance(value, bool | np.bool_):
-        raise InputError(message(f"{name} is {brief(value)}", mend=f"Give a whole number from {least} to {_MOST}"))
-    return number
-
-
-def grid_numbers(name: str, values: Any) -> tuple[int, int]:
-    """Two whole numbers, or three of which the last is 1; :class:`~granphon.base.errors.InputError` if they are not."""
-    try:
-        numbers = [whole_number(name, value) for value in values]
-    except (TypeError, InputError):
-        numbers = []
-    if len(numbers) not in (2, 3) or numbers[2:] not in ([], [1]):
-        raise InputError(message(f"{name} is {brief(values)}", mend="Give two whole numbers above zero, and 1 as the third"))
-    return numbers[0], numbers[1]
-
-
-def band_path(
-    path: str | ArrayLike | Sequence[ArrayLike],
-    npoints: int,
-    special_points: Mapping[str, ArrayLike],
-    labels: Sequence[str] | None = None,
-) -> tuple[Array, tuple[str, ...]]:
-    """Points along a path through the Brillouin zone, and the labels of its corners.
-
-    Parameters
-    ----------
-    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, 2 or 3) in fractions of the
-        reciprocal cell, or a list of such arrays.
-    npoints : points in each segment, both ends counted; at least 2.
-    special_points : what the letters mean.
-    labels : one for each corner; by default the letters, or the coordinates.
-
-    Returns
-    -------
-    qpoints : (n_segments, npoints, 3).
-    labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
-    """
-    count = whole_number("npoints", npoints, 2)
-    pieces: list[Array] = []
-    names: list[list[str]] = []
-    if isinstance(path, str):
-        from ase.dft.kpoints import parse_path_string
-
-        for letters in parse_path_string(path):
-            unknown = [letter for letter in letters if letter not in special_points]
-            if unknown:
-                raise InputError(
-                    message(
-                        f"there is no special point {', '.join(unknown)} in this Brillouin zone",
-                        mend="Use " + ", ".join(special_points) + ", or give the path in numbers",
-                    )
-                )
-            pieces.append(np.array([special_points[letter] for letter in letters], float))
-            names.append(list(letters))
-        if labels is not None:
-            names = _split_labels(labels, pieces)
-    else:
-        given: Any = path
-        try:
-            try:
-                corners = [real_array("path", given)]
-            except InputError:  # paths of different lengths, perhaps
-                corners = [real_array("path", piece) for piece in given]
-        except TypeError:
-            raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
-        if corners and corners[0].ndim == 3:
-            corners = list(corners[0])
-        if not corners:
-            raise InputError(message(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"))
-        for piece in corners:
-            if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
-                raise InputError(message("a path is a list of corners of two or three finite numbers"))
-            pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-        names = _split_labels([_name(q) for piece in pieces for q in piece] if labels is None else labels, pieces)
-    segments: list[Array] = []
-    ticks: list[str] = []
-    for piece, name in zip(pieces, names, strict=True):
-        if len(piece) < 2:
-            raise InputError(message("a path needs at least two corners"))
-        if np.any(piece[:, 2] != 0.0):
-            raise InputError(message("the path leaves the plane", "The array is one layer", "Set the third number to 0"))
-        if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError(message("two corners that follow each other on the path are the same point"))
-        for start, stop in itertools.pairwise(piece):
-            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
-            segments[-1][-1] = stop
-        if ticks:
-            ticks[-1] = ticks[-1] if ticks[-1] == name[0] else f"{ticks[-1]}|{name[0]}"
-            ticks += name[1:]
-        else:
-            ticks = list(name)
-    return np.array(segments), tuple(ticks)
-
-
-def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
-    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # letters of one text are labels, too
-    count = sum(map(len, pieces))
-    if len(flat) != count:
-        raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
-    ends = np.cumsum([len(piece) for piece in pieces]).tolist()
-    return [flat[end - len(piece) : end] for end, piece in zip(ends, pieces, strict=True)]
-
-
-def _name(q: Array) -> str:
-    return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,7 +84,7 @@ class Bands(Result):
         if self.eigenvectors.shape[2] not in (2 * balls, 3 * balls):
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
             raise InputError(message(what, mend="There are two or three for each"))
-        _check_finite(self)
+        self.check_finite()
 
     @property
     def n_branches(self) -> int:
@@ -274,35 +155,35 @@ class Bands(Result):
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
         ]  # fmt: skip
         ticks = [tick.split("|") for tick in self.labels]
-        lines += ["labels:", *(f"- [ {_text(a[-1])}, {_text(z[0])} ]" for a, z in itertools.pairwise(ticks))]
+        lines += ["labels:", *(f"- [ {_yaml_text(a[-1])}, {_yaml_text(z[0])} ]" for a, z in itertools.pairwise(ticks))]
         reciprocal = np.linalg.inv(self.cell).T
         lines += [
             "reciprocal_lattice:",
-            *map(_row, reciprocal),
+            *map(_yaml_row, reciprocal),
             f"natom: {n}",
             "lattice:",
-            *map(_row, self.cell),
+            *map(_yaml_row, self.cell),
             "points:",
         ]
         for place, mass in zip(self.positions, self.masses, strict=True):
-            lines += [f"- symbol: {BALL}", f"  coordinates: [ {_numbers(place)} ]", f"  mass: {float(mass)!r}"]
+            lines += [f"- symbol: {BALL}", f"  coordinates: [ {_join_numbers(place)} ]", f"  mass: {float(mass)!r}"]
         lines.append("phonon:")
         velocity = self.scales.length * unit.hertz
         for i in range(s):
             for j in range(p):
                 lines += [
-                    f"- q-position: [ {_numbers(self.qpoints[i, j])} ]",
+                    f"- q-position: [ {_join_numbers(self.qpoints[i, j])} ]",
                     f"  distance: {float(self.distances[i, j])!r}",
                 ]
                 if j in (0, p - 1):
-                    lines.append(f"  label: {_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
+                    lines.append(f"  label: {_yaml_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
                 lines.append("  band:")
                 for k in range(still + b):
                     lines += [f"  - # {k + 1}", f"    frequency: {float(frequencies[i, j, k] / unit.hertz)!r}"]
                     g = velocities[i, j, k] / velocity
-                    lines += [f"    group_velocity: [ {_numbers(g)} ]", "    eigenvector:"]
+                    lines += [f"    group_velocity: [ {_join_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
-                        lines += ["    -", *(f"      - [ {_numbers((z.real, z.imag))} ]" for z in ball)]
+                        lines += ["    -", *(f"      - [ {_join_numbers((z.real, z.imag))} ]" for z in ball)]
         write_text(path, sealed(lines))
 
     @classmethod
@@ -348,109 +229,16 @@ class Bands(Result):
         return found
 
 
-def _check_finite(result: Result) -> None:
-    for name in result.shapes:
-        value = getattr(result, name)
-        if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-            raise InputError(message(f"{name} of the {type(result).__name__} holds what is no finite number"))
-
-
-def _numbers(values: Any) -> str:
+def _join_numbers(values: Any) -> str:
+    """All digits of each, with commas between them."""
     return ", ".join(repr(float(x)) for x in values)
 
 
-def _text(words: str) -> str:
-    # a JSON string is a YAML string, whatever is in it
+def _yaml_text(words: str) -> str:
+    """``words`` as a YAML string, whatever is in them: a JSON string is one."""
     return json.dumps(words)
 
 
-def _row(values: Any) -> str:
-    return f"- [ {_numbers(values)} ]"
-
-
-_DOS_COLUMNS = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz"
-_DOS_SCHEMA = "# granphon density of states, schema {}, per ball"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DensityOfStates(Result):
-    """Density of states per ball and hertz; it integrates to the number of branches of a ball.
-
-    With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
-    that number exactly. Of a smeared density the tails below zero are reflected.
-
-    Attributes
-    ----------
-    frequencies : (n,), Hz.
-    translational, rotational : (n,), 1/Hz, the parts of the density weighted with the modes' kinetic energy.
-    method : "tetrahedron" or "smearing".
-    mesh : (n1, n2).
-    warnings : limits of the model that the state exceeds.
-    """
-
-    units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
-    shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
-
-    frequencies: Array
-    translational: Array
-    rotational: Array
-    method: str
-    mesh: tuple[int, int]
-    warnings: tuple[str, ...] = ()
-
-    def check(self) -> None:
-        """Also that all numbers are finite."""
-        super().check()
-        _check_finite(self)
-
-    @property
-    def total(self) -> Array:
-        """(n,), 1/Hz."""
-        return self.translational + self.rotational
-
-    def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns frequency, total, translational, rotational with all digits, their units in the heading.
-
-        The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path, delimiter=",", names=True)`` take
-        the names from it; below it are comments with the digest of the file, the method, the mesh and the warnings.
-        """
-        columns = (self.frequencies, self.total, self.translational, self.rotational)
-        lines = [
-            _DOS_COLUMNS,
-            _DOS_SCHEMA.format(2),
-            f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
-            *(f"# warning: {warning}" for warning in self.warnings),
-            *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
-        ]
-        write_text(path, sealed(lines, 1))
-
-    @classmethod
-    def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Read what :meth:`write_csv` wrote; errors and warning as :meth:`Bands.read`."""
-        text, verified = read_sealed(path)
-        with own_file(path, "density of states"):
-            head, comments, rows = "", [], []
-            for line in text.split("\n"):
-                if line.startswith("#"):
-                    comments.append(line)
-                elif not head:
-                    head = line
-                elif line:
-                    rows.append([float(x) for x in line.split(",")])
-            what, how = comments[:2]
-            words = re.fullmatch(r"# method (\w+), mesh (\d+) (\d+)", how)
-            # of schema 1, the heading stood below the comments
-            if head != _DOS_COLUMNS or what not in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2)) or words is None:
-                raise InputError("its head is not that of one")
-            warnings = [line.removeprefix("# warning: ") for line in comments[2:] if line.startswith("# warning: ")]
-            if len(warnings) != len(comments) - 2:
-                raise InputError("it has a comment that granphon does not write")
-            table = np.array(rows)
-            mesh = int(words[2]), int(words[3])
-            found = cls(table[:, 0], table[:, 2], table[:, 3], words[1], mesh, tuple(warnings))
-            found.check()
-            if table.shape[1] != 4 or not np.array_equal(found.total, table[:, 1]):
-                raise InputError("the total is not the sum of its parts")
-        if not verified:
-            warn_unverified(path)
-        return found
+def _yaml_row(values: Any) -> str:
+    """Numbers as an item of a YAML list."""
+    return f"- [ {_join_numbers(values)} ]"

@@ -24,9 +24,11 @@ from granphon.dynamics.modes import ContactLattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.acoustics import contact_lattice
 from granphon.observables.validity import validity
-from granphon.phonons.bands import Bands, DensityOfStates, PhononModes, band_path, grid_numbers, whole_number
+from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
+from granphon.phonons.dos import DensityOfStates
+from granphon.phonons.paths import default_letters, grid_numbers, interpolate_path, special_points, whole_number
 from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
@@ -212,8 +214,7 @@ class Phonons:
     @property
     def special_points(self) -> dict[str, Array]:
         """The special points of the cell's Brillouin zone, by ASE's letters, in fractions of the reciprocal cell."""
-        points = self.atoms.cell.bandpath(npoints=0, pbc=self.atoms.pbc).special_points
-        return {name: np.asarray(point) for name, point in points.items()}
+        return special_points(self.atoms.cell[:2, :2])
 
     def bands(
         self,
@@ -230,13 +231,8 @@ class Phonons:
         npoints : points in each segment, both ends counted.
         labels : of the corners; by default the letters, or the coordinates.
         """
-        if path is None:
-            known = self.special_points
-            if "K" not in known and not {"X", "M"} <= set(known):
-                raise InputError(message("this cell has no path of its own", mend=f"Name one of {', '.join(known)}"))
-            path = "GKMG" if "K" in known else "GXMG"
-        letters = self.special_points if isinstance(path, str) else {}
-        segments, ticks = band_path(path, npoints, letters, labels)
+        letters = self.special_points if path is None or isinstance(path, str) else {}
+        segments, ticks = interpolate_path(default_letters(letters) if path is None else path, npoints, letters, labels)
         s, p, _ = segments.shape
         q = self.lattice.wavevectors(segments)  # (s, p, 2)
         steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)

@@ -1,33 +1,27 @@
-"""The values of a scene that are more than one quantity: ranges, spreads, media, parameters, grids, paths.
+"""The values of a scene that are more than one quantity: ranges, spreads, media, parameters, grids.
 
 Rules as in :mod:`granphon.base.validation`.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, lattice_named
-from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, message
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Refused
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH, Refused
 from granphon.base.text import shown
-from granphon.base.validation import Rule, block, choice, each, grid, number, ruled, text, truth, whole
+from granphon.base.validation import Rule, block, choice, each, grid, number, text, truth, whole
 from granphon.media.choice import MEDIA, MediumChoice, medium
 
-__all__ = ["BandPath", "OBSERVABLES", "SCALES", "SCHEMA", "spaced", "values"]
+__all__ = ["OBSERVABLES", "SCALES", "SCHEMA", "spaced", "values"]
 
 SCHEMA = 1
 OBSERVABLES = ("velocities", "bands", "dos")
@@ -255,88 +249,3 @@ def observed(value: Any) -> tuple[str, ...]:
 supercell = partial(grid, low=2, high=100, example="3 3 1")
 mesh_numbers = partial(grid, low=1, high=4096, example="64 64 1")
 segment_points = partial(whole, low=2, high=100_000)
-
-
-def band_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:
-    """Paths of points, from "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma parts paths that do not join."""
-    allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
-    if not isinstance(value, str):
-        raise Refused(shown(value), allowed, "Write the points as one line of text.")
-    paths = []
-    for part in value.split(","):
-        numbers = [_fraction(word, value, allowed) for word in part.split()]
-        if len(numbers) % 3 or len(numbers) < 6:
-            found = f"{shown(value)}, with {len(numbers)} numbers in a path"
-            raise Refused(found, allowed, "A path has two points or more.")
-        points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
-        if any(point[2] != 0.0 for point in points):
-            raise Refused(f"{shown(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
-        if any(one == two for one, two in itertools.pairwise(points)):
-            raise Refused(f"{shown(value)}, with the same point twice in a row", allowed)
-        paths.append(points)
-    return tuple(paths)
-
-
-def _fraction(word: str, value: str, allowed: str) -> float:
-    if re.fullmatch(r"[-+]?[0-9]{1,9}/0*[1-9][0-9]{0,8}", word):
-        return float(Fraction(word))
-    number = float(word) if re.fullmatch(NUMBER, word) else math.nan
-    if not abs(number) <= 1e3:
-        raise Refused(f"{shown(word)} in {shown(value)}", allowed)
-    return number + 0.0
-
-
-def label_words(value: Any) -> tuple[str, ...]:
-    words = value.split() if isinstance(value, str) else value
-    if (
-        not isinstance(words, list | tuple)
-        or not words
-        or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words)
-    ):
-        allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
-        raise Refused(shown(value), allowed)
-    return tuple(words)
-
-
-@dataclass(frozen=True)
-class BandPath:
-    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
-
-    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
-    """
-
-    paths: tuple[tuple[tuple[float, float, float], ...], ...]
-    labels: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        count = sum(map(len, self.paths))
-        if self.labels is not None and len(self.labels) != count:
-            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
-
-    @classmethod
-    def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
-        named = None if labels is None else ruled("band_labels", label_words, labels)
-        return cls(ruled("band", band_paths, points), named)
-
-    @classmethod
-    def default(cls, packing: Packing) -> Self:
-        """Around the irreducible zone of the packing's lattice: G-K-M-G, or G-X-M-G on a square cell."""
-        (ax, ay), (bx, by) = packing.structure.cell
-        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
-        if abs(cosine) < 1e-6:
-            return cls.parse("0 0 0 1/2 0 0 1/2 1/2 0 0 0 0", "G X M G")
-        return cls.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
-
-    @property
-    def arrays(self) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
-        """Each path as an array (n_points, 3)."""
-        return [np.array(path) for path in self.paths]
-
-    def __str__(self) -> str:
-        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
-
-
-def _as_fraction(x: float) -> str:
-    near = Fraction(x).limit_denominator(100)
-    return str(near) if float(near) == x else repr(x)

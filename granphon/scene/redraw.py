@@ -87,7 +87,8 @@ def _sweep_figure(path: Path, variable: str | None) -> Any:
 
 def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
     from granphon.figures.bands import bands_figure
-    from granphon.phonons.bands import Bands, DensityOfStates  # without phonopy
+    from granphon.phonons.bands import Bands  # without phonopy
+    from granphon.phonons.dos import DensityOfStates
 
     bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
     dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None

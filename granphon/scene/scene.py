@@ -36,8 +36,8 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.acoustics import contact_lattice
+from granphon.phonons.paths import BandPath
 from granphon.scene import fields as rules
-from granphon.scene.fields import BandPath
 from granphon.scene.plan import MOST_CASES, Plan
 from granphon.scene.result_files import DIAMETERS_FILE
 from granphon.scene.schema import SceneFile, validated
@@ -107,7 +107,7 @@ class Scene:
         for name, rule in checks.items():
             object.__setattr__(self, name, ruled(name, rule, getattr(self, name)))
         if self.band is None:
-            object.__setattr__(self, "band", BandPath.default(self.packing))
+            object.__setattr__(self, "band", BandPath.default(self.packing.structure))
         if self.finite_overlap:
             no_simulation(self.media)
         _check_supercell(self.packing, self.dim)
@@ -175,7 +175,7 @@ class Scene:
         band = None
         if phonopy.band is not None or phonopy.band_labels is not None:
             with _located(document, ("phonopy", "band_labels")):
-                band = BandPath(phonopy.band or BandPath.default(packing).paths, phonopy.band_labels)
+                band = BandPath(phonopy.band or BandPath.default(packing.structure).paths, phonopy.band_labels)
         with _located(document, ("phonopy", "dim")):
             _check_supercell(packing, phonopy.dim)
         if file.packing.finite_overlap:

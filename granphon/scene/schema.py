@@ -18,6 +18,7 @@ from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, Refused
 from granphon.base.text import Document, shown
 from granphon.base.validation import truth, unknown_key
 from granphon.media.choice import MediumChoice
+from granphon.phonons.paths import read_labels, read_paths
 from granphon.scene import fields as rules
 
 __all__ = ["SceneFile", "validated"]
@@ -78,8 +79,8 @@ class _Load(_Block):
 
 class _Phonopy(_Block):
     dim: Annotated[tuple[int, int] | None, PlainValidator(rules.supercell)] = None
-    band: Annotated[tuple[Any, ...] | None, PlainValidator(rules.band_paths)] = None
-    band_labels: Annotated[tuple[str, ...] | None, PlainValidator(rules.label_words)] = None
+    band: Annotated[tuple[Any, ...] | None, PlainValidator(read_paths)] = None
+    band_labels: Annotated[tuple[str, ...] | None, PlainValidator(read_labels)] = None
     band_points: Annotated[int, PlainValidator(rules.segment_points)] = 101
     mesh: Annotated[tuple[int, int], PlainValidator(rules.mesh_numbers)] = (64, 64)
 

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import Lattice
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis, combinations, numbers
 from granphon.base.errors import InputError, message
@@ -31,7 +30,7 @@ from granphon.base.validation import ruled, truth
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.simulation import SimulatedState
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.phonons.bands import band_path
+from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, LOADS, SCHEMA, file_names, load_sweep, write_sweep
 from granphon.sweeps.jobs import ERRORS, Job, packages, to_json, told
 from granphon.sweeps.tasks import Part, Store, kept, solve_all
@@ -228,21 +227,12 @@ class _Way:
                     "Make a sweep of each",
                 )
             )
-        letters = _special_points(first.structure) if isinstance(bands, str) else {}
-        qpoints, ticks = band_path(bands, npoints, letters, labels)
+        letters = special_points(first.structure.vectors) if isinstance(bands, str) else {}
+        qpoints, ticks = interpolate_path(bands, npoints, letters, labels)
         cartesian = qpoints[..., :2] @ np.linalg.inv(first.structure.vectors).T
         # the step to the first point of a segment is none, so that paths that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
-
-
-def _special_points(structure: Lattice) -> dict[str, Array]:
-    """The special points of the Brillouin zone by ASE's letters, as those of :class:`granphon.phonons.phonons.Phonons`."""
-    from ase.cell import Cell
-
-    cell = np.eye(3)
-    cell[:2, :2] = structure.vectors
-    return dict(Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points)
 
 
 def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:

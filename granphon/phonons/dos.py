@@ -1,0 +1,105 @@
+"""Densities of states, in memory and in dos.csv."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
+from granphon.base.errors import InputError
+from granphon.base.results import Result
+from granphon.base.staging import write_text
+
+__all__ = ["DensityOfStates"]
+
+Array = NDArray[np.float64]
+_DOS_COLUMNS = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz"
+_DOS_SCHEMA = "# granphon density of states, schema {}, per ball"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DensityOfStates(Result):
+    """Density of states per ball and hertz; it integrates to the number of branches of a ball.
+
+    With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
+    that number exactly. Of a smeared density the tails below zero are reflected.
+
+    Attributes
+    ----------
+    frequencies : (n,), Hz.
+    translational, rotational : (n,), 1/Hz, the parts of the density weighted with the modes' kinetic energy.
+    method : "tetrahedron" or "smearing".
+    mesh : (n1, n2).
+    warnings : limits of the model that the state exceeds.
+    """
+
+    units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
+    shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
+
+    frequencies: Array
+    translational: Array
+    rotational: Array
+    method: str
+    mesh: tuple[int, int]
+    warnings: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Also that all numbers are finite."""
+        super().check()
+        self.check_finite()
+
+    @property
+    def total(self) -> Array:
+        """(n,), 1/Hz."""
+        return self.translational + self.rotational
+
+    def write_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns frequency, total, translational, rotational with all digits, their units in the heading.
+
+        The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path, delimiter=",", names=True)`` take
+        the names from it; below it are comments with the digest of the file, the method, the mesh and the warnings.
+        """
+        columns = (self.frequencies, self.total, self.translational, self.rotational)
+        lines = [
+            _DOS_COLUMNS,
+            _DOS_SCHEMA.format(2),
+            f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
+            *(f"# warning: {warning}" for warning in self.warnings),
+            *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
+        ]
+        write_text(path, sealed(lines, 1))
+
+    @classmethod
+    def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
+        """Read what :meth:`write_csv` wrote; errors and warning as :meth:`Bands.read`."""
+        text, verified = read_sealed(path)
+        with own_file(path, "density of states"):
+            head, comments, rows = "", [], []
+            for line in text.split("\n"):
+                if line.startswith("#"):
+                    comments.append(line)
+                elif not head:
+                    head = line
+                elif line:
+                    rows.append([float(x) for x in line.split(",")])
+            what, how = comments[:2]
+            words = re.fullmatch(r"# method (\w+), mesh (\d+) (\d+)", how)
+            # of schema 1, the heading stood below the comments
+            if head != _DOS_COLUMNS or what not in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2)) or words is None:
+                raise InputError("its head is not that of one")
+            warnings = [line.removeprefix("# warning: ") for line in comments[2:] if line.startswith("# warning: ")]
+            if len(warnings) != len(comments) - 2:
+                raise InputError("it has a comment that granphon does not write")
+            table = np.array(rows)
+            mesh = int(words[2]), int(words[3])
+            found = cls(table[:, 0], table[:, 2], table[:, 3], words[1], mesh, tuple(warnings))
+            found.check()
+            if table.shape[1] != 4 or not np.array_equal(found.total, table[:, 1]):
+                raise InputError("the total is not the sum of its parts")
+        if not verified:
+            warn_unverified(path)
+        return found

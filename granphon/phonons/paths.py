@@ -1,0 +1,273 @@
+"""Paths through the Brillouin zone: its special points, and the corners and points of a path."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import operator
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import Lattice
+from granphon.base.arguments import real_array, texts
+from granphon.base.errors import InputError, brief, message
+from granphon.base.quantities import NUMBER, Refused
+from granphon.base.text import shown
+from granphon.base.validation import ruled
+
+__all__ = [
+    "BandPath",
+    "default_letters",
+    "grid_numbers",
+    "interpolate_path",
+    "read_labels",
+    "read_paths",
+    "special_points",
+    "whole_number",
+]
+
+Array = NDArray[np.float64]
+#: the greatest number of points or cells
+_MOST = 1_000_000_000
+#: corners of the path around the irreducible zone: letters, and their places on a hexagonal cell of 120 degrees and on a
+#: square one
+_HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
+_SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
+
+
+# -- special points -------------------------------------------------------------------------------------------------
+
+
+def special_points(vectors: ArrayLike) -> dict[str, Array]:
+    """Find the special points of the Brillouin zone of lattice vectors (2, 2), by ASE's letters.
+
+    Each is (3,), in fractions of the reciprocal cell.
+    """
+    from ase.cell import Cell
+
+    cell = np.eye(3)
+    cell[:2, :2] = vectors
+    points = Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points
+    return {name: np.asarray(point) for name, point in points.items()}
+
+
+def default_letters(points: Mapping[str, Any]) -> str:
+    """Letters of the path around the irreducible zone of a hexagonal or a square cell, which has these special points.
+
+    :class:`~granphon.base.errors.InputError` for another cell.
+    """
+    for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
+        if set(letters) <= set(points):
+            return letters
+    raise InputError(message("this cell has no path of its own", mend=f"Name one of {', '.join(points)}"))
+
+
+# -- points along a path --------------------------------------------------------------------------------------------
+
+
+def whole_number(name: str, value: Any, least: int = 1) -> int:
+    """``value`` as an int; :class:`~granphon.base.errors.InputError` if it is no whole number, or below ``least``."""
+    try:
+        number = int(operator.index(value))
+    except TypeError:
+        number = least - 1
+    if not least <= number <= _MOST or isinstance(value, bool | np.bool_):
+        raise InputError(message(f"{name} is {brief(value)}", mend=f"Give a whole number from {least} to {_MOST}"))
+    return number
+
+
+def grid_numbers(name: str, values: Any) -> tuple[int, int]:
+    """Two whole numbers, or three of which the last is 1; :class:`~granphon.base.errors.InputError` if they are not."""
+    try:
+        numbers = [whole_number(name, value) for value in values]
+    except (TypeError, InputError):
+        numbers = []
+    if len(numbers) not in (2, 3) or numbers[2:] not in ([], [1]):
+        raise InputError(message(f"{name} is {brief(values)}", mend="Give two whole numbers above zero, and 1 as the third"))
+    return numbers[0], numbers[1]
+
+
+def interpolate_path(
+    path: str | ArrayLike | Sequence[ArrayLike],
+    npoints: int,
+    special_points: Mapping[str, ArrayLike],
+    labels: Sequence[str] | None = None,
+) -> tuple[Array, tuple[str, ...]]:
+    """Points along a path through the Brillouin zone, and the labels of its corners.
+
+    Parameters
+    ----------
+    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, 2 or 3) in fractions of the
+        reciprocal cell, or a list of such arrays.
+    npoints : points in each segment, both ends counted; at least 2.
+    special_points : what the letters mean.
+    labels : one for each corner; by default the letters, or the coordinates.
+
+    Returns
+    -------
+    qpoints : (n_segments, npoints, 3).
+    labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
+    """
+    count = whole_number("npoints", npoints, 2)
+    pieces: list[Array] = []
+    names: list[list[str]] = []
+    if isinstance(path, str):
+        from ase.dft.kpoints import parse_path_string
+
+        for letters in parse_path_string(path):
+            unknown = [letter for letter in letters if letter not in special_points]
+            if unknown:
+                raise InputError(
+                    message(
+                        f"there is no special point {', '.join(unknown)} in this Brillouin zone",
+                        mend="Use " + ", ".join(special_points) + ", or give the path in numbers",
+                    )
+                )
+            pieces.append(np.array([special_points[letter] for letter in letters], float))
+            names.append(list(letters))
+        if labels is not None:
+            names = _split_labels(labels, pieces)
+    else:
+        given: Any = path
+        try:
+            try:
+                corners = [real_array("path", given)]
+            except InputError:  # paths of different lengths, perhaps
+                corners = [real_array("path", piece) for piece in given]
+        except TypeError:
+            raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
+        if corners and corners[0].ndim == 3:
+            corners = list(corners[0])
+        if not corners:
+            raise InputError(message(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"))
+        for piece in corners:
+            if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
+                raise InputError(message("a path is a list of corners of two or three finite numbers"))
+            pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
+        names = _split_labels([_coordinates(q) for piece in pieces for q in piece] if labels is None else labels, pieces)
+    segments: list[Array] = []
+    ticks: list[str] = []
+    for piece, name in zip(pieces, names, strict=True):
+        if len(piece) < 2:
+            raise InputError(message("a path needs at least two corners"))
+        if np.any(piece[:, 2] != 0.0):
+            raise InputError(message("the path leaves the plane", "The array is one layer", "Set the third number to 0"))
+        if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
+            raise InputError(message("two corners that follow each other on the path are the same point"))
+        for start, stop in itertools.pairwise(piece):
+            segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
+            segments[-1][-1] = stop
+        if ticks:
+            ticks[-1] = ticks[-1] if ticks[-1] == name[0] else f"{ticks[-1]}|{name[0]}"
+            ticks += name[1:]
+        else:
+            ticks = list(name)
+    return np.array(segments), tuple(ticks)
+
+
+def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
+    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # letters of one text are labels, too
+    count = sum(map(len, pieces))
+    if len(flat) != count:
+        raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
+    ends = np.cumsum([len(piece) for piece in pieces]).tolist()
+    return [flat[end - len(piece) : end] for end, piece in zip(ends, pieces, strict=True)]
+
+
+def _coordinates(q: Array) -> str:
+    """A corner that has no name, as a label."""
+    return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
+
+
+# -- paths of a scene -----------------------------------------------------------------------------------------------
+
+
+def read_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+    """Paths of points, from "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma parts paths that do not join."""
+    allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
+    if not isinstance(value, str):
+        raise Refused(shown(value), allowed, "Write the points as one line of text.")
+    paths = []
+    for part in value.split(","):
+        numbers = [_fraction(word, value, allowed) for word in part.split()]
+        if len(numbers) % 3 or len(numbers) < 6:
+            found = f"{shown(value)}, with {len(numbers)} numbers in a path"
+            raise Refused(found, allowed, "A path has two points or more.")
+        points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
+        if any(point[2] != 0.0 for point in points):
+            raise Refused(f"{shown(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
+        if any(one == two for one, two in itertools.pairwise(points)):
+            raise Refused(f"{shown(value)}, with the same point twice in a row", allowed)
+        paths.append(points)
+    return tuple(paths)
+
+
+def _fraction(word: str, value: str, allowed: str) -> float:
+    if re.fullmatch(r"[-+]?[0-9]{1,9}/0*[1-9][0-9]{0,8}", word):
+        return float(Fraction(word))
+    number = float(word) if re.fullmatch(NUMBER, word) else math.nan
+    if not abs(number) <= 1e3:
+        raise Refused(f"{shown(word)} in {shown(value)}", allowed)
+    return number + 0.0
+
+
+def read_labels(value: Any) -> tuple[str, ...]:
+    """Labels of the corners, from "G K M G" or a list of words."""
+    words = value.split() if isinstance(value, str) else value
+    if (
+        not isinstance(words, list | tuple)
+        or not words
+        or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words)
+    ):
+        allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
+        raise Refused(shown(value), allowed)
+    return tuple(words)
+
+
+@dataclass(frozen=True)
+class BandPath:
+    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
+
+    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
+    """
+
+    paths: tuple[tuple[tuple[float, float, float], ...], ...]
+    labels: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        count = sum(map(len, self.paths))
+        if self.labels is not None and len(self.labels) != count:
+            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
+
+    @classmethod
+    def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
+        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
+        named = None if labels is None else ruled("band_labels", read_labels, labels)
+        return cls(ruled("band", read_paths, points), named)
+
+    @classmethod
+    def default(cls, structure: Lattice) -> Self:
+        """Around the irreducible zone of a lattice: G-K-M-G, or G-X-M-G on a cell with a right angle."""
+        (ax, ay), (bx, by) = structure.cell
+        cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
+        letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH
+        return cls.parse(points, tuple(letters))
+
+    @property
+    def arrays(self) -> list[Array]:
+        """Each path as an array (n_points, 3)."""
+        return [np.array(path) for path in self.paths]
+
+    def __str__(self) -> str:
+        return ", ".join(" ".join(_as_fraction(x) for point in path for x in point) for path in self.paths)
+
+
+def _as_fraction(x: float) -> str:
+    near = Fraction(x).limit_denominator(100)
+    return str(near) if float(near) == x else repr(x)
