@@ -5,9 +5,9 @@ Type checkers read this file; ``__init__.py`` reads it too, and imports a name w
 
 from .array.atoms import write_extxyz as write_extxyz
 from .array.sample import Sample as Sample
-from .balls.contact import HertzLaw as HertzLaw
-from .balls.contact import Material as Material
-from .balls.contact import mindlin_reduction as mindlin_reduction
+from .balls.hertz import HertzLaw as HertzLaw
+from .balls.material import Material as Material
+from .balls.hertz import mindlin_reduction as mindlin_reduction
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
 from .balls.diameters import Normal as Normal

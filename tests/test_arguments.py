@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import granphon as gp
-from granphon.balls.contact import HertzLaw, harmonic_diameter, mindlin_reduction
+from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
 import granphon as gp
-from granphon.balls.contact import contact_radius_ratio, harmonic_diameter
+from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.dynamics.local_field import local_field

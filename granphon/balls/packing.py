@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granphon.balls.contact import HertzLaw, Material
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
+from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, lattice_named
+from granphon.balls.material import Material
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 

@@ -1,7 +1,7 @@
 """Contact laws of balls that differ: mean force, stiffness and energy of a contact against the mean overlap.
 
 Every medium has a law of its own, f(delta) with k = df/d(delta). Equal balls follow Hertz's
-(:class:`~granphon.balls.contact.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the
+(:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the
 reduced units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law is a function of the shape of the
 distribution and of the medium alone. Where all contacts are closed it is y^(3/2) times a power series in 1/y, which is used
 far out: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact import HertzLaw
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, PrecisionError, message
 
 __all__ = ["AveragedLaw", "Series", "SpreadLaw", "high_pressure_series"]

@@ -16,8 +16,8 @@ from typing import ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact import LEAST_YOUNG_MODULUS
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import Packing
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message

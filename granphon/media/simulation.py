@@ -21,8 +21,8 @@ from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibra
 from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample, jackknife, standard_error, unit_of_length
 from granphon.array.stencils import Stencils
-from granphon.balls.contact import HertzLaw
 from granphon.balls.diameters import Measured
+from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.packing import Packing
 from granphon.base.arguments import is_whole, real_array

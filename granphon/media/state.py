@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact import HertzLaw
+from granphon.balls.hertz import HertzLaw
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result

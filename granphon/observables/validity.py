@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.contact import LEAST_YOUNG_MODULUS, contact_radius_ratio
+from granphon.balls.hertz import contact_radius_ratio
+from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState, with_keyword

@@ -1,147 +1,22 @@
-"""The contact of two elastic balls: Hertz's normal force, Mindlin's shear stiffness, and where they hold.
+"""The contact of two elastic balls: Hertz's normal force, and Mindlin's shear stiffness under a tangential load.
 
-Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), which take E* = E / 2(1 - sigma^2) and
-the harmonic mean diameter d*.
+Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), with the harmonic mean diameter d*.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.base.arguments import positive, real_array, real_number
-from granphon.base.errors import InputError, brief, message
+from granphon.balls.material import Material
+from granphon.base.arguments import positive, real_array
+from granphon.base.errors import InputError, message
 
-__all__ = [
-    "LEAST_YOUNG_MODULUS",
-    "HertzLaw",
-    "Material",
-    "contact_radius_ratio",
-    "harmonic_diameter",
-    "mindlin_reduction",
-]
-
-#: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
-LEAST_YOUNG_MODULUS = 1e3
-
-
-@dataclass(frozen=True)
-class Material:
-    """An elastic, isotropic material.
-
-    Parameters
-    ----------
-    young_modulus : E, Pa.
-    poisson_ratio : sigma, -1 < sigma <= 1/2.
-    density : rho, kg/m^3.
-    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would flow.
-
-    Raises
-    ------
-    InputError : a value that is not finite or out of range.
-    """
-
-    young_modulus: float
-    poisson_ratio: float
-    density: float
-    yield_strength: float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
-        object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
-        sigma = real_number(self.poisson_ratio)
-        if not -1.0 < sigma <= 0.5:
-            raise InputError(
-                message(
-                    f"poisson_ratio is {brief(self.poisson_ratio)}",
-                    "An isotropic elastic solid is stable only for -1 < poisson_ratio <= 1/2",
-                )
-            )
-        object.__setattr__(self, "poisson_ratio", sigma)
-        if self.yield_strength is not None:
-            object.__setattr__(self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa"))
-
-    @property
-    def contact_modulus(self) -> float:
-        """E* = E / 2(1 - sigma^2), Pa (equation 3)."""
-        # (1 - sigma)(1 + sigma), not 1 - sigma^2: no digit is lost near sigma = -1
-        return self.young_modulus / (2.0 * (1.0 - self.poisson_ratio) * (1.0 + self.poisson_ratio))
-
-    @property
-    def mindlin_ratio(self) -> float:
-        """eta = 2(1 - sigma)/(2 - sigma), the shear over the normal stiffness of a contact (equation 4)."""
-        return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
-
-    @property
-    def shear_modulus(self) -> float:
-        """E / 2(1 + sigma), Pa."""
-        return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
-
-    @property
-    def transverse_velocity(self) -> float:
-        """Bulk velocity of transverse waves in the material, m/s."""
-        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # their quotient may be beyond the floating range
-
-    @property
-    def longitudinal_velocity(self) -> float:
-        """Bulk velocity of longitudinal waves in the material, m/s; infinite at sigma = 1/2."""
-        sigma = self.poisson_ratio
-        if sigma == 0.5:
-            return math.inf
-        return self.transverse_velocity * math.sqrt(2.0 * (1.0 - sigma) / (1.0 - 2.0 * sigma))
-
-    @cached_property
-    def _resonance_number(self) -> float:
-        return _lowest_root(self.poisson_ratio)
-
-    def lowest_resonance(self, diameter: float) -> float:
-        """Frequency of the lowest free vibration of a ball of this material, Hz.
-
-        The least of the torsional mode of order two and the breathing mode of a free elastic sphere
-        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
-        """
-        radius = positive("diameter", diameter, "m") / 2.0
-        return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
-
-
-#: least positive root of x j_2'(x) = j_2(x): the torsional mode of order two of a free sphere
-_TORSIONAL = 2.501132620409395
-
-
-def _lowest_root(sigma: float) -> float:
-    """Least omega R / v_T over the free vibrations of a sphere of Poisson ratio ``sigma``.
-
-    It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
-    where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
-    """
-    if sigma >= 0.0:
-        return _TORSIONAL
-    from scipy.optimize import brentq
-
-    ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-    # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out to r j_1(y)/y - j_0(y)/4 so that it has no pole, and as a
-    # series in y^2 = r x^2, of which the first term, a difference that vanishes at sigma = -1, is written out
-    first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
-    series = [
-        (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
-        for k in range(1, 20)
-    ]
-
-    def breathing(x: float) -> float:
-        square = ratio_squared * x * x
-        return first / square + math.fsum(term * square**k for k, term in enumerate(series))
-
-    # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
-    uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 the root is that, to rounding
-    if breathing(0.5 * uniform) * breathing(upper) > 0.0:
-        return _TORSIONAL
-    return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
+__all__ = ["HertzLaw", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction"]
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
