@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.contact_table import contact_frames, contacts_apart, find_contacts, steps_within
 from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, as_direction, lattice_named
 from granphon.base.errors import InputError
 
@@ -215,3 +216,54 @@ def test_an_anisotropic_stress_is_no_pressure():
     with pytest.raises(InputError, match="has no pressure"):
         _ = medium.at_force(1.0).pressure
     assert gp.sound_velocities(medium.at_force(1.0), (1, 0)).longitudinal > 0
+
+
+# -- contacts in any dimension ------------------------------------------------------------------------------------------
+
+FCC = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]) / math.sqrt(2.0)
+
+
+@given(m=st.integers(-5, 5), n=st.integers(-5, 5), radius=st.floats(0.5, 4.0))
+def test_lattice_vectors_within_a_sphere_whatever_the_cell(m, n, radius):
+    skew = np.array([[1, m, 0], [0, 1, n], [0, 0, 1]])
+    few, many = steps_within(FCC, radius), steps_within(skew @ FCC, radius)
+    assert sorted(map(tuple, many @ skew)) == sorted(map(tuple, few))
+    # in the cube of half the edge sqrt(2), fcc holds the points whose coordinates add up to an even number
+    cubes = np.stack(np.meshgrid(*[np.arange(-6, 7)] * 3), axis=-1).reshape(-1, 3)
+    cubes = cubes[cubes.sum(axis=1) % 2 == 0] / math.sqrt(2.0)
+    lengths = np.sort(np.linalg.norm(cubes, axis=1))
+    assert_allclose(np.sort(np.linalg.norm(few @ FCC, axis=1)), lengths[lengths <= radius], atol=1e-12)
+
+
+def test_contacts_of_fcc_and_of_a_chain():
+    table = find_contacts(FCC, np.zeros((1, 3)), "fcc")
+    expected = [[1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1], [0, 1, 1], [0, 1, -1]]
+    both = np.concatenate([table.normal, -table.normal]) * math.sqrt(2.0)
+    assert sorted(np.round(both, 12).tolist()) == sorted([*expected, *(-np.array(expected)).tolist()])
+    assert_allclose(table.shift @ FCC, table.vector, atol=1e-15)
+    chain = find_contacts(np.array([[2.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]]), "chain")
+    assert_allclose(sorted(chain.vector.tolist()), [[-1.0, 0.0], [1.0, 0.0]])
+
+
+@given(st.floats(0, math.pi), st.floats(0, 7))
+def test_frames_are_right_handed_and_turn_with_the_normal(polar, azimuth):
+    n = np.array([math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth), math.cos(polar)])
+    normal, first, second = contact_frames(n[None])[:, 0]
+    assert_allclose(np.array([normal, first, second]) @ np.array([normal, first, second]).T, np.eye(3), atol=1e-14)
+    assert_allclose(np.cross(normal, first), second, atol=1e-14)
+    back = contact_frames(-n[None])[:, 0]
+    assert_allclose(back, [-normal, -first, second], atol=1e-14)
+    if abs(n[2]) < 0.8:
+        assert_allclose(np.cross([0.0, 0.0, 1.0], n) @ first, np.hypot(n[0], n[1]), atol=1e-14)
+    flat = np.array([[math.cos(azimuth), math.sin(azimuth)]])
+    assert_allclose(contact_frames(flat), contact_frames(np.pad(flat, ((0, 0), (0, 1)))), atol=1e-15)
+
+
+def test_images_are_apart_in_a_skewed_cell_too():
+    # its shortest period is five of the first vector less the second, one diameter
+    cell = np.array([[1.0, 0.0], [5.0, 1.0]])
+    assert not contacts_apart(cell, (3, 1), 1.0)
+    assert contacts_apart(cell, (3, 3), 1.0)
+    long = np.array([[3.0, 0.0], [28.0, 1.5]])
+    # 28 - 9 x 3 = 1: one period is the vector (1, 1.5)
+    assert not contacts_apart(long, (1, 1), 1.0)

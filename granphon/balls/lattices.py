@@ -1,8 +1,7 @@
-"""Which balls touch which, and in what direction: the table of contacts.
+"""Lattices of equal balls in the plane, and directions in it.
 
-A lattice is data: a cell and the sites in it, in units of the distance between touching balls. From it, or from the
-positions of any set of balls, comes a :class:`ContactTable`, the one description of a contact's geometry that the
-lattice dynamics, the calculator and the simulation share.
+A lattice is data: a cell and the sites in it, in units of the distance between touching balls. Which of its balls touch, and
+in what direction, is in its :class:`~granphon.balls.contact_table.ContactTable`.
 """
 
 from __future__ import annotations
@@ -14,58 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 
 __all__ = [
-    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "ContactTable", "Lattice", "as_direction", "contacts_apart",
-    "lattice_named", "one_direction",
+    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "Lattice", "as_direction", "lattice_named", "one_direction",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
 BALL = "Fe"
-#: two sites touch if their distance is one within this
-_TOUCH = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class ContactTable:
-    """One row for each contact: ball ``i`` touches ball ``j`` displaced by ``shift`` cells.
-
-    Attributes
-    ----------
-    i, j : (n_c,) indices of the balls.
-    shift : (n_c, 2) whole cells between them.
-    normal : (n_c, 2) unit vector in which the contact is compressed, from i to j.
-    vector : (n_c, 2) from the centre of i to that of j, in mean diameters. It carries the phase of a wave, and adds up to
-        the periods of the cell; where balls sit off their sites it is not along the normal.
-    arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
-    """
-
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    shift: NDArray[np.intp]
-    normal: Array
-    vector: Array
-    arm_i: Array
-    arm_j: Array
-
-    def __len__(self) -> int:
-        return len(self.i)
-
-    @cached_property
-    def tangent(self) -> Array:
-        """(n_c, 2): t = z x n."""
-        return read_only(np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=1))
-
-    def scaled(self, factor: float) -> ContactTable:
-        """The same contacts with every length multiplied by ``factor``."""
-        return ContactTable(
-            self.i, self.j, self.shift, self.normal,
-            read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,7 +68,7 @@ class Lattice:
         table, pull = self.contacts, np.zeros((self.n_balls, 2))
         np.add.at(pull, table.j, table.normal)
         np.add.at(pull, table.i, -table.normal)
-        if np.max(np.abs(pull)) > _TOUCH:
+        if np.max(np.abs(pull)) > TOUCH:
             raise InputError(
                 message(
                     f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
@@ -142,35 +101,7 @@ class Lattice:
     @cached_property
     def contacts(self) -> ContactTable:
         """The contacts of one cell at spacing one, each once."""
-        positions, cell, n = self.positions, self.vectors, self.n_balls
-        # the fewest cells that hold a circle of radius two around any site
-        heights = self.area / np.linalg.norm(cell[::-1], axis=1)
-        extent = np.max(np.ptp(np.asarray(self.sites), axis=0))
-        reach = np.ceil(2.0 / heights + extent).astype(int)
-        shifts = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, 2)
-        delta = positions[None, :, None] - positions[:, None, None] + (shifts @ cell)[None, None]
-        distance = np.linalg.norm(delta, axis=-1)
-        same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
-        if np.any((distance < 1.0 - _TOUCH) & ~same):
-            raise InputError(
-                message(
-                    f"balls of lattice {self.name!r} overlap",
-                    f"Two sites are {float(distance[~same].min()):.6g} apart, and touching balls are 1 apart",
-                )
-            )
-        i, j, s = np.nonzero(np.abs(distance - 1.0) <= _TOUCH)
-        # each contact is found from both ends: keep the end that comes first
-        first = (i < j) | ((i == j) & ((shifts[s, 0] > 0) | ((shifts[s, 0] == 0) & (shifts[s, 1] > 0))))
-        touched = set(i.tolist())
-        if len(touched) < n:
-            raise InputError(message(f"a ball of lattice {self.name!r} touches no other", "Sites that touch are 1 apart"))
-        i, j, s = i[first], j[first], s[first]
-        normal = delta[i, j, s] / distance[i, j, s][:, None]
-        arm = np.full(len(i), 0.5)
-        return ContactTable(
-            read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
-            read_only(arm),
-        )  # fmt: skip
+        return find_contacts(self.vectors, self.positions, self.name)
 
     @property
     def coordination(self) -> float:
@@ -184,7 +115,7 @@ class Lattice:
         Raises :class:`InputError` if equal contact forces make a stress that is no pressure.
         """
         stress = self.contacts.normal.T @ self.contacts.normal / self.area
-        if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > _TOUCH:
+        if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > TOUCH:
             raise InputError(
                 message(
                     f"lattice {self.name!r} has no pressure",
@@ -244,13 +175,3 @@ def one_direction(direction: ArrayLike) -> Array:
     if along.ndim > 1:
         raise InputError(message(f"direction is {brief(direction)}", "This is found in one direction", "Give (x, y)"))
     return along
-
-
-def contacts_apart(cell: Array, dim: tuple[int, int], contact: float) -> bool:
-    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
-
-    A period longer than twice the contact makes its other images longer ways round.
-    """
-    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    periods = steps[np.any(steps != 0, axis=1)] @ (cell * np.array(dim)[:, None])
-    return bool(np.linalg.norm(periods, axis=1).min() > 2.0 * (1.0 + 1e-6) * contact)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arguments import real_array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
@@ -47,8 +48,9 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 def zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     """Distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
     along = as_direction(direction)
-    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    vectors = steps[np.any(steps != 0, axis=1)] @ lattice.reciprocal
+    # half the sum of the cell's edges reaches every point of the zone
+    longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
+    vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
     squared = np.sum(vectors**2, axis=1)
     ahead = along @ vectors.T
     forward = ahead > 1e-9 * np.sqrt(squared)

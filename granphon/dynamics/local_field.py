@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import TRIANGULAR, Lattice, lattice_named
 from granphon.base.arguments import not_negative
 from granphon.base.errors import InputError, PrecisionError, message
@@ -217,13 +218,12 @@ def _zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
     square (q = corner + s (side + t across), Duffy's map), in which the integrand is smooth. Half of them do, as q and -q
     are one.
     """
-    near, far = reciprocal
-    while True:  # the shortest reciprocal vectors, whatever the cell
-        near, far = sorted((near, far), key=lambda v: float(v @ v))
-        turns = np.rint(near @ far / (near @ near))
-        if turns == 0.0:
-            break
-        far = far - turns * near
+    # the shortest reciprocal vectors, whatever the cell; those given, if they are
+    longest = float(np.linalg.norm(reciprocal, axis=1).max())
+    found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
+    _, near, *rest = found[np.argsort(lengths, kind="stable")]
+    far = next(v for v in rest if abs(near[0] * v[1] - near[1] * v[0]) > 1e-6 * (near @ near))
     points, gauss = np.polynomial.legendre.leggauss(order)
     s, t = np.meshgrid(0.5 + 0.5 * points, 0.5 + 0.5 * points, indexing="ij")
     weights = np.outer(gauss * (0.5 + 0.5 * points), gauss).ravel() / 32.0

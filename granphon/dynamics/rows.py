@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import ContactTable
+from granphon.balls.contact_table import ContactTable
 from granphon.base.arguments import not_negative, real_array
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only

@@ -14,7 +14,8 @@ from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
 from granphon.array.atoms import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, has_sampled, kind_of, take_arrays
-from granphon.balls.lattices import BALL, ContactTable
+from granphon.balls.contact_table import ContactTable
+from granphon.balls.lattices import BALL
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units

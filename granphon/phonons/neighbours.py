@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_table import seen_first
 from granphon.base.errors import InputError, message
 
 __all__ = ["PairList", "Pairs"]
@@ -81,7 +82,7 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: 
     flat, box = np.zeros((len(positions), 3)), np.zeros((3, 3))
     flat[:, :2], box[:2, :2] = positions, cell
     i, j, shift = primitive_neighbor_list("ijS", (*periodic, False), complete_cell(box), flat, cutoff)
-    once = (i < j) | ((i == j) & ((shift[:, 0] > 0) | ((shift[:, 0] == 0) & (shift[:, 1] > 0))))
+    once = seen_first(i, j, shift)
     i, j, shift = i[once], j[once], shift[once][:, :2]
     order = np.lexsort((shift[:, 1], shift[:, 0], j, i))
     i, j, shift = i[order], j[order], shift[order]

@@ -16,7 +16,8 @@ from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
 from phonopy.structure.atoms import PhonopyAtoms
 
-from granphon.balls.lattices import BALL, contacts_apart
+from granphon.balls.contact_table import contacts_apart
+from granphon.balls.lattices import BALL
 from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, InstabilityError, brief, message
 from granphon.base.scales import Units

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.balls.contact_table import contacts_apart
 from granphon.balls.diameters import Discrete, Measured
-from granphon.balls.lattices import TRIANGULAR, contacts_apart
+from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing

@@ -1,0 +1,138 @@
+"""The table of contacts: which balls touch which, and in what direction.
+
+It is the one description of the geometry of contacts. The dynamics of lattices, the calculator and the simulation share it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.results import read_only
+
+__all__ = ["TOUCH", "ContactTable", "contact_frames", "contacts_apart", "find_contacts", "seen_first", "steps_within"]
+
+Array = NDArray[np.float64]
+#: two sites touch if their distance is one within this, in spacings
+TOUCH = 1e-6
+#: component along z above which the tangents of a normal are not made from z, which it is too near to
+_UPRIGHT = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTable:
+    """One row for each contact: ball ``i`` touches ball ``j`` displaced by ``shift`` cells.
+
+    Attributes
+    ----------
+    i, j : (n_c,) indices of the balls.
+    shift : (n_c, p) whole cells between them.
+    normal : (n_c, d) unit vector in which the contact is compressed, from i to j.
+    vector : (n_c, d) from the centre of i to that of j, in mean diameters. It carries the phase of a wave, and adds up to
+        the periods of the cell; where balls sit off their sites it is not along the normal.
+    arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
+    """
+
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    shift: NDArray[np.intp]
+    normal: Array
+    vector: Array
+    arm_i: Array
+    arm_j: Array
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """(n_c, 2): t = z x n, of contacts in the plane."""
+        return read_only(contact_frames(self.normal)[1, :, :2])
+
+    def scaled(self, factor: float) -> ContactTable:
+        """The same contacts with every length multiplied by ``factor``."""
+        return ContactTable(
+            self.i, self.j, self.shift, self.normal,
+            read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
+        )  # fmt: skip
+
+
+def contact_frames(normal: Array) -> Array:
+    """(3, n_c, 3): the normal n of each contact and its tangents t and n x t, right-handed unit vectors in space.
+
+    In the plane, where ``normal`` is (n_c, 2), and for every normal in space that is not nearly upright, t is along z x n.
+    The tangents of -n are -t and n x t.
+    """
+    count = len(normal)
+    if normal.shape[1] == 2:
+        frames = np.zeros((3, count, 3))
+        frames[0, :, :2] = normal
+        frames[1, :, 0], frames[1, :, 1] = -normal[:, 1], normal[:, 0]
+        frames[2, :, 2] = 1.0
+        return frames
+    axis = np.where((np.abs(normal[:, 2]) > _UPRIGHT)[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    across = np.cross(axis, normal)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([normal, across, np.cross(normal, across)])
+
+
+def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
+    """(n, p) whole numbers of the vectors of ``cell`` (p, d) whose sums are at most ``radius`` long, in ascending order.
+
+    Zero is among them.
+    """
+    # |b_k| radius steps along vector k reach out of the sphere, whatever the others do; b_k are the reciprocal vectors
+    reach = np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)).astype(int)
+    steps = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, len(cell))
+    return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
+
+
+def seen_first(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(n,): of contacts that were found from both ends, those found from the end that is kept, so that each counts once."""
+    leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+    return np.asarray((i < j) | ((i == j) & (leading > 0)))
+
+
+def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
+    """The contacts of one cell of equal balls that touch at distance one, each once.
+
+    :class:`~granphon.base.errors.InputError`, which names the lattice ``name``, if balls overlap or one touches no other.
+    """
+    n = len(positions)
+    apart = positions[None] - positions[:, None]
+    shifts = steps_within(cell, 2.0 + float(np.linalg.norm(apart, axis=-1).max()))
+    delta = apart[:, :, None] + (shifts @ cell)[None, None]
+    distance = np.linalg.norm(delta, axis=-1)
+    same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
+    if np.any((distance < 1.0 - TOUCH) & ~same):
+        raise InputError(
+            message(
+                f"balls of lattice {name!r} overlap",
+                f"Two sites are {float(distance[~same].min()):.6g} apart, and touching balls are 1 apart",
+            )
+        )
+    found: Any = np.nonzero(np.abs(distance - 1.0) <= TOUCH)
+    i, j, s = found
+    if len(set(i.tolist())) < n:
+        raise InputError(message(f"a ball of lattice {name!r} touches no other", "Sites that touch are 1 apart"))
+    first = seen_first(i, j, shifts[s])
+    i, j, s = i[first], j[first], s[first]
+    normal = delta[i, j, s] / distance[i, j, s][:, None]
+    arm = np.full(len(i), 0.5)
+    return ContactTable(
+        read_only(i), read_only(j), read_only(shifts[s]), read_only(normal), read_only(normal), read_only(arm),
+        read_only(arm),
+    )  # fmt: skip
+
+
+def contacts_apart(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
+    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
+
+    A period longer than twice the contact makes its other images longer ways round.
+    """
+    return len(steps_within(cell * np.array(dim)[:, None], 2.0 * (1.0 + 1e-6) * contact)) == 1
