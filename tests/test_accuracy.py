@@ -116,6 +116,7 @@ def test_the_table_knows_the_script_that_made_it(maker):
     assert maker.text(data).strip() == maker.DATA.read_text(encoding="utf-8").strip()
 
 
+@pytest.mark.claim("accuracy-table")
 def test_the_script_measures_what_the_table_bounds(maker):
     """One distribution, few loads and small samples, anew."""
     forces = (0.1, 1.3, 10.0)
@@ -276,6 +277,7 @@ def test_chance_above_the_table_falls_so_too():
     assert np.all(expected < 2.5 * noise)
 
 
+@pytest.mark.claim("accuracy-held-back", "api-automatic")
 def test_on_what_was_held_back_the_promise_is_kept(maker):
     """Other distributions, loads and Poisson ratios than those of the table; truths of fewer balls than it was made with."""
     spreads = ("uniform", "normal, cut at 2.5", "two kinds, 0.3 of them larger", "a lot of 40 balls, lognormal")

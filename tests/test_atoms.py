@@ -149,6 +149,7 @@ GUARDED = {
 }
 
 
+@pytest.mark.claim("atoms-refused")
 @pytest.mark.parametrize("how", GUARDED)
 def test_atoms_of_another_state_are_refused_wherever_they_went(how):
     # twice the overlap is 2^(5/2) = 5.66 times the energy
@@ -300,6 +301,7 @@ def test_json_of_todict_keeps_every_digit(tmp_path):
     ],
 )  # fmt: skip
 # ASE warns that the height of a cell that is not periodic has no place in netCDF
+@pytest.mark.claim("atoms-refused")
 @pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
 def test_formats_that_lose_arrays_are_refused_and_mended(tmp_path, name, keeps_info, keeps_masses):
     # ASE's own formats drop arrays they do not know; one that begins to keep them should be recommended
@@ -370,6 +372,7 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
     np.testing.assert_allclose(gp.Phonons(state, again).frequencies(q), gp.Phonons(state, balls).frequencies(q), rtol=1e-5)
 
 
+@pytest.mark.claim("extxyz-every-digit", "files-all-digits")
 def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))

@@ -187,6 +187,7 @@ def test_energy_of_a_cell_is_extensive_and_known(finite_overlap):
     np.testing.assert_allclose(many.get_forces(), 0.0, atol=1e-14)
 
 
+@pytest.mark.claim("forces-are-slopes")
 @every_cell
 @both_frictions
 @both_overlaps
@@ -367,6 +368,7 @@ def test_forces_only_push(seed, amplitude, friction, finite_overlap):
 # -- force constants ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("forces-are-slopes")
 @every_cell
 @both_frictions
 @both_overlaps
@@ -573,6 +575,7 @@ def test_one_contact_in_closed_form():
 # -- precision ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("api-positions")
 @pytest.mark.parametrize("relative", [1e-20, 9e-11])
 @both_overlaps
 def test_below_precision_only_what_needs_positions_raises(relative, finite_overlap):
@@ -596,6 +599,7 @@ def test_below_precision_only_what_needs_positions_raises(relative, finite_overl
         np.testing.assert_array_equal(given_constants, reference)
 
 
+@pytest.mark.claim("api-positions")
 def test_just_above_precision_energy_has_the_digits_promised():
     state = at_overlap(1e-10)
     balls = gp.atoms(state).repeat((3, 3, 1))
@@ -883,6 +887,7 @@ def test_force_constants_of_finite_overlap_know_where_balls_are(friction):
     np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=2e-6)
 
 
+@pytest.mark.claim("finite-overlap-exact")
 def test_force_constants_around_a_relaxed_vacancy():
     state = at_overlap(5e-3, friction=False, finite_overlap=True)
     balls = gp.atoms(state).repeat((5, 5, 1))
@@ -929,6 +934,7 @@ def simulated(friction, overlap=0.05, width=2.04e-6, **more):
     return simulation.at_overlap(np.asarray(overlap) * width)
 
 
+@pytest.mark.claim("sample-at-rest")
 @both_frictions
 @pytest.mark.parametrize("overlap", [0.5, 0.05, -0.05])
 def test_a_sample_comes_back_at_rest(friction, overlap):
@@ -946,6 +952,7 @@ def test_a_sample_comes_back_at_rest(friction, overlap):
     assert -np.mean(gp.atoms(state).get_stress()[:2]) * scales.modulus == pytest.approx(pressure, rel=1e-9)
 
 
+@pytest.mark.claim("sample-at-rest")
 @both_frictions
 def test_force_constants_of_a_sample(friction):
     state = simulated(friction, 0.3)

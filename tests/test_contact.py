@@ -224,6 +224,7 @@ def resonance_number(sigma):
     return ball.lowest_resonance(2.0) * 2 * math.pi / ball.transverse_velocity
 
 
+@pytest.mark.claim("lowest-resonance")
 def test_tables_of_lamb_and_love():
     # Lamb 1882, Love's Treatise art. 195: 0.7961 pi for torsion of order two, 0.840 pi and 0.8160 pi v_L/v_T at sigma = 1/4
     assert_allclose(first_root(torsional, 2), 2.5011, atol=5e-5)
@@ -279,6 +280,7 @@ def validity_by_hand(packing, force, eta):
     }, math.sqrt(k / mass) / (2 * math.pi)
 
 
+@pytest.mark.claim("limits-together")
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("force", [1e-6, 18.446, 3e5])
 def test_validity_is_computed(twin, friction, force):

@@ -19,6 +19,7 @@ def simulation(shape=(64, 64), friction=True, samples=1):
     return gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=friction), shape, samples=samples)
 
 
+@pytest.mark.claim("array-estimate")
 @pytest.mark.parametrize("friction", [False, True])
 @pytest.mark.parametrize(("samples", "loads"), [(1, 1), (1, 24), (12, 1)])
 def test_memory_is_what_the_arrays_take(friction, samples, loads):
@@ -40,6 +41,7 @@ def test_every_equilibrium_takes_time():
     assert many.seconds > 25 * one.seconds
 
 
+@pytest.mark.claim("array-exponents", "exponent-cost")
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):
         medium = simulation(friction=friction)
@@ -210,6 +212,7 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     assert 0.25 < peak / (guess.memory - cost._BASE) < 1.0
 
 
+@pytest.mark.claim("told-above")
 def test_what_takes_more_than_a_second_or_100_mb_is_told():
     assert cost.Cost(known=1.01).tells
     assert cost.Cost(working=0.6e8, kept=0.41e8).tells

@@ -85,6 +85,7 @@ def brute(spread, y, power, x=None):
 # --- averages ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("averaged-force-right")
 @pytest.mark.parametrize("power", POWERS)
 def test_uniform_averages_are_the_closed_forms_at_every_load(power):
     rng = np.random.default_rng(1)
@@ -116,6 +117,7 @@ def test_uniform_averages_as_printed_with_powers_5_2_and_7_2():
         np.testing.assert_allclose(UNIFORM.force(y, x), single, rtol=1e-13, atol=1e-16)
 
 
+@pytest.mark.claim("averaged-force-right")
 @pytest.mark.parametrize("cutoff", NORMALS)
 @pytest.mark.parametrize("pair", [True, False])
 def test_normal_averages_against_mpmath(cutoff, pair):
@@ -276,6 +278,7 @@ def test_many_equal_steps_become_the_uniform_distribution_with_second_order():
     assert -3.0 < slope < -1.8
 
 
+@pytest.mark.claim("api-normal-cut")
 def test_normal_cut_hard_is_uniform_and_cut_late_is_normal():
     y = np.linspace(-0.45, 3.0, 20)
     np.testing.assert_allclose(NormalShape(1e-3).force(y), UNIFORM.force(y), rtol=2e-6)
@@ -361,6 +364,7 @@ def test_medium_average_by_adaptive_quadrature():
 # --- large lots -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("places-of-a-lot")
 @pytest.mark.parametrize("kind", ["uniform", "normal"])
 def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
     rng = np.random.default_rng(2)
@@ -380,6 +384,7 @@ def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
         assert lot.shape.average(y, 0.5) == pytest.approx(np.mean(gap**0.5), rel=tolerances[1])
 
 
+@pytest.mark.claim("places-of-a-lot")
 @pytest.mark.parametrize("kind", ["flat", "normal", "two kinds", "skewed"])
 def test_the_places_of_a_large_lot_hold_force_and_stiffness(kind):
     rng, n = np.random.default_rng(5), 2500
@@ -517,6 +522,7 @@ def test_lists_that_cannot_be(diameters, fractions, words):
         Discrete(diameters, fractions)
 
 
+@pytest.mark.claim("api-diameters")
 def test_fractions_within_rounding_are_divided_by_their_sum():
     spread = Discrete([7e-3, 8e-3, 9e-3], [0.3333333333] * 3)
     assert sum(spread.shape.weights) == pytest.approx(1.0, rel=1e-15)
@@ -533,6 +539,7 @@ def test_balls_of_no_size():
         Uniform(1e-6).check_sizes(-1.0)
 
 
+@pytest.mark.claim("api-diameters")
 def test_the_mean_must_be_the_diameter_of_the_packing():
     TWO.check_mean(8e-3)
     TWO.check_mean(8e-3 * (1 + 5e-10))

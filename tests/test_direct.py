@@ -30,6 +30,7 @@ def test_forces_are_those_of_the_simulation(shape, spacing):
     close_forces(found, state.forces, 1e-9)
 
 
+@pytest.mark.claim("moduli-linear-response")
 @every_eta
 @every_shape
 @pytest.mark.parametrize("spacing", [1.0, 0.7, 0.5])

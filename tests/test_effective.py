@@ -218,6 +218,7 @@ def collocated(shape, xi, low, top, n=90):
     return pieces
 
 
+@pytest.mark.claim("medium-1e-8", "api-medium")
 @every_xi
 @pytest.mark.parametrize("shape", [UNIFORM, NORMAL], ids=["uniform", "normal"])
 def test_against_global_collocation(shape, xi):
@@ -252,6 +253,7 @@ def exact_normal_ball(s):
     return average(4), mpmath.mpf(3) / 2 * average(2)
 
 
+@pytest.mark.claim("medium-1e-8")
 @pytest.mark.parametrize(
     ("shape", "ball", "places", "digits", "room"),
     [
@@ -338,6 +340,7 @@ def test_convergence_in_the_nodes_is_exponential(shape):
     np.testing.assert_allclose(solved(shape, order=32).value(place, FORCE), exact, rtol=1e-13)
 
 
+@pytest.mark.claim("medium-1e-8")
 @pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["ten"]], ids=["uniform", "normal", "ten"])
 def test_more_stages_shorter_steps_and_more_nodes_change_nothing(shape):
     curve, finer = effective_curve(shape, XI[0.0]), solved(shape, 24, 64, 1e-13, 0.1)
@@ -349,6 +352,7 @@ def test_more_stages_shorter_steps_and_more_nodes_change_nothing(shape):
 # -- stability ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("iteration-diverges")
 def test_plain_iteration_amplifies_noise():
     # f <- F_ave + F(f') = G(y, f'), as below (40): a wave of small amplitude is multiplied by i q dG/dk each round
     xi, mixture = XI[0.0], mixture_of(UNIFORM)
@@ -412,6 +416,7 @@ def test_lots_against_scipys_radau_split_at_the_openings(name):
     assert_agrees(curve, y, f, k)
 
 
+@pytest.mark.claim("api-medium")
 @given(
     data=st.lists(st.tuples(st.integers(-99, 99), st.floats(-6.0, 0.0)), min_size=2, max_size=5, unique_by=lambda x: x[0]),
     xi=st.floats(0.2, 8.0),
@@ -477,6 +482,7 @@ def bounds(curve, points=5):
     return tuple((values / size)[keep] for values, size in ((np.array(errors), f), ((np.array(errors) + rho) / by_k, k)))
 
 
+@pytest.mark.claim("api-medium")
 @pytest.mark.parametrize("shape", [lot(66, 2, "normal"), lot(100, 2, "skewed")], ids=["66", "100"])
 def test_residuals_bound_the_errors_of_lots(shape):
     curve = effective_curve(shape, XI[0.0])
@@ -530,6 +536,7 @@ def test_sums_over_near_and_far_contacts_at_thirty_digits(first):
 FLAT = kinds([0.0, 0.7, 1.0], [0.998, 1e-3, 1e-3])
 
 
+@pytest.mark.claim("rare-kinds-end")
 def test_where_rare_kinds_open_the_stiffness_may_fall_to_zero():
     # k' = (k - G_y)/G_k: at the end of the curve G_y < 0 at k = 0, so that k passes through zero, with a force left
     xi, curve = XI[0.0], effective_curve(FLAT, XI[0.0])
@@ -604,6 +611,7 @@ def test_a_sample_of_the_same_shape_in_another_size_shares_the_curve():
     assert effective_curve(small.shape, 2.0) is effective_curve(large.shape, 2.0)
 
 
+@pytest.mark.claim("curve-ends")
 def test_below_the_start_of_the_curve_there_is_an_error():
     law = EffectiveLaw(1.0, 1.0, UNIFORM, XI[0.0])
     start = law.curve.start

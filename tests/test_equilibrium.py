@@ -102,6 +102,7 @@ def newton(x, load, solve, strain=((0.0, 0.0), (0.0, 0.0))):
     raise AssertionError(f"Newton's method has left {left}")
 
 
+@pytest.mark.claim("array-balance")
 @pytest.mark.parametrize(
     ("solve", "shape"),
     [(by_lstsq, (5, 7)), (by_lstsq, (6, 6)), (by_sparse_lu, (1, 9)), (by_sparse_lu, (16, 16)), (by_sparse_lu, (24, 17))],
@@ -182,6 +183,7 @@ def test_second_order_is_that_of_the_local_field():
     np.testing.assert_allclose(-np.diff(np.log(left)) / np.diff(np.log(y)), 2.0, atol=0.05)
 
 
+@pytest.mark.claim("high-pressure-orders")
 def test_high_loads_of_many_samples_meet_the_local_field():
     seeds, length = range(40), 16
     values = [correction(equilibrate(balls((length, length), seed), Load(overlap=300.0))) for seed in seeds]
@@ -258,6 +260,7 @@ def residual(state):
     return np.max(np.linalg.norm(left, axis=-1)) / (total / (3.0 * x.size))
 
 
+@pytest.mark.claim("array-balance")
 @pytest.mark.parametrize("spacing", [1e3, 1.0, 0.7, 0.5, 0.42, 0.39, 0.363])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_nothing_is_left_on_any_ball(spacing, seed):
@@ -277,6 +280,7 @@ def test_contacts_that_carry_load_stand_out(spacing):
         assert np.array_equal(state.stiffness_slopes > 0.0, state.stiffnesses > 0.0)
 
 
+@pytest.mark.claim("array-balance")
 def test_loading_unloading_and_cold_are_one():
     x = balls((20, 20), 2)
     loads = [Load(overlap=spacing - 0.5) for spacing in (2.0, 1.0, 0.7, 0.5, 0.42, 0.38)]
@@ -378,6 +382,7 @@ def test_threads_of_the_fourier_transform_change_no_digit():
 # -- statistics ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("error-root-n")
 def test_scatter_of_the_force_falls_as_the_root_of_the_number_of_balls():
     lengths, n = (16, 32, 64), 48
     scatter = [np.std([at_rest((m, m), seed, 1.0).force for seed in range(n)], ddof=1) for m in lengths]
@@ -388,6 +393,7 @@ def test_scatter_of_the_force_falls_as_the_root_of_the_number_of_balls():
     assert slope == pytest.approx(-1.0, abs=3.0 * error)
 
 
+@pytest.mark.claim("threshold-contacts")
 def test_threshold_of_rigidity():
     # Roux, as the paper cites: at a* = 0.343, with about 2.5 contacts per ball (here at f* = 1e-4). Near it overlaps go as
     # f^(2/3), as in a network that stays the same; that it does not is in the next power. 24 samples of 64 x 64 down to
@@ -422,6 +428,7 @@ def test_equal_balls_at_no_overlap_carry_no_load():
             equilibrate(np.zeros((3, 3)), Load(overlap=y))
 
 
+@pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
     monkeypatch.setattr(module, "_NEWTON", 3)
     with pytest.raises(ConvergenceError, match="not come to rest after 3 steps") as error:
@@ -455,6 +462,7 @@ def test_extremes():
         assert equilibrate(x, Load(force=force)).force == pytest.approx(force, rel=1e-11)
 
 
+@pytest.mark.claim("least-loads")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_loads_next_to_nothing(seed):
     # overlaps of 2e-5 at y = -0.15: its last digit is 2e-12 of the force

@@ -125,6 +125,7 @@ def test_the_wave_of_item_1_is_longitudinal():
     assert_allclose((modes.frequencies[0, fast] / 1e-6) ** 2, 9 / 8 * (1 + ETA / 3), rtol=1e-11)
 
 
+@pytest.mark.claim("optical-coefficient")
 @pytest.mark.parametrize("angle", ["0", "0.3", "1.1"])
 def test_optical_coefficient_is_one_tenth(twin, angle):
     with mpmath.workdps(60):
@@ -305,6 +306,7 @@ def test_contact_force_of_the_experiment():
     assert abs(FORCE * 32 * math.sqrt(3) - 990) > 30
 
 
+@pytest.mark.claim("tutorial-pulse", "pulse-at-6500-hz")
 def test_wavenumber_and_wavelength_of_the_pulse():
     assert round(6500 * DIAMETER / 791, 3) == 0.066
     assert round(791 / 6500, 3) == 0.122
@@ -332,6 +334,7 @@ def test_determinant_a9_lacks_a_constant(x, y):
 # -- Section IV, the effective medium ----------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("media-against-the-array")
 @pytest.mark.parametrize(("friction", "fraction", "printed_at"), [(True, 0.754, 0.115), (False, 0.772, 0.107)])
 def test_contact_fraction_at_the_limit_of_validity(friction, fraction, printed_at):
     steel = gp.Material(STEEL_E, SIGMA, DENSITY)
@@ -344,6 +347,7 @@ def test_contact_fraction_at_the_limit_of_validity(friction, fraction, printed_a
 # -- the page itself --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("errata")
 def test_every_entry_of_the_errata_names_a_test_that_exists():
     tests = Path(__file__).parent
     page = (tests.parent / "docs" / "errata.md").read_text(encoding="utf-8")

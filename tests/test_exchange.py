@@ -82,6 +82,7 @@ def without_flat_bands(found, count):
 # -- phonopy ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("readme-exchange", "phonopy-frequencies", "flat-bands")
 @pytest.mark.parametrize("case", CASES)
 def test_the_phonopy_command_without_options(case, tmp_path):
     ph = CASES[case]()
@@ -153,6 +154,7 @@ def test_phonopy_bandplot_prints_our_numbers(tmp_path):
     np.testing.assert_allclose(rows[:, 1], kilohertz, atol=1e-6)
 
 
+@pytest.mark.claim("phonopy-round-trip")
 @pytest.mark.parametrize("case", CASES)
 def test_load_phonopy_restores_force_constants(case, tmp_path):
     ph = CASES[case]()
@@ -233,6 +235,7 @@ print(json.dumps(theirs / get_physical_units().DefaultToTHz))
     )
 
 
+@pytest.mark.claim("readme-exchange", "euphonic-constants")
 @pytest.mark.parametrize("case", ["rough", "smooth", "finite overlap", "micrometre balls", "vacancy"])
 def test_euphonic_reads_the_force_constants(case, tmp_path):
     ph = CASES[case]()
@@ -258,10 +261,12 @@ print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({q}), asr=N
     assert ratio.mean() - 1.0 == pytest.approx(1.2337e-7, rel=1e-3)
 
 
+@pytest.mark.claim("euphonic-constants")
 def test_the_difference_of_constants_is_as_said(tmp_path):
     assert abs(constant_ratio(tmp_path) - 1.0) < 2e-7
 
 
+@pytest.mark.claim("euphonic-bands")
 @pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome"])
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
@@ -328,6 +333,7 @@ def test_the_file_says_what_it_is(tmp_path):
     assert head(smooth)["zero_bands"] == 4
 
 
+@pytest.mark.claim("phonopy-thresholds")
 @pytest.mark.parametrize("diameter", 10.0 ** np.arange(-8, 3))
 def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
     ph = gp.Phonons(at_overlap(1e-6, diameter=diameter))

@@ -16,11 +16,13 @@ import granphon as gp
 from granphon.base.errors import GranphonError
 
 
+@pytest.mark.claim("readme-range", "extremes-errors", "api-waves")
 @pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
 def test_claims(case: Case) -> None:
     assert worst(case) <= case.claim
 
 
+@pytest.mark.claim("extremes-refusals", "api-diameters", "api-simulation")
 @pytest.mark.parametrize("refusal", REFUSALS, ids=[refusal.name for refusal in REFUSALS])
 def test_refusals(refusal: Refusal) -> None:
     attempts = list(refusal.attempts())
@@ -31,6 +33,7 @@ def test_refusals(refusal: Refusal) -> None:
         assert len(str(caught.value).split()) > 3
 
 
+@pytest.mark.claim("extremes-errors")
 def test_the_page_holds_what_the_suite_claims() -> None:
     seen = [line.split("|")[-2].strip() for line in printed().split("\n\n")[0].splitlines()[2:]]
     assert len(seen) == len(CASES)

@@ -182,6 +182,7 @@ def remembered(monkeypatch):
     monkeypatch.setattr(VelocityModel, "__call__", call)
 
 
+@pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize(("medium", "count"), [("afa", 300), ("ema", 60)])
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
@@ -197,6 +198,7 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     assert sum(bool(fit.warnings) for fit in fits) <= max(2, 0.01 * count) + (medium == "afa") * count
 
 
+@pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
 def test_errors_from_the_scatter_follow_student():
     pulls, fits = [], []

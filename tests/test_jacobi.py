@@ -125,6 +125,7 @@ def kagome(scales, **terms):
     return lattice._factor(rng.normal(size=(len(scales), 2)) * scales[:, None])
 
 
+@pytest.mark.claim("lapack-or-jacobi")
 @pytest.mark.parametrize("terms", [{}, {"spacing": 0.98, "prestress": 0.0136}])
 def test_both_ways_agree_where_they_overlap(terms, iterated):
     a = kagome(10.0 ** np.linspace(-4, 0.3, 400), **terms)
@@ -159,6 +160,7 @@ def test_degenerate_sets_have_one_projector():
     assert sets >= 4
 
 
+@pytest.mark.claim("lapack-or-jacobi")
 def test_only_graded_columns_that_lose_digits_are_done_again(iterated):
     # well conditioned; graded; singular though its columns are alike, where the iteration gains nothing
     plain = draw(7, (3, 12, 6), True)

@@ -86,6 +86,7 @@ def test_finite_overlap_against_the_sums(twin, q, eta, overlap):
     assert_allclose(lattice.frequencies([q])[0] ** 2, np.linalg.eigvalsh(matrix), atol=1e-13)
 
 
+@pytest.mark.claim("bands-and-group-velocities")
 def test_bands_at_forty_digits(twin):
     rng = np.random.default_rng(0)
     lattice = gp.ContactLattice.of("triangular", ETA)
@@ -174,6 +175,7 @@ def test_waves_off_the_mirrors_mix(hexagonal):
 # -- group velocities -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("bands-and-group-velocities")
 @pytest.mark.parametrize("case", ["triangular", "smooth", "square", "kagome", "overlap"])
 def test_group_velocities_are_the_gradient_at_second_order(case):
     lattice = {

@@ -40,6 +40,7 @@ def cube(shape):
 # -- high pressure ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("high-pressure-orders")
 @every_shape
 @pytest.mark.parametrize("xi", [*FACTORS, math.inf])
 def test_second_and_third_order_by_hand(name, xi):
@@ -84,6 +85,7 @@ def test_the_series_solves_the_equation_at_forty_digits(xi, y):
         assert abs(off) < 1e-15 * series.scale / y
 
 
+@pytest.mark.claim("high-pressure-orders")
 def test_order_of_contact_after_40():
     # of second order, as F_ave - F is: (40) does not say that the two agree to a higher one
     for name in ("uniform", "normal"):

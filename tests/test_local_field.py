@@ -46,6 +46,7 @@ def extrapolated(sizes, values, order=2):
 # -- the closed form -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("local-field-values", "api-local-field")
 def test_closed_form_without_friction():
     # Write c_p = cot(q.n_p / 2), n_1 + n_2 + n_3 = 0: c_1 c_2 + c_2 c_3 + c_3 c_1 = 1. The one self-stress at q has
     # tensions 1/sin, so u_1 = 1 - (2/3) <S^2 / (S^2 + 1)> with S = c_1 + c_2 + c_3, and S turns out to be distributed as
@@ -60,6 +61,7 @@ def test_closed_form_at_equal_stiffnesses():
     assert local_field("triangular", 1.0).compliance == pytest.approx(5.0 / 6.0 - ROOT3 / np.pi, rel=1e-13)
 
 
+@pytest.mark.claim("local-field-values")
 def test_reference_values():
     expected = {
         0.0: (0.532429433355, 0.473473782646, 1.557530242848),
@@ -169,6 +171,7 @@ def triangular_cluster(eta: float, size: int, clamped: bool = False) -> np.ndarr
     return from_displacements(u, top[0], bridge[:2] @ unit(30.0))
 
 
+@pytest.mark.claim("local-field-values")
 @pytest.mark.parametrize("eta", ETAS)
 def test_periodic_cluster_has_order_two_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
@@ -244,6 +247,7 @@ def test_quadrature_sum_rules(name):
     assert trace == pytest.approx(medium.n_branches, rel=1e-12)
 
 
+@pytest.mark.claim("api-local-field")
 @pytest.mark.parametrize(("name", "eta"), [("triangular", 0.0), ("triangular", 0.84), ("square", 0.84), ("kagome", 0.84)])
 def test_quadrature_converges_geometrically(name, eta):
     medium = ContactLattice.of(name, eta)

@@ -39,6 +39,7 @@ def exact_longwave(packing, force):
     return longitudinal, transverse, bulk, (1 + eta) / 2 * bulk, eta
 
 
+@pytest.mark.claim("readme-range")
 @given(diameter=diameters, load=loads, sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
 def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, friction, angle):
     packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
@@ -105,6 +106,7 @@ def test_moduli_of_the_layer_in_reduced_units():
 # -- near Gamma -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("digits-near-gamma")
 @given(exponent=st.floats(-12.0, -6.0), angle=angles, eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)))
 def test_acoustic_branches_keep_their_digits(exponent, angle, eta):
     q = 10.0**exponent
@@ -140,6 +142,7 @@ def test_acoustic_branches_at_finite_overlap_keep_eight_digits(eta, q):
     assert_allclose(contacts.frequencies([q * along])[0, :2] / q, expected, rtol=1e-8)
 
 
+@pytest.mark.claim("digits-near-gamma")
 def test_dense_eigenvalues_have_no_digit_left_near_gamma(hexagonal):
     angles = np.linspace(0.1, 1.0, 7)
     along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -159,6 +162,7 @@ def test_singular_values_beat_lapack_near_gamma(hexagonal):
     assert np.max(np.abs(hexagonal.frequencies([1e-12 * along])[0, :2] / 1e-12 / expected - 1)) < 4e-15
 
 
+@pytest.mark.claim("digits-near-gamma", "api-waves")
 def test_near_gamma_at_forty_digits(twin, hexagonal):
     with mpmath.workdps(60):
         for exponent in (-12, -8, -4, -2):
@@ -326,6 +330,7 @@ def hertz_hessian(shape, overlap, digits):
         return out
 
 
+@pytest.mark.claim("finite-overlap-exact")
 @pytest.mark.parametrize("overlap", [0.2, 1e-2, 1e-5])
 def test_frictionless_matrix_is_the_hessian_of_the_exact_hertz_energy(overlap):
     shape = (5, 4)
@@ -390,6 +395,7 @@ def test_bulk_modulus_is_minus_area_dp_by_da(steel, friction, overlap):
         assert abs(found.shear / (density * mpmath.mpf(velocities.transverse) ** 2) - 1) < 1e-13
 
 
+@pytest.mark.claim("finite-overlap-exact")
 @pytest.mark.parametrize("friction", [True, False])
 def test_finite_overlap_tends_to_the_paper_at_first_order(steel, friction):
     packing = gp.Packing(steel, 8e-3, friction=friction)

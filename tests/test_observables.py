@@ -59,6 +59,7 @@ def exact_pulse(twin, state, frequency, direction, name, finite_overlap=False):
     return q / packing.diameter, omega / q * unit * packing.diameter, slope * unit * packing.diameter
 
 
+@pytest.mark.claim("api-waves")
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("frequency", [65.0, 6500.0, 15000.0])

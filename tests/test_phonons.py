@@ -83,6 +83,7 @@ def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
     np.testing.assert_allclose([ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14)
 
 
+@pytest.mark.claim("bands-and-group-velocities")
 @every_lattice
 @both_overlaps
 def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overlap):

@@ -52,6 +52,7 @@ def drawing(monkeypatch):
 # -- the table ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("phonopy-judged")
 def test_the_table_covers_phonopy():
     rows = [m[1] for m in map(ROW.match, PAGE.read_text(encoding="utf-8").splitlines()) if m]
     assert len(rows) == len(set(rows)), "an attribute is listed twice"
@@ -70,6 +71,7 @@ def test_the_guards_are_in_the_table():
     assert set(dir(ContactPhonopy)) - set(dir(Phonopy)) <= {"give_force_constants", "__annotations__", "__firstlineno__"}
 
 
+@pytest.mark.claim("phonopy-judged")
 @pytest.mark.parametrize("name", of_status("raises"))
 def test_raises(ph, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -87,6 +89,7 @@ def test_raises(ph, name, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.claim("phonopy-judged")
 @pytest.mark.parametrize("name", of_status("read only"))
 def test_read_only(ph, name):
     bridge = ph.phonopy
@@ -388,6 +391,7 @@ def check_plot_band_structure_and_dos(ph):
 CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
 
 
+@pytest.mark.claim("phonopy-thresholds", "phonopy-judged")
 @pytest.mark.parametrize("name", of_status("works"))
 def test_works(ph, name, tmp_path, monkeypatch, drawing):
     assert name in CHECKS, f"docs/reference/phonopy.md says that {name} works, and nothing here shows it"

@@ -477,6 +477,7 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
     assert gp.load_sweep(path).identical(gp.load_sweep(written / "sweep.nc"))
 
 
+@pytest.mark.claim("largest-files")
 @pytest.mark.parametrize("kind", LOADERS)
 def test_the_largest_files_are_those_of_the_page(tmp_path, kind):
     most, words = {"scene": (100_000, "100 kB"), "sweep": (2_000_000_000, "2000 MB")}.get(kind, (256_000_000, "256 MB"))

@@ -35,6 +35,7 @@ def test_cubature_gives_the_closed_forms(eta):
     assert 0.0 < error < 1e-13 * xi
 
 
+@pytest.mark.claim("tradeoff-references", "api-local-field")
 @pytest.mark.parametrize("eta", [0.0, 1e-9, 0.05, 0.84, 4.0 / 3.0, 1e3])
 def test_cubature_and_projection_agree(eta):
     xi, error = local_field_by_cubature(eta)
@@ -93,6 +94,7 @@ FORCES = np.geomspace(1e-4, 100.0, 13)
 SHAPES = {"uniform": UNIFORM, "normal": NORMAL, **{name: LOTS[name] for name in ("three", "0.5 large", "ten")}}
 
 
+@pytest.mark.claim("tradeoff-references")
 @pytest.mark.parametrize("name", SHAPES)
 def test_integration_and_collocation_agree(name):
     xi, order = XI[0.84], np.random.default_rng(0).permutation(len(FORCES))
@@ -193,6 +195,7 @@ def test_convergence_in_points():
         assert np.max(error) < 5.0 / points**2
 
 
+@pytest.mark.claim("tradeoff-references")
 @pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_against_tetrahedra(steel, friction, finite_overlap):

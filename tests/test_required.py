@@ -111,6 +111,7 @@ def test_every_kind_of_scene_is_held_to_what_it_asks():
     assert set(costs.LARGE) < set(ASKED)
 
 
+@pytest.mark.claim("benchmark-scenes")
 @pytest.mark.parametrize("kind", ASKED)
 def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind):
     calls, modules, files = ASKED[kind]
@@ -170,6 +171,7 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
     assert not seen.files
 
 
+@pytest.mark.claim("exponent-cost")
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
     from granphon.array import sample as samples
     from granphon.media import simulation

@@ -65,6 +65,7 @@ def test_equal_balls_have_the_moduli_of_equation_17(shape, eta):
     assert shear(found) == pytest.approx(math.sqrt(3.0) / 4.0 * (1.0 + eta) * k, rel=1e-14)
 
 
+@pytest.mark.claim("friction-bulk")
 @pytest.mark.parametrize("spacing", [1e6, 1.0, 0.7, 0.5, 0.42])
 def test_bulk_modulus_without_friction_is_the_stiffness(spacing):
     # P = sqrt(3) f/d under a uniform compression of delta/d, for every sample
@@ -75,6 +76,7 @@ def test_bulk_modulus_without_friction_is_the_stiffness(spacing):
 # -- dense matrices -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("moduli-linear-response")
 @every_eta
 @pytest.mark.parametrize("spacing", [3.0, 1.0, 0.5, 0.42])
 @pytest.mark.parametrize("shape", [(1, 7), (2, 3), (5, 7), (6, 6)], ids=str)
@@ -85,6 +87,7 @@ def test_against_a_dense_matrix(shape, spacing, eta):
     np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-15 * found.max())
 
 
+@pytest.mark.claim("moduli-linear-response")
 @pytest.mark.parametrize("spacing", [1.0, 0.6])
 def test_against_equilibria_of_strained_cells(spacing):
     # without friction the linear response is the derivative of the stress along true equilibria

@@ -603,6 +603,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     )  # fmt: skip
 
 
+@pytest.mark.claim("files-all-digits")
 @given(scenes())
 def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     again = Scene.from_text(scene.to_yaml())
@@ -792,6 +793,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
         Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
 
 
+@pytest.mark.claim("memory-refused")
 @pytest.mark.parametrize(
     ("text", "words"),
     [

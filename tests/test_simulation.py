@@ -303,6 +303,7 @@ def test_means_and_standard_errors(states):
         np.testing.assert_allclose(getattr(velocities, f"{name}_error"), error, rtol=1e-11)
 
 
+@pytest.mark.claim("error-root-n")
 def test_standard_error_of_the_mean_falls_as_the_root_of_samples(spread):
     errors = []
     for samples in (16, 256):
@@ -319,6 +320,7 @@ def test_one_sample_has_no_error(spread):
         state.standard_error("force")
 
 
+@pytest.mark.claim("api-simulation")
 def test_contacts_above_a_threshold(spread):
     sample = gp.DirectSimulation(spread, (20, 20)).at_overlap(-0.05 * WIDTH).sample
     parts = sample.contact_forces / sample.force
@@ -420,6 +422,7 @@ def test_any_spread(steel, name):
     assert state.normal_stiffness[-1] == pytest.approx(medium.normal_stiffness, abs=4.0 * finite, rel=2e-5)
 
 
+@pytest.mark.claim("readme-sizes")
 @settings(max_examples=20)
 @given(
     st.tuples(st.integers(1, 11), st.integers(1, 11)), st.integers(0, 2**64 - 1), st.floats(-1.0, 20.0),
@@ -467,6 +470,7 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 # -- the local exponent -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.claim("exponent-two-loads", "exponent-in-files", "api-exponent")
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("reduced", [1.0, 0.03])
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
@@ -514,6 +518,7 @@ def test_the_error_of_the_exponent_is_that_of_leaving_samples_out(spread):
         assert 0.0 < state.exponent_error < 0.05
 
 
+@pytest.mark.claim("exponent-step")
 @pytest.mark.parametrize("kind", ["force", "overlap"])
 def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
     at = getattr(gp.DirectSimulation(spread, (8, 8), samples=2), f"at_{kind}")
@@ -530,6 +535,7 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, monkeypatch):
     assert abs(middle - narrow) / 3.0 * (STEP / 0.1) ** 2 < 5e-6
 
 
+@pytest.mark.claim("exponent-step")
 def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
     at = gp.DirectSimulation(spread, (8, 8), samples=2).at_force
 
@@ -543,6 +549,7 @@ def test_the_bias_of_the_step_where_chance_is_least(spread, monkeypatch):
     assert curvature * STEP**2 == pytest.approx(5e-6, rel=0.2)
 
 
+@pytest.mark.claim("exponent-exact-law")
 def test_neither_bars_nor_bias_where_balls_are_equal(packing):
     for samples in (1, 3):
         state = gp.DirectSimulation(packing, (4, 3), samples=samples).at_force([1.0, 50.0])
@@ -552,6 +559,7 @@ def test_neither_bars_nor_bias_where_balls_are_equal(packing):
         assert "elastic_tensors_beside" not in vars(state.samples[0])
 
 
+@pytest.mark.claim("exponent-exact-law")
 def test_at_high_loads_the_exponent_is_that_of_the_exact_law(steel):
     # f* = x^(3/2) (1 + r/(64 x^2)), x = a* - 1/2, without friction: the bulk modulus goes as df/dx
     packing = gp.Packing(steel, D, gp.Uniform(WIDTH), friction=False)
@@ -580,6 +588,7 @@ def small(spread):
     )
 
 
+@pytest.mark.claim("exponent-errors")
 def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
     """Six experiments of four samples at each of four loads: differences from the truth over errors are Student's t."""
     truth = np.array([value for value, _ in EXPONENTS.values()])
@@ -598,6 +607,7 @@ def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
     assert np.max(np.abs(off)) < 3.0
 
 
+@pytest.mark.claim("exponent-errors")
 def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
     # which that of a variance without bound would not
     for state in (small[place] for place in range(4)):
@@ -605,6 +615,7 @@ def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
         assert math.sqrt(np.mean(np.square(few))) / state.exponent_error == pytest.approx(math.sqrt(6.0), rel=0.3)
 
 
+@pytest.mark.claim("exponent-neighbours")
 def test_neighbouring_loads_have_neighbouring_exponents(spread):
     # derivatives at these very loads are 0.394, 0.284, 0.271: at the first a contact is about to open
     force = 0.06 * np.array([1.0, 1.01, 1.02]) * unit_of_force(spread)
@@ -718,6 +729,7 @@ def test_loads_below_double_precision(packing, load):
     np.testing.assert_array_equal(medium.at_force(load).force, load)
 
 
+@pytest.mark.claim("least-loads")
 def test_too_little_load(spread):
     medium = gp.DirectSimulation(spread, (8, 8))
     with pytest.raises(InputError, match="carries no load"):
@@ -763,6 +775,7 @@ def test_an_error_in_another_process_is_the_same(spread):
     assert not issubclass(InputError, ConvergenceError)
 
 
+@pytest.mark.claim("shear-deficit", "ratio-small-width")
 def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
     """G lacks 3 % at a* = 0.5, 5 to 6 % at 0.45, 16 to 18 % at 0.4, 0.03 % at 0.7, at W/d = 2.55e-4 (K 0.4, 0.9, 2 %)."""
     overlaps = np.array([[0.38, 0.4, 0.45], [0.5, 0.7, 2.0]]) - 0.5

@@ -290,6 +290,7 @@ def same_bands(one, other):
             assert a == b, field.name
 
 
+@pytest.mark.claim("files-all-digits")
 @pytest.mark.parametrize("kind", ["rough", "smooth", "kagome", "vacancy", "jump", "pressed"])
 def test_bands_survive_their_file(tmp_path, kind):
     state = at_force(friction=kind != "smooth", lattice="kagome" if kind == "kagome" else "triangular")
@@ -357,6 +358,7 @@ def test_damaged_band_files_are_refused(rough, tmp_path):
             gp.Bands.read(tmp_path / "cut.yaml")
 
 
+@pytest.mark.claim("api-densities")
 @pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
 def test_density_survives_its_file(phonons, tmp_path, method):
     dos = phonons.dos(mesh=(6, 4), method=method, points=51)
@@ -398,6 +400,7 @@ def integral(dos, part="total"):
     return np.trapezoid(getattr(dos, part), dos.frequencies)
 
 
+@pytest.mark.claim("api-densities")
 @pytest.mark.parametrize(("mesh", "points"), [((2, 2), 12), ((7, 5), 501), ((16, 16), 13), ((32, 32), 501)])
 def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
     rotations = 1.0 if phonons.lattice.rotates else 0.0
@@ -462,6 +465,7 @@ def test_moments_are_traces(phonons):
         assert second == pytest.approx(expected, rel=2e-3, abs=1e-12)
 
 
+@pytest.mark.claim("reduced-mesh")
 @pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
 @pytest.mark.parametrize("case", ["triangular", "smooth", "square", "kagome", "vacancy", "masses", "oblong"])
 def test_reduced_mesh_equals_the_full_one(method, case, monkeypatch):
@@ -500,6 +504,7 @@ def test_reduced_mesh_equals_the_full_one(method, case, monkeypatch):
         assert len(small.qpoints) == 8 * 8 // 2 + 2
 
 
+@pytest.mark.claim("reduced-mesh")
 def test_square_meshes_tend_to_the_same_density(monkeypatch):
     # a mesh of squares cut along one diagonal has less symmetry than the lattice; the difference falls with the mesh
     ph = gp.Phonons(at_force(lattice="square"))

@@ -572,6 +572,7 @@ def serial(rough):
     return sweep(rough, **ARGUMENTS)
 
 
+@pytest.mark.claim("sweep-same-numbers")
 @pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
 @pytest.mark.parametrize("workers", [1, 3])
 def test_the_numbers_do_not_depend_on_the_workers(rough, serial, pool, workers):
@@ -776,6 +777,7 @@ def test_a_lot_of_ten_thousand_balls_fits_into_the_file(steel, tmp_path):
     assert swept_packing(ds) == packing
 
 
+@pytest.mark.claim("files-all-digits")
 def test_the_table_has_every_digit(rough, tmp_path):
     ds = sweep(rough, pressure=[500.0, 4e3], media=LADDER, width=[0.0, 1e-6], spread=[None, BIMODAL], bands="GK",
                path=tmp_path / "sweep.nc")  # fmt: skip
@@ -899,6 +901,7 @@ def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
     return executor.given
 
 
+@pytest.mark.claim("sweep-same-numbers")
 def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupted):
     meter = Meter()
     assert resumed(rough, interrupted, serial, progress=meter) == 5

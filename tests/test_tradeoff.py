@@ -389,6 +389,7 @@ def test_every_point_is_there_once_and_has_its_costs(found):
     assert {p.method for p in run} >= {"averaged lattice", "averaged force", "effective medium", "graded triangles"}
 
 
+@pytest.mark.claim("tradeoff-budget")
 def test_a_budget_is_kept(found, meshes):
     assert found.seconds <= found.budget == BUDGET
     assert meshes.seconds <= meshes.budget == 4.0
@@ -411,6 +412,7 @@ def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, fo
         assert np.all(np.abs(point.errors - by_hand) <= 5.0 * np.hypot(point.reference_errors, reference.errors))
 
 
+@pytest.mark.claim("tradeoff-references")
 def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
     few = reference
     assert "8 samples of 64 x 64 balls" in few.made

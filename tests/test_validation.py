@@ -1,21 +1,16 @@
-"""The page of evidence is true, and no claim of the pages is missing from it; claims that no other test would show.
+"""Each claim of the pages has its row in docs/reference/validation.md, and its test; claims that no other test would show.
 
-A claim is found by its look: a part in per cent, a power of ten below one, seconds or bytes, a number with its error in
-brackets, and some words. Every such token of the prose of a page, and of the docstrings that the page of the interface
-shows, must be in a row of docs/reference/validation.md under that page, and every one there must be on the page.
+A claim is found by its id: `<!-- claim: ID -->` beside the sentence, the first cell of the row, and the mark
+`claim` of the tests that the row names.
 """
 
 from __future__ import annotations
 
 import ast
-import importlib
-import inspect
 import math
 import re
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import ase.io
 import numpy as np
@@ -33,76 +28,51 @@ from granphon.media.mean_field import _ByLaw
 from granphon.tradeoffs.references import balance
 
 PAGE = DOCS / "reference" / "validation.md"
-#: pages that are tables of evidence themselves, each with the test or benchmark that makes it
-EVIDENCE = {"errata.md", "reference/benchmarks.md", "reference/extremes.md"}
-INTERFACE = "reference/api.md"
 
-_CLAIM = re.compile(
-    r"""\d[\d.]*\s?\\?%                                                            # 0.6 %
-      | (?:[\d.]+\\cdot\s?)?10\^\{-\d+\}  |  (?<![\w.])[\d.]+e-\d+                # 2\cdot10^{-6}, 2e-6
-      | (?<![\w.])[\d.]+\s(?:ms|s|kB|MB|GB|MiB|GiB)\b(?!\^)                       # 0.05 s
-      | \d\.\d+\(\d+\)                                                            # 0.3423(5)
-      | (?:to|within)\srounding | digit\sfor\sdigit | all\sdigits | (?:last|every)\sdigit
-      | factor\sof\s\w+ | standard\serrors\sof\seach | \w+\stimes\s(?:faster|slower|as\slong)
-    """,
-    re.VERBOSE,
-)
+_CLAIM = re.compile(r"<!-- claim: ([\w-]+) -->")
 _PRODUCER = re.compile(
     r"`(?:(?P<test>tests/test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
     r"|(?P<example>examples/\w+\.py))`"
 )
 
 
-def normal(token: str) -> str:
-    """One way to write a token: white space, TeX, exponents."""
-    token = re.sub(r"\s+", " ", token.replace("\\%", "%"))
-    token = re.sub(r"(\d)%", r"\1 %", token)
-    token = re.sub(r"(?:([\d.]+)\\cdot ?)?10\^\{(-\d+)\}", lambda m: f"{m[1] or 1}e{m[2]}", token)
-    return re.sub(r"e-0+", "e-", token)
+@dataclass(frozen=True)
+class Row:
+    """A claim, and what produces it."""
 
+    id: str
+    claim: str
+    producers: str
 
-def tokens(text: str) -> set[str]:
-    return {normal(m[0]) for m in _CLAIM.finditer(text)}
-
-
-def prose(page: Path) -> str:
-    """A page without its code, and without tables that are made of the code."""
-    text = page.read_text(encoding="utf-8")
-    text = re.sub(r"^<!-- (?!end).*?^<!-- end -->", "", text, flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r"^```.*?^```\s*?$", "", text, flags=re.MULTILINE | re.DOTALL)
-    return re.sub(r"`[^`\n]*`", "", text)
-
-
-def docstrings() -> str:
-    """What the page of the interface shows of the package."""
-    found = []
-    for kind, name in re.findall(
-        r"^\.\. auto(class|function|module):: ([\w.]+)$", (DOCS / INTERFACE).read_text(), re.MULTILINE
-    ):
-        module, _, last = name.rpartition(".")
-        thing: Any = importlib.import_module(name) if kind == "module" else getattr(importlib.import_module(module), last)
-        found.append(inspect.getdoc(thing) or "")
-        if kind != "function":
-            members = (getattr(thing, member) for member in dir(thing) if not member.startswith("_"))
-            found += [inspect.getdoc(m) or "" for m in members if inspect.isroutine(m) or isinstance(m, property)]
-    return "\n".join(found)
-
-
-def text_of(page: Path) -> str:
-    return prose(page) + (docstrings() if name_of(page) == INTERFACE else "")
+    @property
+    def tests(self) -> set[str]:
+        return {f"{one['test']}::{one['name']}" for one in _PRODUCER.finditer(self.producers) if one["test"]}
 
 
 @cache
-def rows() -> dict[str, list[tuple[str, str]]]:
-    """Claims and what produces them, by the page that the heading links to."""
+def rows() -> dict[str, list[Row]]:
+    """The rows of each page, which the heading above them links to."""
     parts = re.split(r"^### (.+)\n", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     found = {}
     for head, text in zip(parts[::2], parts[1::2], strict=True):
         link = re.fullmatch(r"\[[^\]]+\]\(([^)#]+)\)", head)
         page = (PAGE.parent / link[1]).resolve().relative_to(DOCS).as_posix() if link else head
-        lines = re.findall(r"^\| (.+?) \| (.+) \|$", text, re.MULTILINE)
-        assert lines[0] == ("claim", "produced by"), page
-        found[page] = lines[1:]
+        heads, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
+        assert heads == ("id", "claim", "produced by"), page
+        found[page] = [Row(*line) for line in lines]
+    return found
+
+
+@cache
+def marked() -> dict[str, set[str]]:
+    """Tests that are marked as evidence, by the id of the claim."""
+    found: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "tests").glob("test_*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            for mark in getattr(node, "decorator_list", ()):
+                if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.claim":
+                    for name in map(ast.literal_eval, mark.args):
+                        found.setdefault(name, set()).add(f"tests/{path.name}::{node.name}")
     return found
 
 
@@ -124,27 +94,24 @@ def test_every_page_is_in_the_table_or_said_to_claim_nothing():
     pages = {name_of(page) for page in PAGES} - {name_of(PAGE)}
     assert set(rows()) | without() == pages
     assert not set(rows()) & without()
-    assert set(rows()) >= EVIDENCE
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page != PAGE], ids=name_of)
-def test_no_claim_is_missing_and_none_is_out_of_date(page):
-    if name_of(page) in EVIDENCE:
-        return
-    listed = tokens(" ".join(claim for claim, _ in rows().get(name_of(page), [])))
-    there = tokens(text_of(page))
-    assert there <= listed, f"{name_of(page)} claims {sorted(there - listed)}: say on {name_of(PAGE)} what produces it"
-    # values of code, which another test compares, may be in a row too
-    code = tokens(" ".join(text for _, _, text in blocks(page, "python", "console")))
-    assert listed <= there | code, f"{name_of(PAGE)} has {sorted(listed - there)}, and {name_of(page)} has not"
+def test_each_claim_of_a_page_has_its_row_and_each_row_its_claim(page):
+    there = _CLAIM.findall(page.read_text(encoding="utf-8"))
+    assert len(there) == len(set(there)), "an id stands at one place"
+    assert set(there) == {row.id for row in rows().get(name_of(page), [])}
 
 
-def test_the_scan_finds_claims():
-    found = r"0.6 %, 14\% below $2\cdot10^{-6}$, 1e-08, $10^{-4}$; 0.05 s, 3.5 GB; 0.3423(5), to rounding, five times slower"
-    assert tokens(found) == {
-        "0.6 %", "14 %", "2e-6", "1e-8", "1e-4", "0.05 s", "3.5 GB", "0.3423(5)", "to rounding", "five times slower",
-    }  # fmt: skip
-    assert not tokens("8 mm, 211.65 GPa, 18.446 N, 790.96 m/s, 1e13 Pa, 64 × 64, 31 balls, Section 4")
+def test_each_claim_has_an_id_of_its_own_and_each_marked_test_a_claim():
+    ids = [row.id for claims in rows().values() for row in claims]
+    assert len(ids) == len(set(ids))
+    assert marked().keys() <= set(ids)
+
+
+@pytest.mark.parametrize("row", [row for claims in rows().values() for row in claims], ids=lambda row: row.id)
+def test_the_tests_of_a_row_are_those_that_are_marked_with_its_id(row):
+    assert row.tests == marked().get(row.id, set())
 
 
 @cache
@@ -162,9 +129,10 @@ def parts_of(script: str) -> set[str]:
 
 @pytest.mark.parametrize("page", [name_of(page) for page in PAGES])
 def test_what_produces_a_claim_exists(page):
-    for claim, producers in rows().get(page, []):
+    for row in rows().get(page, []):
+        producers = row.producers
         found = list(_PRODUCER.finditer(producers))
-        assert found or producers.startswith("blocks"), claim
+        assert found or producers.startswith("blocks"), row.claim
         assert len(found) == producers.count("`") // 2, producers  # nothing else is in code
         for one in found:
             if one["test"]:
@@ -205,6 +173,7 @@ def steel_packing(steel, **options):
     return gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6), **options)
 
 
+@pytest.mark.claim("few-polynomials")
 @pytest.mark.parametrize("shape", [UniformShape(), NormalShape(2.0), NormalShape(3.0), NormalShape(6.0)], ids=str)
 @pytest.mark.parametrize("eta", [0.0, 0.84])
 def test_the_curve_of_a_density_has_few_polynomials_and_forgives_little(shape, eta):
@@ -218,6 +187,7 @@ def test_the_curve_of_a_density_has_few_polynomials_and_forgives_little(shape, e
     assert balance(terms, k, xi)[2] == pytest.approx(0.01, rel=0.15)
 
 
+@pytest.mark.claim("printed-local-field")
 def test_the_printed_local_field_changes_the_stiffness_by_half_a_per_cent(steel):
     packing = steel_packing(steel, friction=False)
     force = 0.08 * packing.law.coefficient * packing.width**1.5
@@ -225,6 +195,7 @@ def test_the_printed_local_field_changes_the_stiffness_by_half_a_per_cent(steel)
     assert printed.normal_stiffness / right.normal_stiffness - 1.0 == pytest.approx(-0.005, abs=0.0005)
 
 
+@pytest.mark.claim("places-of-a-lot")
 def test_a_large_lot_put_together_changes_the_force_by_little():
     off = np.random.default_rng(2).normal(size=10_000)
     lot = gp.Measured(8e-3 + 1e-6 * off)
@@ -237,6 +208,7 @@ def test_a_large_lot_put_together_changes_the_force_by_little():
     assert lot.shape.average(y, 1.5) == pytest.approx(total / x.size**2, rel=3e-6)
 
 
+@pytest.mark.claim("rare-kinds-end")
 def test_rare_kinds_end_the_equation_far_below_its_validity():
     # as study_simulation.py has it of many more lists
     draw, found = np.random.default_rng(3), []
@@ -247,6 +219,7 @@ def test_rare_kinds_end_the_equation_far_below_its_validity():
     assert 1e-6 < max(found) < 1e-2
 
 
+@pytest.mark.claim("extxyz-of-ase")
 def test_forces_read_from_extxyz(steel, tmp_path):
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_overlap(8e-8)
     worst = 0.0
@@ -261,6 +234,7 @@ def test_forces_read_from_extxyz(steel, tmp_path):
     assert worst * state.scales.force / state.force == pytest.approx(0.005, rel=0.25)
 
 
+@pytest.mark.claim("limits-together")
 def test_the_limits_are_reached_together(steel):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3))
     names = "contact_radius", "load", "velocity", "resonance"
@@ -269,16 +243,19 @@ def test_the_limits_are_reached_together(steel):
     assert not any(above[name].ok for name in names)
 
 
+@pytest.mark.claim("spacing-loses-digits", "api-spacing", "state-variable")
 def test_the_spacing_loses_the_digits_of_the_overlap():
     overlap = 1e-12 * np.linspace(0.11, 0.97, 101)
     left = 1.0 - (1.0 - overlap)
     assert 1e-5 < np.max(np.abs(left / overlap - 1.0)) < 1e-3
 
 
+@pytest.mark.claim("slower-than-steel")
 def test_sound_is_seven_times_slower_than_in_steel(steel, state):
     assert steel.longitudinal_velocity / gp.sound_velocities(state).longitudinal == pytest.approx(7.0, abs=0.5)
 
 
+@pytest.mark.claim("tutorial-exponents")
 def test_the_exponents_of_the_tutorial(steel):
     force = np.array([100.0, 990.0]) / (31.0 * math.sqrt(3.0))
     for medium, low in ((gp.AveragedLattice, 1.0 / 6.0), (gp.EffectiveMedium, 0.29)):
@@ -324,6 +301,7 @@ class Softer(_ByLaw):
         return Quadratic(1e12)
 
 
+@pytest.mark.claim("another-law")
 def test_another_contact_law(steel):
     state = Softer(gp.Packing(steel, 8e-3, friction=False)).at_force(10.0)
     assert gp.local_exponent(state) == pytest.approx(0.25, rel=1e-14)
