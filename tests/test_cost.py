@@ -21,9 +21,18 @@ def simulation(shape=(64, 64), friction=True, samples=1):
 
 @pytest.mark.claim("array-estimate")
 @pytest.mark.parametrize("friction", [False, True])
-@pytest.mark.parametrize(("samples", "loads"), [(1, 1), (1, 24), (12, 1)])
-def test_memory_is_what_the_arrays_take(friction, samples, loads):
-    medium = simulation((128, 128), friction, samples)
+@pytest.mark.parametrize(
+    ("size", "samples", "loads"),
+    [
+        (128, 1, 1),
+        (48, 1, 5),
+        (48, 3, 1),
+        pytest.param(128, 1, 24, marks=pytest.mark.exhaustive),
+        pytest.param(128, 12, 1, marks=pytest.mark.exhaustive),
+    ],
+)
+def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
+    medium = simulation((size, size), friction, samples)
     force = np.linspace(5.0, 6.0, loads)
     guess = estimate(medium, "force", force)
     medium.at_force(5.0)  # what is loaded once is not counted
