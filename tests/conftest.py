@@ -6,6 +6,15 @@ over the neighbours one by one, in double precision or in as many digits as aske
 
 from __future__ import annotations
 
+import os
+import signal
+
+# Before numpy is loaded: the suite has a process for each processor, and threads of linear algebra beside them, one for each
+# processor in each process, only wait for one another. Processes that tests start inherit the setting.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+# ruff: noqa: E402
 import cmath
 import itertools
 import math
@@ -21,6 +30,13 @@ import granphon as gp
 
 settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("granphon")
+
+
+def pytest_configure() -> None:
+    """A suite that runs in the background of a shell ignores SIGINT, and so would the commands that tests interrupt."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 #: one neighbour: ball i, ball j, unit normal from i to j
 Neighbour = tuple[int, int, tuple[Any, Any]]
