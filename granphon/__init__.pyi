@@ -5,14 +5,14 @@ Type checkers read this file; ``__init__.py`` reads it too, and imports a name w
 
 from .array.atoms import write_extxyz as write_extxyz
 from .array.sample import Sample as Sample
-from .balls.hertz import HertzLaw as HertzLaw
-from .balls.material import Material as Material
-from .balls.hertz import mindlin_reduction as mindlin_reduction
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
 from .balls.diameters import Normal as Normal
 from .balls.diameters import Uniform as Uniform
+from .balls.hertz import HertzLaw as HertzLaw
+from .balls.hertz import mindlin_reduction as mindlin_reduction
 from .balls.lattices import Lattice as Lattice
+from .balls.material import Material as Material
 from .balls.packing import Packing as Packing
 from .base.errors import GranphonError as GranphonError
 from .base.scales import Units as Units
@@ -32,9 +32,9 @@ from .observables.velocities import moduli as moduli
 from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.bands import Bands as Bands
-from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms
+from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
 from .scene.scene import Scene as Scene
