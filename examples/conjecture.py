@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 FORCE = np.array([0.008, 0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.5, 0.6, 1.0, 3.0])  # f*
 NAMES = {True: "with friction", False: "without friction"}

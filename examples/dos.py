@@ -15,7 +15,8 @@ import numpy as np
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.figures.bands import STYLE, plot_dos
+from granphon.figures.bands import plot_dos
+from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446))

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import granphon as gp
-from granphon.figures.charts import fit_figure
+from granphon.figures.fits import fit_figure
 from granphon.fits.measurements import Measurements
 
 HERE = Path(sys.argv[0]).parent

@@ -14,8 +14,8 @@ import numpy as np
 
 import granphon as gp
 from granphon.balls.lattices import TRIANGULAR
-from granphon.figures.bands import STYLE
-from granphon.figures.charts import plot_force_distribution, plot_forces
+from granphon.figures.forces import plot_force_distribution, plot_forces
+from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))

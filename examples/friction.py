@@ -18,7 +18,9 @@ from matplotlib.cm import ScalarMappable
 
 import granphon as gp
 from granphon.base.scales import HertzPrefix
-from granphon.figures.bands import ROTATION, STYLE, plot_bands
+from granphon.figures.bands import plot_bands
+from granphon.figures.scales import ROTATION
+from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 smooth, rough = (

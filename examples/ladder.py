@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))

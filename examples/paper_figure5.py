@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 scene = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml"))
 packing = scene.packing

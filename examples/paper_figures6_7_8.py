@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 THRESHOLD = 0.343  # of a*
 ABOVE = np.array([0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0, 1.65, 3.0, 9.0])

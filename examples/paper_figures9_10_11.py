@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 SPACING = np.array([0.373, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.9, 3.0, 6.0, 12.0])  # a*
 scene = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml"))

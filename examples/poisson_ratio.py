@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import granphon as gp
-from granphon.figures.bands import ROTATION
+from granphon.figures.scales import ROTATION
 from granphon.figures.style import LONGITUDINAL, STYLE, TRANSVERSE
 
 POINTS = {"M": (1 / 2, 0), "K": (1 / 3, 1 / 3)}

@@ -15,7 +15,7 @@ from matplotlib.animation import FuncAnimation
 from matplotlib.collections import EllipseCollection, LineCollection
 
 import granphon as gp
-from granphon.figures.bands import STYLE
+from granphon.figures.style import STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446))

@@ -15,7 +15,10 @@ import granphon as gp
 from granphon.array.sample import STEP
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import InputError
-from granphon.figures import charts, scales
+from granphon.figures import scales
+from granphon.figures.fits import fit_figure, plot_fit
+from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
+from granphon.figures.sweeps import plot_exponent, plot_sweep, sweep_figure
 from granphon.fits.fit import fit_width
 from granphon.media.mean_field import EffectiveMedium
 from granphon.observables.velocities import pulse_velocities, sound_velocities
@@ -60,7 +63,7 @@ def texts(legend):
 
 
 def test_lines_are_the_variable_in_order_of_the_load(media, ax):
-    assert charts.plot_sweep(media, ax, "normal_stiffness") is ax
+    assert plot_sweep(media, ax, "normal_stiffness") is ax
     lines = drawn(ax, "normal_stiffness-all")
     assert len(lines) == 3
     for line, name in zip(lines, ("ala", "afa", "ema"), strict=True):
@@ -72,7 +75,7 @@ def test_lines_are_the_variable_in_order_of_the_load(media, ax):
 
 
 def test_solid_lines_end_where_the_medium_is_no_longer_valid(media, ax):
-    charts.plot_sweep(media, ax)
+    plot_sweep(media, ax)
     for line, name in zip(drawn(ax, "longitudinal-valid"), ("ala", "afa", "ema"), strict=True):
         assert_array_equal(np.isfinite(line[:, 1]), media["valid"].sel(medium=name).values[::-1])
     dashed = [line for line in ax.lines if line.get_gid() == "longitudinal-all"]
@@ -83,7 +86,7 @@ def test_solid_lines_end_where_the_medium_is_no_longer_valid(media, ax):
 
 
 def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
-    charts.plot_sweep(widths, ax, x="pressure")
+    plot_sweep(widths, ax, x="pressure")
     lines = [line for line in ax.lines if line.get_gid() == "longitudinal-all"]
     expected = widths["longitudinal"].values  # (load, medium, width)
     for n, line in enumerate(lines):
@@ -97,17 +100,17 @@ def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
 
 def test_other_combinations_of_parameters_are_lines_too(ax):
     dataset = sweep(PACKING, force=FORCE, media=("ema",), width=[1e-6, 2e-6], friction=[True, False], density=[7840.0])
-    charts.plot_sweep(dataset, ax, "transverse")
+    plot_sweep(dataset, ax, "transverse")
     assert len(drawn(ax, "transverse-all")) == 4
     labels = ["width 1 µm, friction True", "width 1 µm, friction False", "width 2 µm, friction True"]
     assert texts(ax.get_legend())[:3] == labels
     many = sweep(PACKING, force=[3.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
-    assert len(texts(charts.plot_sweep(many, Figure().subplots()).get_legend())) == 8
+    assert len(texts(plot_sweep(many, Figure().subplots()).get_legend())) == 8
 
 
 def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):
     data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
-    charts.plot_sweep(data, ax, "transverse")
+    plot_sweep(data, ax, "transverse")
     (container,) = ax.containers  # none of the effective medium, which has no error
     _, caps, (bars,) = container.lines
     assert caps == ()  # which would make squares of the points
@@ -127,7 +130,7 @@ def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):
 @pytest.mark.parametrize("variable", ["transverse", "exponent", "contact_fraction"])
 def test_one_sample_of_a_simulation_is_points_without_bars(ax, variable):
     data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8)}}))
-    charts.plot_sweep(data, ax, variable)
+    plot_sweep(data, ax, variable)
     assert not ax.containers
     line, points = (one for one in ax.lines if one.get_gid() == f"{variable}-all")
     assert (line.get_linestyle(), line.get_marker()) == ("--", "")
@@ -140,7 +143,7 @@ def test_one_sample_of_a_simulation_is_points_without_bars(ax, variable):
 
 def test_long_labels_stand_below_each_other():
     data = sweep(PACKING, force=[2.0, 9.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": 3}}))
-    figure = charts.sweep_figure(data)
+    figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box, width = legend.get_window_extent(), figure.bbox.width
@@ -149,7 +152,7 @@ def test_long_labels_stand_below_each_other():
 
 
 def test_an_axis_with_zeros_or_negative_values_is_linear(media, ax):
-    charts.plot_sweep(media, ax, "force_fluctuation", "overlap")
+    plot_sweep(media, ax, "force_fluctuation", "overlap")
     assert ax.get_yscale() == "linear"
     assert ax.get_ylabel() == "Force fluctuation Δf/f"
 
@@ -160,7 +163,7 @@ def test_an_axis_with_zeros_or_negative_values_is_linear(media, ax):
 )
 def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
     with pytest.raises(InputError, match=words):
-        charts.plot_sweep(media, ax, variable)
+        plot_sweep(media, ax, variable)
 
 
 @pytest.mark.parametrize("ratio", [1.01, 1.3, 1.9, 2.4, 3.9, 4.1, 6.0, 20.0, 300.0])
@@ -181,7 +184,7 @@ def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_tic
 def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
     force = 4.0 * np.exp(STEP * np.array([-1.0, 0.0, 1.0]))
     data = sweep(PACKING, force=force, media=("ema", {"simulation": {"shape": (16, 16), "samples": 2}}))
-    charts.plot_exponent(data, ax)
+    plot_exponent(data, ax)
     assert ax.get_ylabel() == "d log $v_L$ / d log $P$"
     longitudinal, transverse = (
         np.log(data[name][2] / data[name][0]).values / np.log(data.pressure[2] / data.pressure[0]).values
@@ -201,11 +204,11 @@ def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
 def test_what_is_infinite_everywhere_is_refused(ax):
     equal = sweep(gp.Packing(STEEL, 8e-3), force=FORCE)
     with pytest.raises(InputError, match="nowhere finite"):
-        charts.plot_sweep(equal, ax, "reduced_force")
+        plot_sweep(equal, ax, "reduced_force")
 
 
 def test_the_figure_has_velocities_above_and_exponents_below(media):
-    figure = charts.sweep_figure(media)
+    figure = sweep_figure(media)
     upper, lower = figure.axes
     assert len(drawn(upper, "longitudinal-all")) == len(drawn(upper, "transverse-all")) == 3
     for line, name in zip(drawn(lower, "exponent-all"), ("ala", "afa", "ema"), strict=True):
@@ -219,10 +222,10 @@ def test_the_figure_has_velocities_above_and_exponents_below(media):
 
 
 def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
-    (only,) = charts.sweep_figure(widths, variable="contact_fraction").axes
+    (only,) = sweep_figure(widths, variable="contact_fraction").axes
     assert only.get_ylabel() == "Fraction of contacts"
     one = sweep(PACKING, force=3.0, media=("ema",), finite_overlap=True, width=[1e-6, 2e-6])
-    figure = charts.sweep_figure(one)
+    figure = sweep_figure(one)
     (velocities,) = figure.axes
     assert {line.get_marker() for line in velocities.lines} == {"o"}
     assert figure.legends[0].get_title().get_text() == "effective medium"
@@ -233,13 +236,13 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
 
 def test_a_fit_whose_error_is_not_known_is_drawn_without_one():
     unknown = fit_width(PACKING, [4.0] * 3, [480.0] * 3)
-    figure = charts.fit_figure(unknown)
+    figure = fit_figure(unknown)
     assert f"ema: W = {unknown.width * 1e6:.5g} µm" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
 
 
 def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
     below = Figure().subplots()
-    assert charts.plot_fit(fit, ax, below) == (ax, below)
+    assert plot_fit(fit, ax, below) == (ax, below)
     (curve,), (ideal,) = drawn(ax, "fit"), drawn(ax, "ideal")
     assert_allclose(curve[:, 1], fit.velocity_at(curve[:, 0]), rtol=1e-14)
     assert_allclose(np.diff(np.log(ideal[:, 1])) / np.diff(np.log(ideal[:, 0])), 1.0 / 6.0, rtol=1e-9)
@@ -256,7 +259,7 @@ def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
 
 
 def test_the_figure_of_a_fit_names_width_and_error(fit):
-    figure = charts.fit_figure(fit)
+    figure = fit_figure(fit)
     upper, lower = figure.axes
     data, fitted, equal = texts(upper.get_legend())
     assert (data, equal) == ("data", "equal balls")
@@ -268,7 +271,7 @@ def test_pulses_of_many_frequencies_are_drawn_at_the_data():
     force, hertz = np.array([2.0, 6.0, 18.0]), np.array([2e3, 3e3, 4e3])
     group = pulse_velocities(EffectiveMedium(PACKING).at_force(force), hertz, (0.0, 1.0)).group[0]
     fit = fit_width(PACKING, force, group, 1.0, hertz)
-    upper, _ = charts.fit_figure(fit).axes
+    upper, _ = fit_figure(fit).axes
     (marks,) = drawn(upper, "fit")
     assert_array_equal(marks, np.column_stack([force, fit.velocities]))
     assert drawn(upper, "ideal") == []
@@ -278,7 +281,7 @@ def test_pulses_of_many_frequencies_are_drawn_at_the_data():
 def test_exact_data_have_a_figure_too(tmp_path):
     force = np.array([2.0, 6.0, 18.0])
     exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
-    figure = charts.fit_figure(fit_width(PACKING, force, exact))
+    figure = fit_figure(fit_width(PACKING, force, exact))
     figure.savefig(tmp_path / "fit.png")
     assert texts(figure.axes[0].get_legend())[1] == "ema: W = 2.04 µm"  # its error is not known
 
@@ -307,7 +310,7 @@ def wrapped(places, shape):
 
 def test_every_contact_that_carries_load_is_a_line_between_its_balls(simulated, ax):
     sample = simulated.sample
-    assert charts.plot_forces(sample, ax) is ax
+    assert plot_forces(sample, ax) is ax
     segments, values, widths = chains(ax)
     forces = sample.contact_forces / sample.force
     starts, ways = wrapped(segments[:, 0], (12, 10)), segments[:, 1] - segments[:, 0]
@@ -323,7 +326,7 @@ def test_every_contact_that_carries_load_is_a_line_between_its_balls(simulated, 
 
 
 def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
-    segments, _, _ = chains(charts.plot_forces(simulated.sample, ax))
+    segments, _, _ = chains(plot_forces(simulated.sample, ax))
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     height = 10 * np.sqrt(0.75)
     assert (right - left, top - bottom) == pytest.approx((12.0, height))
@@ -339,7 +342,7 @@ def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
 
 
 def test_the_map_says_what_it_shows(simulated):
-    ax = charts.plot_forces(simulated.sample)
+    ax = plot_forces(simulated.sample)
     state, figure = simulated.sample.equilibrium, ax.get_figure()
     assert ax.get_title() == f"$f^*$ = {state.force:.3g}, $a^*$ = 0.45, $N_c$ = {simulated.sample.contact_fraction():.3f}"
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("$x/d$", "$y/d$", 1.0)
@@ -347,12 +350,12 @@ def test_the_map_says_what_it_shows(simulated):
     assert figure.axes[1].get_xlim() == pytest.approx((0.0, chains(ax)[1].max()))
     assert figure.get_size_inches()[0] == 3.4
     assert len([c for c in ax.collections if c.get_gid() == "balls"]) == 1
-    many = charts.plot_forces(gp.DirectSimulation(PACKING, (40, 40)).at_force(20.0).sample)
+    many = plot_forces(gp.DirectSimulation(PACKING, (40, 40)).at_force(20.0).sample)
     assert [c.get_gid() for c in many.collections] == ["forces"]
 
 
 def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated, ax):
-    charts.plot_force_distribution(simulated, ax)
+    plot_force_distribution(simulated, ax)
     (steps,) = [p for p in ax.patches if p.get_gid() == "density"]
     density, edges, _ = steps.get_data()
     assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)
@@ -368,7 +371,7 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
 @pytest.mark.parametrize("packing", [PACKING, gp.Packing(STEEL, 8e-3)], ids=["spread", "equal"])
 def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
     state = gp.DirectSimulation(packing, shape).at_force(2.0)
-    figure = charts.forces_figure(state)
+    figure = forces_figure(state)
     figure.savefig(tmp_path / "forces.png")
     tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert width == 7.0
@@ -387,7 +390,7 @@ def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
 
 def test_the_forces_of_several_loads_are_not_one_figure():
     states = gp.DirectSimulation(PACKING, (4, 4)).at_force([2.0, 3.0])
-    for draw in (charts.forces_figure, lambda state: charts.plot_force_distribution(state, Figure().subplots())):
+    for draw in (forces_figure, lambda state: plot_force_distribution(state, Figure().subplots())):
         with pytest.raises(InputError, match="2 loads"):
             draw(states)
 
@@ -395,7 +398,7 @@ def test_the_forces_of_several_loads_are_not_one_figure():
 def test_the_global_state_of_matplotlib_is_left_alone():
     code = (
         "import matplotlib\nbefore = dict(matplotlib.rcParams)\nimport numpy as np, granphon as gp\n"
-        "from granphon.figures.charts import sweep_figure\nfrom granphon.sweeps.sweep import sweep\n"
+        "from granphon.figures.sweeps import sweep_figure\nfrom granphon.sweeps.sweep import sweep\n"
         "packing = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, gp.Uniform(1e-6))\n"
         "sweep_figure(sweep(packing, force=[1.0, 2.0], media=('afa',))).canvas.draw()\n"
         "assert dict(matplotlib.rcParams) == before"

@@ -703,7 +703,7 @@ def test_a_figure_that_fails_leaves_the_fit(folder, capsys, monkeypatch):
     def fail(*_):
         raise ValueError("odd")
 
-    monkeypatch.setattr("granphon.figures.charts.fit_figure", fail)
+    monkeypatch.setattr("granphon.figures.fits.fit_figure", fail)
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     out, err = capsys.readouterr()
     assert "granphon: warning: fit.png could not be drawn: ValueError: odd" in err

@@ -20,7 +20,8 @@ import granphon as gp
 from granphon.base.errors import FigureError, InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures import bands as plot
-from granphon.figures import style
+from granphon.figures import scales, style
+from granphon.figures.modes import plot_mode
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -88,7 +89,7 @@ def test_every_colour_is_the_rotational_fraction_of_its_point(bands, ax):
 
 
 def test_colours_grow_lighter_evenly(bands):
-    red, green, blue = plot.ROTATION(np.linspace(0.0, 1.0, 64))[:, :3].T
+    red, green, blue = scales.ROTATION(np.linspace(0.0, 1.0, 64))[:, :3].T
     luminance = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2
     lightness = np.cbrt(luminance)
     assert np.all(np.diff(lightness) > 0.0)
@@ -113,7 +114,7 @@ def test_a_path_that_jumps_is_not_joined(phonons, ax):
 
 @pytest.mark.parametrize(("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")])
 def test_labels_as_they_are_printed(label, shown):
-    assert plot._name(label) == shown
+    assert plot._print_label(label) == shown
 
 
 def test_frequencies_in_another_unit(bands, ax):
@@ -260,7 +261,7 @@ def test_the_drawn_density_integrates_to_the_branches_of_a_ball(ax, friction, st
 
 
 def test_beside_bands_in_a_column_the_density_is_readable(phonons, bands):
-    with matplotlib.rc_context(plot.STYLE):
+    with matplotlib.rc_context(style.STYLE):
         figure = Figure((3.4, 3.0), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=[2.4, 1.0])
         plot.plot_bands(bands, left)
@@ -346,7 +347,8 @@ MADE = """
 import sys
 import numpy as np, granphon as gp
 from granphon.figures.{module} import *
-from granphon.figures.bands import bands_figure, save_figure
+from granphon.figures.bands import bands_figure
+from granphon.figures.style import save_figure
 state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
 save_figure(bands_figure(gp.Phonons(state).bands("GKM", npoints=5)), sys.argv[1])
 print("matplotlib.pyplot" in sys.modules)
@@ -358,7 +360,7 @@ print(dict.__getitem__(matplotlib.rcParams, "backend"))
 @pytest.mark.parametrize(
     ("module", "backend", "kept"),
     [
-        ("bands", "nonsense", None), ("charts", "module://there.is.none", None), ("work_precision", "", None),
+        ("bands", "nonsense", None), ("sweeps", "module://there.is.none", None), ("work_precision", "", None),
         ("bands", "svg", "svg"),
     ],
 )  # fmt: skip
@@ -388,7 +390,7 @@ def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(tmp_path, monkeypa
         figure = Figure(layout="constrained")
         figure.subplots().set_xlabel(label)
         with pytest.raises(FigureError, match=f"^{name} could not be drawn: .*{told}") as caught:
-            plot.save_figure(figure, tmp_path / name)
+            style.save_figure(figure, tmp_path / name)
     assert isinstance(caught.value, gp.GranphonError)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
@@ -399,7 +401,7 @@ def test_what_may_be_mended_is_the_backend_if_one_was_asked_for(tmp_path, option
     figure = Figure()
     figure.subplots().set_xlabel("x" if options else r"$\Gama$")
     with pytest.raises(FigureError) as caught:
-        plot.save_figure(figure, tmp_path / "bands.png", **options)
+        style.save_figure(figure, tmp_path / "bands.png", **options)
     assert ("--backend" in str(caught.value)) == bool(options)
     assert "the labels" in str(caught.value)
     assert list(tmp_path.iterdir()) == []
@@ -407,7 +409,7 @@ def test_what_may_be_mended_is_the_backend_if_one_was_asked_for(tmp_path, option
 
 def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
     with pytest.raises(FileNotFoundError):
-        plot.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
+        style.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
 
 
 # -- modes ----------------------------------------------------------------------------------------------------------
@@ -430,7 +432,7 @@ def turned(arcs):
 @pytest.mark.parametrize("branch", [0, 1, 2])
 def test_a_mode_is_the_real_part_of_its_wave(phonons, ax, branch, phase):
     q = (0.21, 0.13)
-    assert plot.plot_mode(phonons, q, branch, ax, cells=(3, 4), phase=phase) is ax
+    assert plot_mode(phonons, q, branch, ax, cells=(3, 4), phase=phase) is ax
     places, arrows, arcs = drawn_mode(ax)
     assert len(places) == 12
     modes = phonons.modes([q])
@@ -448,7 +450,7 @@ def test_a_mode_is_the_real_part_of_its_wave(phonons, ax, branch, phase):
 
 
 def test_the_top_mode_at_m_turns_neighbours_against_each_other(phonons, ax):
-    plot.plot_mode(phonons, (0.5, 0.0), 2, ax)
+    plot_mode(phonons, (0.5, 0.0), 2, ax)
     places, arrows, arcs = drawn_mode(ax)
     angle = turned(arcs)
     assert_allclose(arrows, 0.0, atol=1e-12)
@@ -461,7 +463,7 @@ def test_the_top_mode_at_m_turns_neighbours_against_each_other(phonons, ax):
 
 
 def test_balls_have_their_real_size(phonons, ax):
-    plot.plot_mode(phonons, (1 / 3, 1 / 3), 0, ax, cells=(2, 2))
+    plot_mode(phonons, (1 / 3, 1 / 3), 0, ax, cells=(2, 2))
     balls = [path.get_extents() for path in with_gid(ax, "balls").get_paths()]
     assert_allclose([(b.width, b.height) for b in balls], 1.0, rtol=1e-3)
     # touching balls touch, and all are inside the axes
@@ -472,7 +474,7 @@ def test_balls_have_their_real_size(phonons, ax):
 
 def test_a_heavy_ball_moves_less_than_its_momentum(ax):
     phonons = phonons_of(cells=3, mass=9.0)
-    plot.plot_mode(phonons, (0.0, 0.0), 0, ax, cells=(1, 1), direction=(1, 0))
+    plot_mode(phonons, (0.0, 0.0), 0, ax, cells=(1, 1), direction=(1, 0))
     _, arrows, _ = drawn_mode(ax)
     # the lowest mode at Gamma is a translation of all balls alike, whatever they weigh
     assert_allclose(arrows - arrows[0], 0.0, atol=1e-7)
@@ -480,7 +482,7 @@ def test_a_heavy_ball_moves_less_than_its_momentum(ax):
 
 
 def test_a_mode_without_friction_has_no_spin(ax):
-    plot.plot_mode(phonons_of(friction=False), (0.5, 0.0), 1, ax)
+    plot_mode(phonons_of(friction=False), (0.5, 0.0), 1, ax)
     _, arrows, arcs = drawn_mode(ax)
     assert arcs is None
     assert_allclose(np.linalg.norm(arrows, axis=1), 0.4, rtol=1e-12)
@@ -489,24 +491,24 @@ def test_a_mode_without_friction_has_no_spin(ax):
 
 def test_a_mode_of_no_frequency_is_said_to_have_none(phonons, ax):
     for branch in (0, 1):
-        plot.plot_mode(phonons, (0.0, 0.0), branch, ax, direction=(1, 0))
+        plot_mode(phonons, (0.0, 0.0), branch, ax, direction=(1, 0))
         assert ax.get_title() == "q = (0, 0)\nzero frequency, rotation 0 %"
-    plot.plot_mode(phonons, (1e-9, 0.0), 0, ax)  # slow, and known to rounding
+    plot_mode(phonons, (1e-9, 0.0), 0, ax)  # slow, and known to rounding
     assert ax.get_title().startswith("q = (1e-09, 0)\n")
     assert "Hz" in ax.get_title()
 
 
 def test_a_q_that_is_no_simple_fraction_is_written_in_decimals(phonons, ax):
-    plot.plot_mode(phonons, (0.21, 1 / 3), 1, ax, cells=(1, 1))
+    plot_mode(phonons, (0.21, 1 / 3), 1, ax, cells=(1, 1))
     assert ax.get_title().startswith("q = (0.21, 1/3)\n")
 
 
 @pytest.mark.parametrize("branch", [-1, 3])
 def test_a_branch_that_is_not_there(phonons, ax, branch):
     with pytest.raises(InputError, match="Count from 0 to 2"):
-        plot.plot_mode(phonons, (0.5, 0.0), branch, ax)
+        plot_mode(phonons, (0.5, 0.0), branch, ax)
 
 
 def test_gamma_needs_a_direction(phonons, ax):
     with pytest.raises(InputError, match="direction"):
-        plot.plot_mode(phonons, (0.0, 0.0), 0, ax)
+        plot_mode(phonons, (0.0, 0.0), 0, ax)

@@ -468,7 +468,7 @@ def test_any_failure_of_a_figure_leaves_the_numbers(work, monkeypatch, failure):
     scene = Scene.from_yaml("scene.yaml")
     scene.run("out")
     assert listed(work / "out") == ALL
-    monkeypatch.setattr("granphon.figures.charts.sweep_figure", fail)
+    monkeypatch.setattr("granphon.figures.sweeps.sweep_figure", fail)
     result = scene.run("out", force=True)
     # nor does the picture of an earlier run stay beside other numbers
     assert listed(work / "out") == ALL - {"sweep.png"}
@@ -707,7 +707,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.figures.charts.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
         ("granphon.sweeps.archive._write_table", OSError(28, "No space left on device"), 1),
         ("granphon.scene.run._summary", MemoryError(), 1),
     ],
@@ -1009,9 +1009,9 @@ def test_plot_draws_a_sweep_again(work, capsys, monkeypatch):
         drawn.update(variable=variable, dataset=dataset)
         return real(dataset, x, variable=variable)
 
-    from granphon.figures.charts import sweep_figure as real
+    from granphon.figures.sweeps import sweep_figure as real
 
-    monkeypatch.setattr("granphon.figures.charts.sweep_figure", figure)
+    monkeypatch.setattr("granphon.figures.sweeps.sweep_figure", figure)
     assert redraw("out", "contacts.pdf", variable="contact_fraction") == Path("contacts.pdf")
     assert (work / "contacts.pdf").read_bytes().startswith(b"%PDF")
     assert drawn["variable"] == "contact_fraction"

@@ -304,7 +304,7 @@ def fit(
         from granphon.figures.style import draw
 
         def figure(_: str) -> Any:
-            from granphon.figures.charts import fit_figure  # a failure of this import is one of the figure
+            from granphon.figures.fits import fit_figure  # a failure of this import is one of the figure
 
             return fit_figure(found)
 

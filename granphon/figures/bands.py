@@ -1,20 +1,17 @@
-"""Figures of results: bands, Brillouin zones, densities of states, modes.
+"""Figures of bands, Brillouin zones and densities of states.
 
 Every function draws on an Axes and returns it; units change only here. matplotlib's global state is left alone and no window
-is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, which :func:`save_figure` saves. Translation is
-dark blue and rotation orange throughout, on a scale that is uniform to the eye, in grey as well.
+is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, which :func:`~granphon.figures.style.save_figure`
+saves. Translation is dark blue and rotation orange throughout, on a scale that is uniform to the eye, in grey as well.
 """
 
 from __future__ import annotations
 
 import re
-from fractions import Fraction
-from typing import TYPE_CHECKING, Any
-
-from granphon.base.arguments import real_array
+from typing import Any
 
 # before matplotlib, whose door it is
-from granphon.figures.scales import POLARISATION, ROTATION
+from granphon.figures.scales import POLARISATION, ROTATION, hide_axes
 
 # isort: split
 import matplotlib
@@ -22,41 +19,33 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.modes import ContactLattice
-from granphon.figures.style import STYLE, save_figure
+from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
 
-if TYPE_CHECKING:
-    from granphon.phonons.phonons import Phonons
-
-__all__ = [
-    "STYLE", "bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_mode", "plot_zone", "save_figure",
-    "zone_polygon",
-]  # fmt: skip
+__all__ = ["bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_zone", "zone_polygon"]
 
 Array = NDArray[np.float64]
 LongWaves = SoundVelocities | ContactLattice
 
-_TRANSLATING, _ROTATING = ROTATION(0.0), ROTATION(1.0)
-#: turning against and with the clock
-_SPINS = ("#D55E00", "#0072B2")
-_LINE, _GREY = 1.5, "0.75"
+#: colours of modes that only translate, and that only rotate
+_TRANSLATING = ROTATION(0.0)
+_ROTATING = ROTATION(1.0)
+#: width of a branch, in points
+_LINE_WIDTH = 1.5
 #: frequencies nearer than this part of the top one are one line on paper
 _COINCIDENT = 1e-6
-#: longest displacement, in diameters; spins are drawn on the same scale
-_LARGEST = 0.4
-_MARK = np.pi / 2.0  # angle of the mark of a ball at rest
 
 
 def plot_bands(
@@ -91,12 +80,12 @@ def plot_bands(
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
     for x in corners[1:-1]:
-        ax.axvline(float(x), color=_GREY, linewidth=0.5, zorder=0.5)
-    ax.axhline(0.0, color=_GREY, linewidth=0.5, zorder=0.5)
+        ax.axvline(float(x), color=FRAME, linewidth=0.5, zorder=0.5)
+    ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    ax.set_xticks(corners, list(map(_name, bands.labels)), **slant)
+    ax.set_xticks(corners, list(map(_print_label, bands.labels)), **slant)
     ax.tick_params(axis="x", length=0)
-    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({_unit_name(unit)})")
+    ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})")
     ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
@@ -114,11 +103,7 @@ def _unit_of(result: Bands | DensityOfStates) -> HertzPrefix:
     return HertzPrefix.for_top(float(there.max()))
 
 
-def _unit_name(unit: HertzPrefix) -> str:
-    return unit.name.replace("uHz", "µHz")
-
-
-def _name(label: str) -> str:
+def _print_label(label: str) -> str:
     """The label as it is printed: Γ for G, an index lowered."""
     parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
     return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
@@ -136,7 +121,7 @@ def _widths(values: Array, tolerance: float) -> Array:
     close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
     both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
     later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
-    return np.asarray(_LINE * (1.0 + np.minimum(later, 3)))
+    return np.asarray(_LINE_WIDTH * (1.0 + np.minimum(later, 3)))
 
 
 def plot_asymptotes(
@@ -206,7 +191,7 @@ def plot_zone(bands: Bands, ax: Axes) -> Axes:
     ax.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
     ends = bands.qpoints[:, [0, -1], :2] @ reciprocal
     ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, gid="path"), autolim=False)
-    names = {_name(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
+    names = {_print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
     for name, place in names.items():
         ax.plot(*place, "o", color="black", markersize=2.2)
         away = place if np.linalg.norm(place) > 1e-9 else -ends.reshape(-1, 2).mean(axis=0)
@@ -217,13 +202,8 @@ def plot_zone(bands: Bands, ax: Axes) -> Axes:
             )  # fmt: skip
     points = np.vstack([corners, *ends])
     low, high = points.min(axis=0), points.max(axis=0)
-    _frame(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
+    hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
-
-
-def _frame(ax: Axes, low: Array, high: Array) -> None:
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    ax.set_axis_off()
 
 
 def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: HertzPrefix | None = None) -> Axes:
@@ -244,7 +224,7 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         pair = (density, frequency) if horizontal else (frequency, density)
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
-    name, gap = _unit_name(unit), "\n" if horizontal else " "
+    name, gap = print_hertz(unit), "\n" if horizontal else " "
     numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
     ax.set(**{f"{along}label": f"Frequency ({name})" if numbered else "", f"{across}label": f"DOS per ball{gap}(1/{name})"})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * float(dos.total.max()) * unit.hertz)})
@@ -271,7 +251,7 @@ def bands_figure(
         raise InputError(message("there is nothing to draw", mend="Give bands, a density of states, or both"))
     unit, both = _unit_of(first), bands is not None and dos is not None
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.4, 2.4 if bands is None else 3.1), dpi=300, layout="constrained")
+        figure = Figure(figsize=(COLUMN_WIDTH, 2.4 if bands is None else 3.1), dpi=DPI, layout="constrained")
         axes = figure.subplots(1, 1 + both, sharey=both, width_ratios=[2.4, 1.0][: 1 + both], squeeze=False)[0]
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
@@ -281,7 +261,7 @@ def bands_figure(
             inset.set_in_layout(False)
             plot_zone(bands, inset)
         if both:
-            axes[1].axhline(0.0, color=_GREY, linewidth=0.5, zorder=0.5)
+            axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         entries = {name: h for ax in axes[::-1] for h, name in zip(*ax.get_legend_handles_labels(), strict=True)}
         if set(entries) - {"total"}:
             figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, columnspacing=1.2)
@@ -308,94 +288,3 @@ def _free_place(ax: Axes) -> tuple[float, float, float, float]:
     beneath = [points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max() for start in starts]
     ax.set_ylim(bottom, bottom + (top - bottom) * max(1.0, (min(beneath) + 0.02) / (1.0 - margin - size)))
     return float(starts[int(np.argmin(beneath))]), 1.0 - margin - size, size, size
-
-
-def plot_mode(
-    phonons: Phonons,
-    q: ArrayLike,
-    branch: int,
-    ax: Axes,
-    *,
-    cells: tuple[int, int] = (4, 4),
-    phase: float = 0.0,
-    direction: ArrayLike | None = None,
-) -> Axes:
-    """Draw the mode of branch ``branch`` at ``q`` on balls at their real size; axes in mean diameters, hidden.
-
-    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), an arrow from its centre, and is turned by the
-    angle phi = w/R_g: the sector between the upright and its mark, in vermilion against the clock and in blue with it.
-    Displacements and w have one scale, on which the largest of them in a period is 0.4 d. The free phase of the eigenvector
-    is such that the largest of its components is real and positive, so that nothing stands still at phase 0.
-
-    Parameters
-    ----------
-    q : (2,) or (3,), fractions of the reciprocal cell.
-    branch : counted from 0, in ascending frequency.
-    cells : how many to draw along each lattice vector.
-    phase : rad; at time t it is -omega t.
-    direction : where branches touch, and at Gamma (required), as in ``Phonons.modes``.
-    """
-    modes = phonons.modes([real_array("q", q)], direction)
-    count = modes.frequencies.shape[1]
-    if not 0 <= branch < count:
-        raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
-    lattice = phonons.lattice
-    n = lattice.n_balls
-    motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
-    largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
-    motion = motion * (abs(largest) / largest) * _LARGEST / _amplitude(motion)
-    steps = np.array(list(np.ndindex(*cells)))
-    places = (steps @ lattice.cell)[:, None] + lattice.positions
-    wave = np.exp(1j * (places @ (modes.wavevectors[0] * phonons.scales.length) + phase))
-    now = (motion[None] * wave[..., None]).real.reshape(len(steps) * n, -1)
-    centres = places.reshape(-1, 2)
-    radius = np.tile(phonons.atoms.arrays.get("radius", np.full(n, 0.5)), len(steps))
-    balls = [Circle((x, y), r) for (x, y), r in zip(centres, radius, strict=True)]
-    ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
-    if lattice.rotates:
-        _draw_spins(ax, centres, radius, now[:, 2] / np.tile(lattice.gyration, len(steps)))
-    ax.quiver(
-        *centres.T, now[:, 0], now[:, 1], angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
-        headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
-    )  # fmt: skip
-    low, high = (centres - radius[:, None]).min(axis=0), (centres + radius[:, None]).max(axis=0)
-    _frame(ax, low - 0.1, high + 0.1)
-    hertz = float(modes.frequencies[0, branch])
-    unit = HertzPrefix.for_top(hertz)
-    near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
-    fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.rotates else ""
-    # of the highest, rounding leaves as much of one that is zero
-    zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
-    ax.set_title(f"q = ({fractions})\n{'zero frequency' if zero else f'{hertz / unit.hertz:.1f} {_unit_name(unit)}'}{part}")
-    return ax
-
-
-def _amplitude(motion: NDArray[Any]) -> float:
-    """The largest displacement, or w, of any ball in a period: of an ellipse, its longer half axis."""
-    u = motion[:, :2]
-    longest = np.sqrt(0.5 * (np.sum(np.abs(u) ** 2, axis=1) + np.abs(np.sum(u * u, axis=1))))
-    return float(max(longest.max(), np.abs(motion[:, 2:]).max(initial=0.0)))
-
-
-def _draw_spins(ax: Axes, centres: Array, radius: Array, angles: Array) -> None:
-    """For each ball the sector from the upright to its mark, the arc with its head, and the diameter through the mark."""
-
-    def at(distance: Array, angle: Array) -> Array:
-        arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return np.asarray(centres[:, None] + arms)
-
-    colours = [_SPINS[0] if angle >= 0.0 else _SPINS[1] for angle in angles]
-    rim, end = 0.72 * radius, _MARK + angles[:, None]
-    marks = at(radius, end + np.array([0.0, np.pi]))
-    arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
-    # a head as long as the arc allows, pointing along it
-    head = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
-    back = at(rim, end - head[:, None])
-    wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-    heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
-    sectors = np.concatenate([centres[:, None], arcs], axis=1)
-    ax.add_collection(PolyCollection(list(sectors), facecolors=colours, alpha=0.25, linewidths=0.0, zorder=1.5))
-    ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
-    ax.add_collection(LineCollection(list(arcs), colors=colours, linewidths=1.0, gid="spins"))
-    ax.add_collection(PolyCollection(list(heads), facecolors=colours, linewidths=0.0, zorder=2.1))

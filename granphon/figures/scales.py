@@ -56,12 +56,14 @@ with _opened():
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["POLARISATION", "ROTATION", "scale_axis"]
+__all__ = ["FORCES", "POLARISATION", "ROTATION", "hide_axes", "scale_axis"]
 
 Array = NDArray[np.float64]
 
 #: from translation (0) to rotation (1): the uniform map "plasma" without its light end
 ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
+#: from contacts that carry little, light, to those that carry much, dark: uniform to every eye
+FORCES = matplotlib.colormaps["cividis_r"]
 #: from transverse (0) to longitudinal (1)
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LONGITUDINAL])
 
@@ -78,6 +80,12 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
     axis.set_minor_formatter(NullFormatter())
+
+
+def hide_axes(ax: Axes, low: Array, high: Array) -> None:
+    """Limit the axes to the rectangle from ``low`` (2,) to ``high`` (2,), equal scales on both, and draw no frame."""
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    ax.set_axis_off()
 
 
 class _PlainTicks(Locator):

@@ -12,11 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import FigureError, GranphonError, message
+from granphon.base.scales import HertzPrefix, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["LONGITUDINAL", "STYLE", "TRANSVERSE", "draw", "save_figure", "shortened"]
+__all__ = [
+    "BLUE", "COLOURS", "COLUMN_WIDTH", "FRAME", "GREEN", "GUIDE", "LONGITUDINAL", "ORANGE", "PAGE_WIDTH", "PURPLE",
+    "DPI", "SKY_BLUE", "STYLE", "TRANSVERSE", "VERMILION", "draw", "print_hertz", "readable_unit", "save_figure",
+    "shortened",
+]  # fmt: skip
 
 #: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
 STYLE: dict[Any, Any] = {
@@ -25,8 +30,26 @@ STYLE: dict[Any, Any] = {
     "ytick.major.width": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
     "legend.handlelength": 1.6, "svg.fonttype": "none", "pdf.fonttype": 42,
 }  # fmt: skip
-#: of waves, and of the branches that begin as they do
-LONGITUDINAL, TRANSVERSE = "#0D0887", "#56B4E9"
+#: width of a figure of one column, and of one across the page, in inches
+COLUMN_WIDTH = 3.4
+PAGE_WIDTH = 7.0
+#: of figures that are saved as pictures, in dots per inch
+DPI = 300
+#: colours that every eye tells apart, in grey too
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+ORANGE = "#E69F00"
+SKY_BLUE = "#56B4E9"
+#: in the order in which lines take them
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY_BLUE)
+#: grey of lines to compare with, and of lines that part panels
+GUIDE = "0.6"
+FRAME = "0.75"
+#: of longitudinal and transverse waves, and of the branches that begin as they do
+LONGITUDINAL = "#0D0887"
+TRANSVERSE = SKY_BLUE
 #: letters of what matplotlib says that are handed on
 _REASON = 300
 
@@ -34,6 +57,19 @@ _REASON = 300
 def shortened(error: Exception) -> str:
     """What an error of matplotlib says, for one line of a terminal."""
     return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
+
+
+def readable_unit(largest: float, unit: str) -> tuple[float, str]:
+    """The decimal multiple of ``unit`` that suits a value: its size in that unit, and its name as it is printed."""
+    if unit not in ("m", "Pa", "N", "Hz"):
+        return 1.0, "" if unit == "1" else unit
+    size, name = prefixed(largest, unit)
+    return size, name.replace("u", "µ")
+
+
+def print_hertz(unit: HertzPrefix) -> str:
+    """The name of a decimal unit of hertz as it is printed."""
+    return unit.name.replace("uHz", "µHz")
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

@@ -21,20 +21,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from granphon.base.errors import InputError, message
-from granphon.figures.style import STYLE
+from granphon.figures.style import BLUE, DPI, GREEN, ORANGE, PURPLE, STYLE, VERMILION
 from granphon.tradeoffs.measure import Measured, TradeOff
 
 __all__ = ["plot_work_precision", "tradeoff_figure"]
 
 #: colour and marker of each method: told apart by every eye, and in grey by the marker
 _LOOKS = (
-    ("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"), ("#E69F00", "v"), ("#000000", "P"),
+    (BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), ("#000000", "P"),
 )  # fmt: skip
-_SIZE = 4.0
-#: of a line above the axes
-_LETTERS = 54
-#: limits of axes on which there is nothing: s, and relative
-_TIMES, _ERRORS = (1e-3, 1e1), (1e-8, 1e0)
+#: size of a marker, in points
+_MARKER = 4.0
+#: longest line above the axes, in letters
+_MOST_LETTERS = 54
+#: limits of an axis of times on which there is nothing, s
+_TIMES = 1e-3, 1e1
+#: limits of an axis of relative errors on which there is nothing
+_ERRORS = 1e-8, 1e0
 #: ratio of times, or of errors, from which on they are powers of ten: small numbers take much room
 _PLAIN = 100.0
 #: columns of a figure of several studies
@@ -60,15 +63,17 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         if drawn:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
             spread = [_bar(p) for p in drawn]
-            line = ax.errorbar(x, y, xerr=spread, color=colour, marker=marker, ms=_SIZE, lw=0.9, elinewidth=0.6, label=label)
+            line = ax.errorbar(
+                x, y, xerr=spread, color=colour, marker=marker, ms=_MARKER, lw=0.9, elinewidth=0.6, label=label
+            )
             line[0].set_zorder(2.5)
             label = "_"
         if rest:
             bottom: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "gid": "without-error"}
-            ax.plot([p.seconds for p in rest], [0.0] * len(rest), marker, color=colour, ms=_SIZE, label=label, **bottom)
+            ax.plot([p.seconds for p in rest], [0.0] * len(rest), marker, color=colour, ms=_MARKER, label=label, **bottom)
         for point in drawn:
             if not point.resolved:
-                ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_SIZE, mew=0.9, zorder=3.0)
+                ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_MARKER, mew=0.9, zorder=3.0)
         for point in _labelled(drawn) if len(drawn) > 1 else ():
             ax.annotate(
                 point.knob.replace(" x ", "×"), (point.seconds, point.error), (3.0, 3.0), textcoords="offset points",
@@ -94,7 +99,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
     told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if told:
-        lines = textwrap.wrap(f"not run: {told}", _LETTERS)
+        lines = textwrap.wrap(f"not run: {told}", _MOST_LETTERS)
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
         ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
     return ax
@@ -136,7 +141,7 @@ def tradeoff_figure(result: TradeOff) -> Figure:
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.5 * columns, 3.3 * rows), dpi=300, layout="constrained")
+        figure = Figure(figsize=(3.5 * columns, 3.3 * rows), dpi=DPI, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for ax, study in zip(axes, studies, strict=False):
             plot_work_precision(result, study, ax)

@@ -71,7 +71,7 @@ def redraw(
         if files_written(source) != before:
             what = f"{source} has been written into while it was read"
             raise InputError(message(what, "The figure would show two results", "Draw it again"))
-        from granphon.figures.bands import save_figure
+        from granphon.figures.style import save_figure
 
         with locked.staging([name]) as place:
             save_figure(figure, place / name, backend=backend)
@@ -79,7 +79,7 @@ def redraw(
 
 
 def _sweep_figure(path: Path, variable: str | None) -> Any:
-    from granphon.figures.charts import sweep_figure
+    from granphon.figures.sweeps import sweep_figure
     from granphon.sweeps.archive import load_sweep
 
     return sweep_figure(load_sweep(path), variable=variable)

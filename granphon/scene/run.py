@@ -149,7 +149,7 @@ class RunResult:
     def figure(self, name: str) -> Any:
         """The matplotlib figure that is saved as ``name``."""
         if isinstance(self.state, SimulatedState) and name == "forces.png":
-            from granphon.figures.charts import forces_figure
+            from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
         from granphon.figures.bands import bands_figure
@@ -195,7 +195,7 @@ class SweepResult:
 
     def figure(self, name: str) -> Any:
         """The matplotlib figure of the sweep, the only one that there is."""
-        from granphon.figures.charts import sweep_figure
+        from granphon.figures.sweeps import sweep_figure
 
         return sweep_figure(self.dataset)
 

@@ -1,0 +1,71 @@
+"""Figures of fits to measured velocities: data, fit and residuals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# before matplotlib, whose door it is
+from granphon.figures.scales import scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
+from granphon.fits.fit import WidthFit
+
+__all__ = ["fit_figure", "plot_fit"]
+
+#: how measured points are drawn
+_DATA_STYLE: dict[str, Any] = {
+    "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
+}  # fmt: skip
+
+
+def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
+    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below, residuals in units of sigma.
+
+    Where each pulse has a frequency of its own, the fit is drawn at the data only, and no ideal lattice.
+    """
+    ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
+    style: dict[str, Any] = {"color": VERMILION, "label": _describe(fit), "gid": "fit", "zorder": 1.5}
+    if np.ndim(fit.waves.frequency):
+        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
+    else:
+        force = np.geomspace(fit.force.min(), fit.force.max(), 200)
+        ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
+        equal: dict[str, Any] = {"color": GUIDE, "label": "equal balls", "gid": "ideal", "zorder": 1.0}
+        ax.plot(force, fit.velocity_at(force, "ala"), linewidth=0.8, **equal)
+    residual_ax.axhline(0.0, color=VERMILION, linewidth=1.2, zorder=1.0)
+    residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_DATA_STYLE, gid="residuals")
+    for axes in (ax, residual_ax):
+        scale_axis(axes, "x", fit.force)
+    scale_axis(ax, "y", fit.velocity)
+    pulse = "Group velocity" if fit.waves.frequency is not None else f"{fit.waves.branch.capitalize()} velocity"
+    ax.set_ylabel(f"{pulse} (m/s)")
+    residual_ax.set(xlabel="Contact force (N)", ylabel="Residual / σ")
+    residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    return ax, residual_ax
+
+
+def _describe(fit: WidthFit) -> str:
+    size, unit = readable_unit(fit.width, "m")
+    if not fit.errors_are_known:
+        return f"{fit.medium}: W = {fit.width / size:.5g} {unit}"
+    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two of the standard error
+    return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
+
+
+def fit_figure(fit: WidthFit) -> Figure:
+    """A fit above its residuals, see :func:`plot_fit`; one column wide."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, 3.6), dpi=DPI, layout="constrained")
+        axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
+        plot_fit(fit, axes[0], axes[1])
+        handles, labels = axes[0].get_legend_handles_labels()
+        order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
+        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="upper left")
+    return figure

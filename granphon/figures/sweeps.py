@@ -1,0 +1,238 @@
+"""Figures of sweeps: quantities over the load, a line for each medium and combination of parameters.
+
+As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns it, and matplotlib's global state is left
+alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is dashed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+# before matplotlib, whose door it is
+from granphon.figures.scales import scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from granphon.base.errors import InputError, message
+from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, readable_unit
+from granphon.media.simulation import DirectSimulation
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
+
+#: labels longer than this, in letters, do not stand side by side in a column
+_LONG_LABEL = 24
+_NAMES = {
+    "force": "Contact force", "pressure": "Pressure", "overlap": "Overlap", "longitudinal": "Longitudinal velocity",
+    "transverse": "Transverse velocity", "exponent": "d log $v_L$ / d log $P$", "reduced_force": "Force f*",
+    "normal_stiffness": "Normal stiffness", "contact_fraction": "Fraction of contacts", "bulk": "Bulk modulus",
+    "shear": "Shear modulus", "force_fluctuation": "Force fluctuation Δf/f", "stiffness_ratio": "k over the ideal lattice's",
+}  # fmt: skip
+_MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
+
+
+def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str = "force", *, legend: bool = True) -> Axes:
+    """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
+
+    Parameters
+    ----------
+    dataset : of :func:`granphon.sweep`.
+    variable, x : names of variables or coordinates over load.
+    legend : whether to draw it, with no more than eight combinations in it.
+
+    Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
+    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
+
+    Raises
+    ------
+    InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
+    """
+    across, along, lines = _values(dataset, variable), _values(dataset, x), _lines(dataset)
+    for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+        horizontal, vertical, inside = (
+            np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
+        )
+        order = np.argsort(horizontal, kind="stable")
+        horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
+        simulated = _simulated(dataset, index)
+        style: dict[str, Any] = {"color": colour, "marker": "o" if simulated or order.size == 1 else "", "markersize": 3.0}
+        thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
+        thin |= {"markerfacecolor": "white"}
+        if simulated:
+            deviation = np.asarray(_errors(dataset, variable).isel(index, missing_dims="ignore"))[order]
+            if np.any(deviation > 0.0):
+                bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour, "gid": f"{variable}-errors"}
+                ax.errorbar(horizontal, vertical, deviation, **bars)
+            thin |= {"linestyle": "none"}
+            solid |= {"linestyle": "none"}
+        else:
+            thin |= {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+            solid |= {"linewidth": width}
+        ax.plot(horizontal, vertical, **thin)
+        ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
+    for which, values, name in (("x", along, x), ("y", across, variable)):
+        scale_axis(ax, which, np.asarray(values))
+        ax.set(**{f"{which}label": _label(dataset, name)})
+    if legend:
+        ax.legend(handles=_legend(dataset))
+    return ax
+
+
+def _simulated(dataset: Dataset, index: dict[str, int]) -> bool:
+    """Whether the medium there is a simulation, by its label."""
+    return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
+
+
+def _errors(dataset: Dataset, variable: str) -> Any:
+    """Standard errors of a variable, where it has any; those of one sample are not known, and have no bar."""
+    return dataset.get(f"{variable}_error", dataset[variable] * np.nan)
+
+
+def _values(dataset: Dataset, name: str) -> Any:
+    """A variable over load; :class:`InputError` if it cannot be drawn."""
+    if name not in dataset.variables:
+        known = ", ".join(map(str, dataset.data_vars))
+        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
+    values = dataset[name]
+    extra = set(values.dims) - {"load", "medium", *_parameters(dataset)}
+    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
+        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
+    if not np.any(np.isfinite(values)):
+        raise InputError(message(f"{name!r} is nowhere finite", mend="Draw another variable"))
+    return values
+
+
+def _parameters(dataset: Dataset) -> list[str]:
+    """Dimensions of the sweep besides load and medium."""
+    return [str(name) for name in dataset["longitudinal"].dims if name not in ("load", "medium")]
+
+
+def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
+    """Every combination of parameters: in words, of those that have several values, and its place."""
+    names = _parameters(dataset)
+    words = {name: [f"{name.replace('_', ' ')} {label}" for label in _labels(dataset, name)] for name in names}
+    several = [name for name in names if dataset.sizes[name] > 1]
+    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
+    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
+
+
+def _lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
+    """Colour and place of each line."""
+    places = [place for _, place in _combinations(dataset)]
+    colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]
+    return [
+        (shade, place | {"medium": m})
+        for m, colour in enumerate(colours)
+        for shade, place in zip(_shades(colour, len(places)), places, strict=True)
+    ]
+
+
+def _shades(name: str, count: int) -> list[Any]:
+    """Of one colour, from darker than itself to lighter; one alone is the colour."""
+    colour = np.array(to_rgb(name))
+    change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
+    return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
+
+
+def _labels(dataset: Dataset, name: str) -> list[str]:
+    """What the values of a dimension are called in a legend."""
+    values = np.atleast_1d(dataset[name].values).tolist()
+    if name == "medium":
+        return [_MEDIA.get(value, str(value)) for value in values]
+    if not all(isinstance(value, float) for value in values):
+        return [str(value) for value in values]
+    number, unit = readable_unit(max(map(abs, values)), dataset[name].attrs.get("units", ""))
+    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
+
+
+def _legend(dataset: Dataset) -> list[Line2D]:
+    """An entry for each medium, and for combinations of parameters (in grey, unless there is one medium); and the dashes."""
+    media = list(zip(itertools.cycle(COLOURS), _labels(dataset, "medium"), strict=False))
+    words = [word for word, _ in _combinations(dataset)]
+    values: list[tuple[Any, str]] = []
+    if len(words) > 1:
+        shades = _shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
+        shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
+        values = [(shades[i], words[i]) for i in shown.tolist()]
+    simulated = [_simulated(dataset, {"medium": m}) for m in range(len(media))]
+    point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
+    entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
+    entries += [(value, all(simulated)) for value in values]
+    lines = [Line2D([], [], color=colour, label=label, **(point if points else {})) for (colour, label), points in entries]
+    if not np.all(dataset["valid"]):
+        outside = point | {"markerfacecolor": "white"} if all(simulated) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+        lines.append(Line2D([], [], color="0.3", label="outside its range", **outside))
+    return lines
+
+
+def _label(dataset: Dataset, name: str) -> str:
+    words = _NAMES.get(name, name.replace("_", " ").capitalize())
+    unit = dataset[name].attrs.get("units", "")
+    return words if unit in ("", "1") else f"{words} ({unit})"
+
+
+def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
+    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
+
+    That of v_T is the same, but for a simulation, whose points have bars of their standard errors if there are several
+    samples; see :func:`granphon.local_exponent`.
+    """
+    plot_sweep(dataset, ax, "exponent", x, legend=False)
+    ax.set_yscale("linear")
+    for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
+        ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
+        ax.annotate(
+            name, (0.0, value), xycoords=ax.get_yaxis_transform(), xytext=(2, 1), textcoords="offset points", va="bottom",
+            color="0.4", fontsize=7.0, path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
+        )  # fmt: skip
+    ax.margins(y=0.1)
+    return ax
+
+
+def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
+    """Velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+
+    A sweep without exponents (finite overlap) has the upper panel only; so has one ``variable`` that is asked for. Raises as
+    :func:`plot_sweep`.
+    """
+    both = variable is None and "exponent" in dataset
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
+        ratios = [1.6, 1.0][: 1 + both]
+        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        if variable is not None:
+            plot_sweep(dataset, axes[0], variable, x, legend=False)
+        else:
+            _plot_velocities(dataset, axes[0], x)
+        if both:
+            plot_exponent(dataset, axes[1], x)
+            axes[0].set_xlabel("")
+        for ax in axes:
+            ax.margins(x=0.08)
+        handles, media = _legend(dataset), _labels(dataset, "medium")
+        title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
+        longest = max(len(str(handle.get_label())) for handle in handles)
+        columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title)
+    return figure
+
+
+def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
+    """Both velocities, each named at the end of its lines."""
+    for variable, name in (("transverse", "$v_T$"), ("longitudinal", "$v_L$")):
+        plot_sweep(dataset, ax, variable, x, legend=False)
+        ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
+        ax.annotate(name, np.max(ends, axis=0), xytext=(4, 0), textcoords="offset points", va="center")
+    scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
+    ax.set_ylabel("Sound velocity (m/s)")
