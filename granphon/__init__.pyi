@@ -26,10 +26,10 @@ from .media.mean_field import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
+from .observables.pulses import pulse_velocities as pulse_velocities
 from .observables.validity import validity as validity
 from .observables.velocities import local_exponent as local_exponent
 from .observables.velocities import moduli as moduli
-from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.bands import Bands as Bands
 from .phonons.calculator import HertzMindlin as HertzMindlin

@@ -21,7 +21,8 @@ from granphon.figures.forces import forces_figure, plot_force_distribution, plot
 from granphon.figures.sweeps import plot_exponent, plot_sweep, sweep_figure
 from granphon.fits.fit import fit_width
 from granphon.media.mean_field import EffectiveMedium
-from granphon.observables.velocities import pulse_velocities, sound_velocities
+from granphon.observables.pulses import pulse_velocities
+from granphon.observables.velocities import sound_velocities
 from granphon.sweeps.sweep import sweep
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

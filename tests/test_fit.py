@@ -24,7 +24,8 @@ from granphon.fits.goodness import leverages, rounding
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
-from granphon.observables.velocities import pulse_velocities, sound_velocities
+from granphon.observables.pulses import pulse_velocities
+from granphon.observables.velocities import sound_velocities
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 #: the fit of Section IV, at forces of its range

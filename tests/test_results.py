@@ -16,8 +16,9 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.results import Result, read_only
 from granphon.dynamics.modes import Modes
+from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import Moduli, PulseVelocities, SoundVelocities
+from granphon.observables.velocities import Moduli, SoundVelocities
 
 
 def same(one, two):

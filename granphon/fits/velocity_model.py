@@ -33,7 +33,8 @@ from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
 from granphon.observables.acoustics import contact_lattice
-from granphon.observables.velocities import local_exponent, pulse_velocities, sound_velocities
+from granphon.observables.pulses import pulse_velocities
+from granphon.observables.velocities import local_exponent, sound_velocities
 
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 

@@ -16,10 +16,8 @@ from granphon.observables.acoustics import ideal_lattice, long_waves, velocity_s
 
 __all__ = ["Check", "Tally", "Validity", "validity"]
 
-#: why a material is questioned
-_UNIT = "probably a wrong unit, where SI is expected"
-#: what is checked of the contacts, the limit, and what fails beyond it. The first four are reached together, near
-#: delta/d = 1 %, which is also the size of the terms that the contact law leaves out there.
+#: what is checked of the contacts: the limit, what it limits, and what fails beyond it. The first four are reached together,
+#: near delta/d = 1 %, which is also the size of the terms that the contact law leaves out there.
 _LIMITS = {
     "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
@@ -33,6 +31,14 @@ _LIMITS = {
         " eighth",
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
+}
+#: why a material is questioned
+_WRONG_UNIT = "probably a wrong unit, where SI is expected"
+#: what is checked of the material: the attribute, what it is, the limit, and whether that is the least value
+_MATERIAL_LIMITS = {
+    "young_modulus": ("young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
+    "density": ("density", "density in kg/m^3", 1.0, True),
+    "high_density": ("density", "density in kg/m^3", 3e4, False),
 }
 
 
@@ -88,7 +94,7 @@ class Check(Result):
 
     @property
     def tally(self) -> Tally:
-        """In short."""
+        """The condition over its loads: the worst value, and at how many it fails."""
         worst = float(np.min(self.value) if self.at_least else np.max(self.value))
         loads = None if np.ndim(self.value) == 0 else int(np.size(self.ok))
         failing = int(np.sum(~np.asarray(self.ok)))
@@ -123,18 +129,21 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: part by which simulated shear moduli with friction are too small at these a*, as seen at this W/d against a code of
-#: discrete elements and a response with true directions of contacts, and the power of W/d with which it falls. The
-#: simulation is that of no width; in true directions loose balls lean on their neighbours with a trace of the mean force,
-#: 1e-6 to 1e-3, and the shear springs there go as its cube root
-_SPACINGS, _DEFICITS = (0.4, 0.45, 0.5, 0.7), (0.17, 0.055, 0.03, 3e-4)
-_SEEN, _POWER = 2.55e-4, 0.31
+#: part by which simulated shear moduli with friction are too small, at these a*, as seen against a code of discrete elements
+#: and a response with true directions of contacts. The simulation is that of no width; in true directions loose balls lean
+#: on their neighbours with a trace of the mean force, 1e-6 to 1e-3, and the shear springs there go as its cube root
+_DEFICITS = {0.4: 0.17, 0.45: 0.055, 0.5: 0.03, 0.7: 3e-4}
+#: W/d at which these were seen
+_DEFICIT_WIDTH = 2.55e-4
+#: power of W/d with which they fall
+_DEFICIT_POWER = 0.31
 
 
 def _shear_deficit(state: SimulatedState) -> np.ndarray[Any, Any]:
     """Expected relative deficit of the shear modulus, at most one; beyond the a* that were seen, that at the nearest."""
-    seen = np.exp(np.interp(state.reduced_spacing, _SPACINGS, np.log(_DEFICITS)))
-    return np.asarray(np.minimum(seen * (state.packing.width / state.packing.diameter / _SEEN) ** _POWER, 1.0))
+    seen = np.exp(np.interp(state.reduced_spacing, list(_DEFICITS), np.log(list(_DEFICITS.values()))))
+    width = state.packing.width / state.packing.diameter
+    return np.asarray(np.minimum(seen * (width / _DEFICIT_WIDTH) ** _DEFICIT_POWER, 1.0))
 
 
 def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
@@ -177,11 +186,7 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
         reason = f"pressed so little, the balls differ too much for the medium {state.medium!r}"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
-    for name, value, limit, at_least in (
-        ("young_modulus", material.young_modulus, LEAST_YOUNG_MODULUS, True),
-        ("density", material.density, 1.0, True),
-        ("high_density", material.density, 3e4, False),
-    ):
-        meaning = "Young modulus in Pa" if name == "young_modulus" else "density in kg/m^3"
-        checks.append(Check(name, meaning, np.full(state.shape, value), limit, _UNIT, at_least))
+    for name, (attribute, meaning, limit, at_least) in _MATERIAL_LIMITS.items():
+        value = np.full(state.shape, getattr(material, attribute))
+        checks.append(Check(name, meaning, value, limit, _WRONG_UNIT, at_least))
     return Validity(tuple(checks))
