@@ -23,7 +23,7 @@ import granphon as gp
 from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
 from granphon.observables.acoustics import contact_lattice
-from granphon.tradeoffs.references import curve_by_integration, integrated_dos, local_field_by_cubature
+from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)
 #: eta = 4/3 (nearly), that of steel, 2/3; and no friction
@@ -297,7 +297,7 @@ def densities_at_edges() -> float:
             place = np.unique(np.clip(place[:, None] + [-1, 0, 1], 0, at.size - 1))
             if not exact:
                 known = np.union1d(place, place + 1)
-                exact.update(zip(known.tolist(), integrated_dos(lattice, ends[known], points).tolist(), strict=True))
+                exact.update(zip(known.tolist(), count_modes(lattice, ends[known], points).tolist(), strict=True))
             found = dos.total[place] * phonons.scales.frequency * np.diff(ends)[place]
             modes = np.array([exact[i + 1] - exact[i] for i in place.tolist()])
             worst = max(worst, float(np.max(np.abs(found - modes))) * mesh**2)
@@ -338,12 +338,12 @@ def spread_states(
 @cache
 def xi_of(eta: float) -> float:
     """Xi in closed form without friction, and by cubature with it."""
-    return local_field_by_cubature(eta)[0] if eta else XI
+    return integrate_local_field(eta)[0] if eta else XI
 
 
 def local_fields() -> float:
     """Also at eta = 1, where u_1 = 5/6 - 3^(1/2)/pi."""
-    worst = max(off(local_field(mindlin_ratio=eta).xi, mpf(local_field_by_cubature(eta)[0])) for eta in ETAS)
+    worst = max(off(local_field(mindlin_ratio=eta).xi, mpf(integrate_local_field(eta)[0])) for eta in ETAS)
     closed = {0.0: (2 * mpmath.pi + 3 * mpmath.sqrt(3)) / (4 * mpmath.pi - 3 * mpmath.sqrt(3))}
     closed[1.0] = 1 / (mpf(5) / 6 - mpmath.sqrt(3) / mpmath.pi) - 1
     return max(worst, *(off(local_field(mindlin_ratio=eta).xi, exact) for eta, exact in closed.items()))
@@ -456,7 +456,7 @@ def effective_curves() -> float:
             packing = gp.Packing(material or STEEL, spread.mean or D, spread, friction=material is not None)
             forces = np.array([least, 1e-2, 1.0, 1e2])
             width, unit = packing.width, float(packing.law.force(packing.width))
-            y, k = curve_by_integration(spread.shape, xi_of(packing.mindlin_ratio), forces)
+            y, k = integrate_curve(spread.shape, xi_of(packing.mindlin_ratio), forces)
             medium = gp.EffectiveMedium(packing)
             reached = y * width < 0.5 * D
             y, k, loads = y[reached], k[reached] * unit / width, forces[reached] * unit

@@ -19,7 +19,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
 from granphon.media.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
-from granphon.tradeoffs.ensemble import Moments, observed
+from granphon.tradeoffs.ensemble import Moments, observe
 
 WIDTH = 2e-6
 KINDS = ("force", "pressure", "overlap")
@@ -256,7 +256,7 @@ def test_above_the_table_errors_fall_as_the_second_order_does():
     moments.add(30)
     array = moments.ensemble()
     for name, medium in (("ala", gp.AveragedLattice), ("afa", gp.AveragedForce)):
-        errors = np.abs(observed(medium(packing).at_force(forces)) / array.values - 1.0)
+        errors = np.abs(observe(medium(packing).at_force(forces)) / array.values - 1.0)
         assert np.all(array.errors[:, :2] < 0.03 * errors[:, :2])
         # (W/delta)^2, and the overlap goes as f^(2/3)
         assert_allclose(errors[0, :2] / errors[1, :2], 10.0 ** (4.0 / 3.0), rtol=0.05)
@@ -310,8 +310,8 @@ def test_errors_of_two_kinds_are_bounded_where_they_peak(maker, larger, place):
     packing = maker.packing(maker.listed([0.0, 1.0], [1.0 - larger, larger]), 0.28)
     force = place * maker.unit(packing)
     truth = gp.DirectSimulation(packing, (48, 48), seed=7, samples=2).at_force(force)
-    right = observed(truth)
+    right = observe(truth)
     for kind, load in (("force", force), ("overlap", truth.overlap)):
         for name, medium in maker.MEDIA.items():
-            error = np.max(np.abs(observed(getattr(medium(packing), f"at_{kind}")(load)) / right - 1.0))
+            error = np.max(np.abs(observe(getattr(medium(packing), f"at_{kind}")(load)) / right - 1.0))
             assert error <= accuracy().error(name, packing, kind, load)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.tradeoffs import ensemble
-from granphon.tradeoffs.ensemble import QUANTITIES, Moments, observed
+from granphon.tradeoffs.ensemble import QUANTITIES, Moments, observe
 
 KINDS = ("force", "pressure", "overlap")
 
@@ -46,11 +46,11 @@ def test_what_is_linear_in_the_excess_is_taken_out_exactly():
     excess = rng.normal(size=(40, 4)) * [1e-3, 1e-2, 1e-4, 1.0]
     slopes = rng.normal(size=(4, 3)) * 100.0
     mean = np.array([3.0, -2.0, 1e6])
-    found, error = ensemble._regressed(mean + excess @ slopes, excess)
+    found, error = ensemble._regress(mean + excess @ slopes, excess)
     assert_allclose(found, mean, rtol=1e-12)
     assert np.all(error < 1e-12 * np.abs(mean))
     # without it the chance is there
-    plain, chance = ensemble._regressed((mean + excess @ slopes)[:20], excess[:20])
+    plain, chance = ensemble._regress((mean + excess @ slopes)[:20], excess[:20])
     assert_allclose(plain, np.mean((mean + excess @ slopes)[:20], axis=0))
     assert np.all(chance[:2] > 1.0)
 
@@ -63,7 +63,7 @@ def test_errors_are_those_of_a_fake_linear_model(count):
     for _ in range(4000):
         excess = rng.normal(size=(count, 4))
         values = 5.0 + excess @ [1.0, -2.0, 0.5, 0.0] + 0.1 * rng.normal(size=count)
-        found, error = ensemble._regressed(values[:, None], excess)
+        found, error = ensemble._regress(values[:, None], excess)
         pulls.append((found[0] - 5.0) / error[0])
     freedom = count - (5 if count >= 30 else 1)
     variance = freedom / (freedom - 2.0)
@@ -75,19 +75,19 @@ def test_errors_are_those_of_a_fake_linear_model(count):
 def test_a_mean_moves_and_scales_with_what_is_averaged(seed, shift, factor):
     rng = np.random.default_rng(seed)
     excess, values = rng.normal(size=(32, 4)), rng.normal(size=(32, 2))
-    mean, error = ensemble._regressed(values, excess)
-    moved, scaled = ensemble._regressed(shift + factor * values, excess)
+    mean, error = ensemble._regress(values, excess)
+    moved, scaled = ensemble._regress(shift + factor * values, excess)
     assert_allclose(moved, shift + factor * mean, rtol=1e-9, atol=1e-9 * (abs(shift) + factor))
     assert_allclose(scaled, factor * error, rtol=1e-9)
     # whatever the scale of the known ones
-    assert_allclose(ensemble._regressed(values, 1e-7 * excess)[0], mean, rtol=1e-9, atol=1e-9)
+    assert_allclose(ensemble._regress(values, 1e-7 * excess)[0], mean, rtol=1e-9, atol=1e-9)
 
 
 def test_a_known_part_that_never_varies_is_no_reason_to_regress():
     rng = np.random.default_rng(1)
     excess, values = rng.normal(size=(40, 4)), rng.normal(size=(40, 1))
     excess[:, 2] = 0.0
-    mean, error = ensemble._regressed(values, excess)
+    mean, error = ensemble._regress(values, excess)
     assert_allclose(mean, np.mean(values, axis=0))
     assert_allclose(error, np.std(values, axis=0, ddof=1) / math.sqrt(40))
 
@@ -95,7 +95,7 @@ def test_a_known_part_that_never_varies_is_no_reason_to_regress():
 def test_the_excess_of_samples_is_zero_in_the_mean(rough):
     """The variance is 1/12 and near pairs are not correlated, but for the mean that each sample is shifted by."""
     shape, count = (16, 16), 400
-    excess = np.array(list(ensemble._excess(gp.DirectSimulation(rough, shape, 5, count))))
+    excess = np.array(list(ensemble._measure_excess(gp.DirectSimulation(rough, shape, 5, count))))
     balls = math.prod(shape)
     expected = -1.0 / (12.0 * balls)  # of x^2, and of each pair, with the sample's own mean taken away
     assert_allclose(np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / math.sqrt(count))
@@ -116,7 +116,7 @@ def test_of_few_samples_it_is_the_mean_of_the_simulation(steel, kind, friction):
     moments.add(3)
     found = moments.ensemble()
     state = getattr(gp.DirectSimulation(packing, (10, 12), 7, 3), f"at_{kind}")(np.array(loads))
-    assert_allclose(found.values, observed(state), rtol=1e-12)
+    assert_allclose(found.values, observe(state), rtol=1e-12)
     assert_allclose(found.overlaps, state.overlap, rtol=1e-12)
     assert (found.samples, found.shape, found.balls) == (3, (10, 12), 360)
     velocities = gp.sound_velocities(state)
@@ -129,7 +129,7 @@ def test_of_few_samples_it_is_the_mean_of_the_simulation(steel, kind, friction):
 
 def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
     state = gp.AveragedLattice(packing).at_force([1.0, 10.0])
-    values = observed(state)
+    values = observe(state)
     velocities = gp.sound_velocities(state)
     assert values.shape == (2, len(QUANTITIES))
     assert_array_equal(values[:, 0], velocities.longitudinal)
@@ -169,7 +169,7 @@ def test_small_samples_with_control_variates_agree_with_one_large_one(rough, uni
     """That the size of a sample does not matter, to the chance in 128 x 128 balls."""
     state = gp.DirectSimulation(rough, (128, 128), 77).at_force(3.0 * unit)
     chance = np.hypot(many.noise[1] / 128.0, many.errors[1])
-    assert np.all(np.abs(observed(state) / many.values[1] - 1.0) < 3.5 * chance)
+    assert np.all(np.abs(observe(state) / many.values[1] - 1.0) < 3.5 * chance)
 
 
 def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel):
@@ -179,7 +179,7 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
     moments = Moments(packing, "force", (force,), (16, 16))
     moments.add(36)
     array = moments.ensemble()
-    medium, lattice = (observed(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
+    medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
     correction = lattice / array.values[0, 2] - 1.0
     assert array.errors[0, 2] < 0.02 * abs(correction)
     assert abs(medium / array.values[0, 2] - 1.0) < 0.02 * abs(correction)

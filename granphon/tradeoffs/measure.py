@@ -1,8 +1,7 @@
 """Speed against accuracy, measured: what each medium, and each knob inside one, costs and is worth.
 
-A study is one question: how good and how fast are the media? the grid of the Green's function? the solution of the effective
-medium? the mesh of the density of states? Each has its points, a method with its knob, and a reference that another
-algorithm has made. A point is run some times, all warm, and its error is that of what would be observed.
+The studies (:mod:`granphon.tradeoffs.questions`) are carried out one after the other within a budget of time. Each point of
+a study is run several times, all warm, and its error is that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import csv
 import io
 import math
 import statistics
-import time
 import tracemalloc
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,38 +26,43 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import choice, each, number, ruled, truth, whole
 from granphon.media.mean_field import compressive, finite
-from granphon.tradeoffs.questions import Point, Reference, Study, studies
+from granphon.tradeoffs.questions import choose_studies
+from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
-__all__ = ["TRADEOFF_FILES", "Measured", "TradeOff", "tradeoff"]
+__all__ = ["BETTER", "TRADEOFF_FILES", "Measured", "TradeOff", "carry_out", "tradeoff"]
 
 Array = NDArray[np.float64]
-#: how many times better than a point its reference is to be
+#: the error of a point over that of its reference, at least, for the reference to judge it
 BETTER = 100.0
-#: runs of a point, at least
+#: timed runs of a point, at least
 LEAST_RUNS = 5
-#: runs more than those that are timed: one to warm up, and one that is slower, as its memory is watched
+#: runs of a point beyond those that are timed, in time: one warms up, one is slower while its memory is watched
 _MORE_RUNS = 4.0
+#: what errors can be of, in the words of a scene
 _OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
 _FOR_POINTS = 0.4
-#: part of the budget of the first of several studies: it is the question most are here for, and its reference takes long
+#: part of the budget that the first of several studies may take: most users ask it, and its reference takes long
 _FOR_FIRST = 0.6
+#: files of a trade-off
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measured(Result):
-    """A point of a study.
+    """What was found for one point of a study.
 
     Attributes
     ----------
-    study, method, knob : which one.
-    errors : (n_loads, n_observed), relative, each against the study's reference, whose own are ``reference_errors``.
-    seconds, spread : median time of the warm runs, and half the range of their middle half.
-    setup : median time of what is made ready once, before.
-    memory : largest sum of what was allocated at a time, bytes.
-    floor : relative; the error cannot be below: condition times rounding, or the chance of the draws, if it is ``random``.
-    failure : why it was not run, or has no reference and no errors; empty if neither.
+    study, method, knob : names of the study and the method, and the setting of the method's knob.
+    errors : relative errors against the study's reference, (n_loads, n_observed).
+    reference_errors : relative errors of that reference itself, (n_loads, n_observed).
+    seconds, spread : median time of the warm runs, and half the range of their middle half, s.
+    setup : median time of what is prepared before a run, s.
+    memory : largest amount of memory that was allocated at one moment, bytes.
+    floor : least relative error possible: condition number times rounding, or the scatter of runs if they are ``random``.
+    random : whether every run draws other random numbers.
+    failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
     """
 
     units: ClassVar[dict[str, str]] = {
@@ -81,17 +84,17 @@ class Measured(Result):
 
     @property
     def ran(self) -> bool:
-        """Whether it was run, with or without a reference to judge it by."""
+        """Whether the point was run, with or without a reference to judge it by."""
         return self.seconds > 0.0
 
     @property
     def error(self) -> float:
-        """The largest of all."""
+        """The largest of the errors."""
         return float(np.max(self.errors, initial=0.0))
 
     @property
     def reference_error(self) -> float:
-        """That of the reference, where the error is largest."""
+        """Relative error of the reference where the point's error is largest."""
         return float(self.reference_errors.flat[int(np.argmax(self.errors))]) if self.errors.size else 0.0
 
     @property
@@ -101,7 +104,7 @@ class Measured(Result):
 
     @property
     def note(self) -> str:
-        """What has to be said of it: why it failed, or how good the reference is."""
+        """Why the point failed, or how much better the reference is if it is not :attr:`resolved`; otherwise empty."""
         if self.failure:
             return self.failure
         if self.resolved:
@@ -117,12 +120,13 @@ class TradeOff(Result):
 
     Attributes
     ----------
-    points : every one, those that were not run among them.
-    kind, loads : of the scene, those at which errors were measured, SI.
-    observed : the quantities of each study, in the order of its points' errors.
-    references : of each study, how its reference was made.
-    runs : how often each point was timed.
-    seconds : that it took in all, of the ``budget``.
+    points : all points, including those that were not run.
+    kind, loads : kind of the loads at which errors were measured ("force", "pressure", "overlap"), and their values, SI.
+    observed : for each study, the quantities that errors are of, in their order.
+    references : for each study, how its reference was made.
+    runs : number of timed runs of each point.
+    seconds : time that all studies took, s.
+    budget : time that they could take, s.
     """
 
     units: ClassVar[dict[str, str]] = {"seconds": "s", "budget": "s"}
@@ -138,7 +142,7 @@ class TradeOff(Result):
 
     @property
     def studies(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the studies."""
         return tuple(dict.fromkeys(point.study for point in self.points))
 
     def of(self, study: str) -> tuple[Measured, ...]:
@@ -180,19 +184,23 @@ def tradeoff(
     most_loads: int = 3,
     runs: int = LEAST_RUNS,
     progress: Progress = silent,
+    stopwatch: Stopwatch = SECONDS,
 ) -> TradeOff:
     """Measure what the media, and the knobs inside them, cost and are worth.
 
     Parameters
     ----------
     packing : the balls.
-    force, pressure, overlap : the loads, N, N/m or m; one of the three. Of more than ``most_loads`` these are taken: the
-        least, the greatest, and as many between.
+    force, pressure, overlap : the loads, N, N/m or m; one of the three.
     observe : "velocities", "bands", "dos": what errors are of. Bands and densities of states scale with the frequency.
-    finite_overlap : of the density of states; media are compared in the paper's limit only.
-    budget : seconds that measuring may take. What does not fit is listed as not run.
+    finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
+        paper's limit only.
+    budget : time that measuring may take, s. What does not fit is listed as not run.
+    most_loads : of more loads than this the least, the greatest, and some between are taken.
     runs : how often each point is timed, five or more.
-    progress : told what is under way.
+    progress : is told what is under way.
+    stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.study.Stopwatch` to count work instead
+        of seconds.
 
     Returns
     -------
@@ -219,22 +227,35 @@ def tradeoff(
     loads = np.unique(checked(kinds[0], numbers(kinds[0], given[kinds[0]])))
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    asked = studies(packing, kinds[0], tuple(loads.tolist()), tuple(observe), finite_overlap)
-    begun = time.perf_counter()
+    asked = choose_studies(packing, kinds[0], tuple(loads.tolist()), tuple(observe), finite_overlap, stopwatch)
+    return carry_out(asked, kinds[0], budget, runs, progress, stopwatch)
+
+
+def carry_out(
+    studies: Sequence[Study],
+    kind: str,
+    budget: float,
+    runs: int = LEAST_RUNS,
+    progress: Progress = silent,
+    stopwatch: Stopwatch = SECONDS,
+) -> TradeOff:
+    """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it)."""
+    begun = stopwatch.now()
     points: list[Measured] = []
     references: dict[str, str] = {}
-    for place, study in enumerate(asked):
+    for place, study in enumerate(studies):
         # the others share the rest evenly; what a study leaves of its part is for those after it
-        left = budget - (time.perf_counter() - begun)
-        part = _FOR_FIRST if place == 0 and len(asked) > 1 else 1.0 / (len(asked) - place)
-        points += _carried_out(study, time.perf_counter() + part * left, runs, progress, references)
-    observed = {study.name: study.observed for study in asked}
-    taken = time.perf_counter() - begun
-    return TradeOff(tuple(points), kinds[0], asked[0].loads, observed, references, runs, taken, float(budget))
+        now = stopwatch.now()
+        part = _FOR_FIRST if place == 0 and len(studies) > 1 else 1.0 / (len(studies) - place)
+        deadline = Deadline(stopwatch, now + part * (begun + budget - now))
+        points += _carry_out_one(study, deadline, runs, progress, references)
+    observed = {study.name: study.observed for study in studies}
+    taken = stopwatch.now() - begun
+    return TradeOff(tuple(points), kind, studies[0].loads, observed, references, runs, taken, float(budget))
 
 
 class _Runs(NamedTuple):
-    """The runs of a point: outcomes, and what they cost."""
+    """The runs of a point: their outcomes, times of solving and preparing (s), and memory (bytes)."""
 
     point: Point
     outcomes: list[Any]
@@ -243,18 +264,24 @@ class _Runs(NamedTuple):
     memory: int
 
 
-def _carried_out(study: Study, until: float, runs: int, progress: Progress, references: dict[str, str]) -> list[Measured]:
-    """The points of a study, measured before the time ``until``: a part of it for them, and the rest for the reference."""
+def _carry_out_one(
+    study: Study, deadline: Deadline, runs: int, progress: Progress, references: dict[str, str]
+) -> list[Measured]:
+    """Measure the points of a study in a part of the time to the deadline, and find its reference in the rest.
+
+    How the reference was made is added to ``references``.
+    """
     points = study.points()
     failures: dict[Point, str] = {}
     done: list[_Runs] = []
-    halfway = time.perf_counter() + _FOR_POINTS * (until - time.perf_counter())
+    now = deadline.stopwatch.now()
+    halfway = Deadline(deadline.stopwatch, now + _FOR_POINTS * (deadline.until - now))
     with progress.step(study.name, len(points)) as step:
         taken: dict[str, float] = {}
         for point in points:
             try:
                 # a knob that is turned further takes longer
-                done.append(_timed(point, runs, halfway, max(point.seconds, taken.get(point.method, 0.0))))
+                done.append(_time(point, runs, halfway, max(point.seconds, taken.get(point.method, 0.0))))
                 taken[point.method] = statistics.median(done[-1].seconds)
             except _BudgetError as error:
                 failures[point], taken[point.method] = str(error), math.inf
@@ -271,7 +298,7 @@ def _carried_out(study: Study, until: float, runs: int, progress: Progress, refe
     if done:
         with progress.step(f"{study.name}: reference") as step:
             try:
-                reference = study.reference(until, better, step)
+                reference = study.reference(deadline, better, step)
                 references[study.name] = reference.made
             except GranphonError as error:
                 problem = f"there is no reference: {error}"
@@ -301,25 +328,26 @@ class _BudgetError(GranphonError):
     """There is no time for a point."""
 
 
-def _timed(point: Point, runs: int, until: float, about: float) -> _Runs:
-    """Run a point, warm; :class:`_BudgetError` if that would not be over at the time ``until``, ``about`` s a run."""
+def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
+    """Run a point, warm; :class:`_BudgetError` if its runs, of ``about`` s each, would not be over at the deadline."""
+    now = deadline.stopwatch.now
 
-    def fits(seconds: float) -> None:
-        if time.perf_counter() + (runs + _MORE_RUNS) * seconds > until:
+    def require_time(seconds: float) -> None:
+        if (runs + _MORE_RUNS) * seconds > deadline.left:
             long = f": {runs} runs of some {seconds:.2g} s" if 1e-3 < seconds < math.inf else ""
             raise _BudgetError(f"not run, beyond the budget{long}")
 
-    fits(about)
-    begun = time.perf_counter()
+    require_time(about)
+    begun = now()
     point.solve(point.prepare(0))
-    fits(time.perf_counter() - begun)
+    require_time(now() - begun)
     outcomes, seconds, setups = [], [], []
     for run in range(1, runs + 1):
-        begun = time.perf_counter()
+        begun = now()
         ready = point.prepare(run)
-        between = time.perf_counter()
+        between = now()
         outcomes.append(point.solve(ready))
-        seconds.append(time.perf_counter() - between)
+        seconds.append(now() - between)
         setups.append(between - begun)
     tracemalloc.start()
     try:

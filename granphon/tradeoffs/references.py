@@ -1,8 +1,8 @@
 """References made by other algorithms than those of the package, to measure its errors against; slower than what they judge.
 
-- :func:`local_field_by_cubature` integrates the lattice's Green's function by adaptive rules of scipy;
-- :func:`curve_by_integration` follows the effective medium's curve as a differential equation, by scipy's integrators;
-- :func:`integrated_dos` counts modes along whole lines of wave vectors, between the roots of a determinant: no mesh, no
+- :func:`integrate_local_field` integrates the lattice's Green's function by adaptive rules of scipy;
+- :func:`integrate_curve` follows the effective medium's curve as a differential equation, by scipy's integrators;
+- :func:`count_modes` counts modes along whole lines of wave vectors, between the roots of a determinant: no mesh, no
   interpolation of branches, no phonopy.
 """
 
@@ -22,24 +22,27 @@ from granphon.base.errors import InputError, PrecisionError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
 
-__all__ = ["balance", "curve_by_integration", "integrated_dos", "local_field_by_cubature"]
+__all__ = ["balance", "integrate_curve", "count_modes", "integrate_local_field"]
 
 Array = NDArray[np.float64]
-#: weights, F^Q, K^Q, and the derivative of K^Q by y or what y is a function of, each (n_Q,)
-Balls = tuple[Array, Array, Array, Array]
-#: called time and again in long work; what it raises ends it
-Check = Callable[[], object] | None
+#: balls as equation (36) sums over them: weights, F^Q, K^Q, and dK^Q/dy or its derivative by what y depends on, each (n_Q,)
+BallSums = tuple[Array, Array, Array, Array]
+#: called again and again during long work; an exception that it raises ends the work
+Checkpoint = Callable[[], object] | None
 
 # -- the local field ----------------------------------------------------------------------------------------------------
 
 #: relative error asked of each integral
-_ASKED = 1e-13
-#: directions of the contacts and across them, those of the triangular lattice, each once
+_ASKED_ERROR = 1e-13
+#: angles of the contacts of the triangular lattice with a1, each direction once, rad
 _ANGLES = np.pi / 3.0 * np.arange(3)
-_NORMALS, _TANGENTS = (np.stack([np.cos(a), np.sin(a)]) for a in (_ANGLES, _ANGLES + 0.5 * np.pi))
+#: unit vectors along these contacts, (2, 3)
+_NORMALS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+#: unit vectors across these contacts, (2, 3)
+_TANGENTS = np.stack([-np.sin(_ANGLES), np.cos(_ANGLES)])
 
 
-def local_field_by_cubature(mindlin_ratio: float) -> tuple[float, float]:
+def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
     """Xi of the triangular lattice and a bound of its error, by adaptive Gauss-Kronrod rules.
 
     u_1 = <F^T D^-1 F>/6 with F(q) the unit radial forces on the corona and D(q) the lattice's static stiffness, rotations
@@ -58,11 +61,13 @@ def local_field_by_cubature(mindlin_ratio: float) -> tuple[float, float]:
         nonlocal error
         # Gamma-M is across a contact
         way = np.array([-math.sin(angle), math.cos(angle)])
-        value, off, *_ = quad(lambda r: r * _radial(r * way, mindlin_ratio), 0.0, edge / math.cos(angle), **options)
+        value, off, *_ = quad(
+            lambda r: r * _compute_compliance(r * way, mindlin_ratio), 0.0, edge / math.cos(angle), **options
+        )
         error = max(error, off)
         return float(value)
 
-    options: dict[str, Any] = {"epsabs": 0.0, "epsrel": _ASKED, "full_output": 1}
+    options: dict[str, Any] = {"epsabs": 0.0, "epsrel": _ASKED_ERROR, "full_output": 1}
     third = math.pi / 6.0
     value, off, *_ = quad(along, 0.0, third, **options)
     scale = 12.0 * math.sqrt(3.0) / (8.0 * math.pi**2)  # twelve parts, over the area of the zone
@@ -70,7 +75,7 @@ def local_field_by_cubature(mindlin_ratio: float) -> tuple[float, float]:
     return 1.0 / compliance - 1.0, scale * (off + third * error) / compliance**2
 
 
-def _radial(q: Array, eta: float) -> float:
+def _compute_compliance(q: Array, eta: float) -> float:
     """F^T D^-1 F/6 at one wave vector (2,): the mean radial displacement of the corona under unit radial forces there."""
     half = 0.5 * (q @ _NORMALS)
     sine, cosine = np.sin(half), np.cos(half)
@@ -87,12 +92,14 @@ def _radial(q: Array, eta: float) -> float:
 
 # -- the effective medium -----------------------------------------------------------------------------------------------
 
-#: how far below the least force the integration goes, and how near to the first contact, of the way to it
-_BELOW, _NEAR = 0.99, 1e-9
+#: force at which the integration ends, over the least force that is asked for
+_LAST_FORCE = 0.99
+#: distance from the first contact at which the integration ends, over the length of the last interval
+_LAST_DISTANCE = 1e-9
 
 
-def balance(balls: Balls, k: float, xi: float, rise: float = 1.0) -> tuple[float, float, float]:
-    """G, its derivative by the variable of which y has the derivative ``rise``, and dG/dk; f = G(y, k) solves (36)."""
+def balance(balls: BallSums, k: float, xi: float, rise: float = 1.0) -> tuple[float, float, float]:
+    """G(y, k), its derivative by t, where dy/dt is ``rise``, and dG/dk; f = G(y, k) solves equation (36)."""
     weights, force, stiffness, slope = balls
     part = weights / (stiffness + xi * k)
     total = np.sum(part)
@@ -102,13 +109,13 @@ def balance(balls: Balls, k: float, xi: float, rise: float = 1.0) -> tuple[float
     return float(f), float(by_place), float(-xi * np.sum(bent) / total)
 
 
-def curve_by_integration(
+def integrate_curve(
     shape: Shape,
     xi: float,
     force: ArrayLike,
     tolerance: float = 1e-13,
     method: Literal["LSODA", "Radau"] = "LSODA",
-    check: Check = None,
+    check: Checkpoint = None,
 ) -> tuple[Array, Array]:
     """y and k of the effective medium at reduced forces f*, from k' = (k - dG/dy)/(dG/dk).
 
@@ -123,7 +130,7 @@ def curve_by_integration(
     force : (n,) f*, above zero, in any order.
     tolerance : relative, of a step.
     method : of :func:`scipy.integrate.solve_ivp`. Radau's is of fixed order: k to 4e-9 at 1e-8, to 1e-10 at 1e-10.
-    check : called time and again, if given; what it raises ends the work.
+    check : is called again and again, if given; an exception that it raises ends the work.
 
     Raises
     ------
@@ -139,12 +146,12 @@ def curve_by_integration(
         raise InputError(message("force must be one row of finite numbers above zero"))
     far = high_pressure_series(shape, xi)
     top = max(far.start, 1.1 * float(np.max(wanted)) ** (2.0 / 3.0))
-    k, first, least = far.value(top, STIFFNESS), float(shape.openings[0]), _BELOW * float(np.min(wanted))
+    k, first, least = far.value(top, STIFFNESS), float(shape.openings[0]), _LAST_FORCE * float(np.min(wanted))
     overlaps, stiffnesses, missing = np.empty(wanted.size), np.empty(wanted.size), np.ones(wanted.size, bool)
     for origin, end in reversed(list(pairwise([*shape.openings.tolist(), top]))):
 
         def state(root: float, k: float, origin: float = origin) -> tuple[float, float, float]:
-            return balance(_balls(shape, origin, root), k, xi, 2.0 * root)
+            return balance(_sum_balls(shape, origin, root), k, xi, 2.0 * root)
 
         def slope(root: float, k: Array) -> list[float]:
             if check is not None:
@@ -163,7 +170,7 @@ def curve_by_integration(
         for event in (excess, positive):
             event.terminal = True  # type: ignore[attr-defined]
         high = math.sqrt(end - origin)
-        span = high, _NEAR * high if origin == first else 0.0
+        span = high, _LAST_DISTANCE * high if origin == first else 0.0
         with warnings.catch_warnings():  # of failures, which the result tells of too
             warnings.simplefilter("ignore", UserWarning)
             out: Any = solve_ivp(
@@ -189,8 +196,8 @@ def curve_by_integration(
     return overlaps, stiffnesses
 
 
-def _balls(shape: Shape, origin: float, root: float) -> Balls:
-    """At y = ``origin`` + ``root``^2 above the opening ``origin``, with the derivative of K^Q by the root."""
+def _sum_balls(shape: Shape, origin: float, root: float) -> BallSums:
+    """The balls at y = ``origin`` + ``root``^2, above the opening ``origin``, with the derivative of K^Q by the root."""
     if not isinstance(shape, PointShape):
         y = origin + root * root
         x, weights = shape.nodes(y)
@@ -205,16 +212,22 @@ def _balls(shape: Shape, origin: float, root: float) -> Balls:
 
 # -- density of states --------------------------------------------------------------------------------------------------
 
-#: lines of a panel; lines that are worked on at a time, of one ball that turns
-_ORDER, _LINES = 8, 2**13
-#: rounds in which panels are split, halvings to find a kink, and the panel too short to be split
-_ROUNDS, _HALVINGS, _SHORT = 12, 40, 1e-9
-#: imaginary part below which a root is taken for real
-_REAL = 1e-7
+#: lines of a panel: order of the Gauss rule
+_GAUSS_LINES = 8
+#: lines whose matrices are in memory together, in a lattice of one ball with three degrees of freedom
+_LINES_TOGETHER = 2**13
+#: rounds in which panels are split
+_SPLITTING_ROUNDS = 12
+#: halvings of the interval that holds a kink
+_KINK_HALVINGS = 40
+#: length of a panel that is not split any more, of the reciprocal vector
+_SHORTEST_PANEL = 1e-9
+#: imaginary part of a root that is taken for real, and length between two roots that is taken for none, at most
+_REAL_ROOT = 1e-7
 
 
-def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512, check: Check = None) -> Array:
-    """Number of modes per ball below each frequency, exact in one direction of the wave vector.
+def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, check: Checkpoint = None) -> Array:
+    """Count the modes per ball below each frequency, exactly in one direction of the wave vector.
 
     On a line of wave vectors along a reciprocal vector det(D(q) - omega^2) is a trigonometric polynomial. Between its roots
     no branch crosses omega, so that the lengths between them, times the number of eigenvalues below, are the number of modes
@@ -226,7 +239,7 @@ def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512,
     lattice : of few balls, prestressed or not; its branches are counted 2 or 3 for each ball.
     edges : (n,) angular frequencies, (k/M)^1/2.
     points : lines for each frequency, before panels are split at kinks.
-    check : called time and again, if given; what it raises ends the work.
+    check : is called again and again, if given; an exception that it raises ends the work.
 
     Returns
     -------
@@ -244,21 +257,21 @@ def integrated_dos(lattice: ContactLattice, edges: ArrayLike, points: int = 512,
     if points < 1:
         raise InputError(message(f"points is {points!r}", "It must be one or more"))
     lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
-    gauss, weights = np.polynomial.legendre.leggauss(_ORDER)
+    gauss, weights = np.polynomial.legendre.leggauss(_GAUSS_LINES)
     half = 0.5 * (gauss + 1.0)
     # the map s^2 (3 - 2s) makes square roots at either end smooth; q and -q are one
     places, weights = half * half * (3.0 - 2.0 * half), weights * 6.0 * half * (1.0 - half)
-    ends = np.linspace(0.0, 0.5, -(-points // _ORDER) + 1)
+    ends = np.linspace(0.0, 0.5, -(-points // _GAUSS_LINES) + 1)
     above = np.flatnonzero(squared)
     panels = np.array([(edge, low, high) for edge in above for low, high in pairwise(ends)]).reshape(-1, 3)
     total = np.zeros(values.size)
-    for left in reversed(range(_ROUNDS)):
+    for left in reversed(range(_SPLITTING_ROUNDS)):
         found = []
-        for part in np.array_split(panels, -(-len(panels) * _ORDER // lines.most)) if len(panels) else []:
+        for part in np.array_split(panels, -(-len(panels) * _GAUSS_LINES // lines.most)) if len(panels) else []:
             edge, low, length = part[:, 0].astype(int), part[:, 1:2], part[:, 2:] - part[:, 1:2]
             q = low + length * places
-            counts, kinds = (x.reshape(q.shape) for x in lines.count(q.ravel(), np.repeat(squared[edge], _ORDER)))
-            split = np.any(kinds != kinds[:, :1], axis=1) & (length[:, 0] > _SHORT) & (left > 0)
+            counts, kinds = (x.reshape(q.shape) for x in lines.count(q.ravel(), np.repeat(squared[edge], _GAUSS_LINES)))
+            split = np.any(kinds != kinds[:, :1], axis=1) & (length[:, 0] > _SHORTEST_PANEL) & (left > 0)
             total += np.bincount(edge, np.where(split, 0.0, (counts * length) @ weights), values.size)
             found += _split(lines, squared, part[split], q[split], kinds[split])
         panels = np.array(found).reshape(-1, 3)
@@ -271,7 +284,7 @@ def _split(
     """The panels cut wherever the kind of line changes between neighbouring ``q`` (n_panels, order)."""
     row, place = np.nonzero(np.diff(kinds, axis=1))
     low, high, kind = q[row, place], q[row, place + 1], kinds[row, place]
-    for _ in range(_HALVINGS if row.size else 0):
+    for _ in range(_KINK_HALVINGS if row.size else 0):
         middle = 0.5 * (low + high)
         same = lines.count(middle, squared[panels[row, 0].astype(int)])[1] == kind
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -284,13 +297,13 @@ def _split(
 
 
 class _Lines:
-    """Lines of wave vectors along the reciprocal vector in which the determinant has the lower degree."""
+    """Lines of wave vectors along that reciprocal vector in which the determinant has the lower degree."""
 
-    def __init__(self, lattice: ContactLattice, check: Check = None) -> None:
+    def __init__(self, lattice: ContactLattice, check: Checkpoint = None) -> None:
         reach = np.max(np.abs(lattice.contacts.shift), axis=0)
         self.lattice, self.axis, self.check = lattice, int(np.argmin(reach)), check
         # lines of matrices of which roots are found at a time
-        self.most = max(_ORDER, _LINES * 27 // lattice.n_branches**3)
+        self.most = max(_GAUSS_LINES, _LINES_TOGETHER * 27 // lattice.n_branches**3)
         self.degree = max(1, int(reach[self.axis])) * lattice.n_branches
         # exp(i k theta) (1 + t^2)^m = (1 + it)^(m + k) (1 - it)^(m - k), t = tan(theta/2): its powers of t for k = -m ... m
         up, down = np.polynomial.Polynomial([1.0, 1.0j]), np.polynomial.Polynomial([1.0, -1.0j])
@@ -304,7 +317,7 @@ class _Lines:
         return matrices.reshape(*fractions.shape[:-1], *matrices.shape[1:])
 
     def count(self, across: Array, squared: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Modes below omega^2 (n,) on each line (n,), and a number that changes where they have a kink."""
+        """Modes below omega^2 (n,) on each line (n,), and a number for the kind of line, which changes at a kink."""
         if self.check is not None:
             self.check()
         m, n = self.degree, len(across)
@@ -329,9 +342,9 @@ class _Lines:
         length = length[line, place]
         middle = cuts[line, place] + 0.5 * length + turn[line]
         below = np.sum(np.linalg.eigvalsh(self.matrices(middle, across[line])) < squared[line, None], axis=1)
-        crossings = np.sum(np.abs(roots.imag) < _REAL * (1.0 + np.abs(roots) ** 2), axis=1)
+        crossings = np.sum(np.abs(roots.imag) < _REAL_ROOT * (1.0 + np.abs(roots) ** 2), axis=1)
         fewest, most = np.full(n, self.lattice.n_branches), np.zeros(n, int)
-        seen = length > _REAL
+        seen = length > _REAL_ROOT
         np.minimum.at(fewest, line[seen], below[seen])
         np.maximum.at(most, line[seen], below[seen])
         size = self.lattice.n_branches + 1

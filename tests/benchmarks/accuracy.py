@@ -31,7 +31,7 @@ from granphon.array.sample import STEP, Sample
 from granphon.balls.diameters import Spread
 from granphon.media.accuracy import coefficients_of_form
 from granphon.media.simulation import SimulatedState
-from granphon.tradeoffs.ensemble import observed
+from granphon.tradeoffs.ensemble import observe
 
 Array = NDArray[np.float64]
 DIAMETER, WIDTH = 8e-3, 2e-6
@@ -156,7 +156,7 @@ class Truth:
         }
         count = np.sqrt(state.n_samples)
         self.overlap = np.asarray(state.overlap)
-        return {kind: (c, c / count) for kind, c in chance.items()}, observed(state)
+        return {kind: (c, c / count) for kind, c in chance.items()}, observe(state)
 
 
 def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
@@ -170,7 +170,7 @@ def errors_of(
     out = np.full(right.shape, FAILED)
     for index, load in enumerate(loads.tolist()):
         with contextlib.suppress(gp.GranphonError):
-            out[index] = np.abs(observed(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
+            out[index] = np.abs(observe(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
     return out
 
 
@@ -297,7 +297,7 @@ def trials(
                     if isinstance(medium, gp.DirectSimulation) and medium.shape[0] > LARGEST:
                         yield Trial(*case, "")
                         continue
-                    found = observed(getattr(medium, f"at_{kind}")(float(given[index])))
+                    found = observe(getattr(medium, f"at_{kind}")(float(given[index])))
                     error = float(np.max(np.abs(found / right[index] - 1.0)))
                     yield Trial(*case, rung.medium.name, float(rung.errors[0]), error)
 

@@ -1,0 +1,126 @@
+"""Balls of different diameters under some loads, as the studies of media, grids and solvers share them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.diameters import Spread
+from granphon.balls.distributions import PointShape
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError, InputError
+from granphon.laws.collocation import solved
+from granphon.laws.effective import averages_of
+from granphon.media.mean_field import AveragedForce, EffectiveMedium
+from granphon.media.state import ContactState
+from granphon.observables.velocities import local_exponent
+from granphon.tradeoffs.ensemble import QUANTITIES
+from granphon.tradeoffs.study import SECONDS, Stopwatch, Study
+
+__all__ = ["MOST_OPENINGS", "Disorder", "DisorderStudy"]
+
+Array = NDArray[np.float64]
+#: openings of listed diameters above which solving the effective medium is no matter of a moment
+MOST_OPENINGS = 40
+#: diameters in the short list whose solution is timed to predict that of a long one
+_TRIAL_DIAMETERS = 20
+#: the time of a solution is proportional to this power of the number of openings
+_TIME_POWER = 1.1
+
+
+@dataclass(frozen=True)
+class Disorder:
+    """Balls that differ, their loads (SI), and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
+
+    ``kind`` of the loads: "force", "pressure" or "overlap". Trial solutions are timed with ``stopwatch``.
+    """
+
+    packing: Packing
+    kind: str
+    loads: tuple[float, ...]
+    quantities: tuple[str, ...]
+    stopwatch: Stopwatch = SECONDS
+
+    @property
+    def columns(self) -> list[int]:
+        """Indices of the observed quantities."""
+        return [QUANTITIES.index(name) for name in self.quantities]
+
+    @cached_property
+    def spread(self) -> Spread:
+        """Distribution of the diameters."""
+        if self.packing.spread is None:
+            raise InputError("the balls are equal.")
+        return self.packing.spread
+
+    @property
+    def shape(self) -> Any:
+        """Shape of the distribution."""
+        return self.spread.shape
+
+    def state(self, medium: Any) -> ContactState:
+        """State of a medium at the loads."""
+        state: ContactState = getattr(medium, f"at_{self.kind}")(np.array(self.loads))
+        return state
+
+    @cached_property
+    def effective(self) -> ContactState:
+        """State of the effective medium at the loads."""
+        return self.state(EffectiveMedium(self.packing))
+
+    @property
+    def forces(self) -> Array:
+        """Reduced force f* at the loads, in the effective medium."""
+        return np.asarray(self.effective.reduced_force)
+
+    @cached_property
+    def solving(self) -> float:
+        """Predicted time of solving the effective medium, s; zero if it takes no more than a moment."""
+        shape = self.shape
+        if shape.openings.size <= MOST_OPENINGS:
+            return 0.0
+        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _TRIAL_DIAMETERS).astype(int))]
+        few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
+        begun = self.stopwatch.now()
+        solved(few, 1.0, averages_of(few, 1.0), 12, 1e-10)
+        return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** _TIME_POWER)
+
+    @cached_property
+    def condition(self) -> float:
+        """Largest factor by which a relative change of load and width comes back in a velocity."""
+        state = self.state(AveragedForce(self.packing))
+        if not self.solving:
+            with suppress(GranphonError):  # the loads may be below those of the effective medium
+                state = self.effective
+        by_force = np.asarray(local_exponent(state))
+        overlap = np.asarray(state.overlap)
+        # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
+        by_load = by_force if self.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
+        by_width = 1.5 * (by_force - 1.0 / 6.0) if self.kind != "overlap" else 0.25 - by_load
+        return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
+
+    def repeat(self, errors: Array) -> Array:
+        """(n_loads, n_observed) errors from the (n_loads,) that all quantities share, as the root of one stiffness."""
+        return np.repeat(np.abs(errors)[:, None], len(self.quantities), axis=1)
+
+
+@dataclass(frozen=True)
+class DisorderStudy(Study):
+    """A study of balls that differ, at all their loads."""
+
+    disorder: Disorder
+
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return self.disorder.quantities
+
+    @property
+    def loads(self) -> tuple[float, ...]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return self.disorder.loads

@@ -1,0 +1,155 @@
+"""How good and how fast the media are: mean fields and simulations of several sizes, against a large ensemble of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import GranphonError
+from granphon.base.progress import Step
+from granphon.laws.effective import EffectiveLaw, effective_curve
+from granphon.media.cost import estimate
+from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.tradeoffs.disorder import DisorderStudy
+from granphon.tradeoffs.ensemble import Moments, observe
+from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
+
+__all__ = ["MediaStudy"]
+
+Array = NDArray[np.float64]
+#: first seed of the reference's samples, far from the seeds of the points
+_REFERENCE_SEED = 1_000_000
+#: samples that the reference has at least
+_LEAST_SAMPLES = 3
+#: balls along a side of the sample that a sparse LU solves as well
+_CHECKED_SIDE = 24
+#: samples between two looks at how good the reference is
+_SAMPLES_BETWEEN_LOOKS = 8
+
+
+@dataclass(frozen=True)
+class MediaStudy(DisorderStudy):
+    """The media against the simulated array.
+
+    ``sides`` and ``counts``: balls along a side of the samples of a simulation, and how many samples it has;
+    ``reference_side``: balls along a side of the reference's samples.
+    """
+
+    name = "media"
+
+    sides: tuple[int, ...] = (8, 16, 32, 64, 128)
+    counts: tuple[int, ...] = (1, 4)
+    reference_side: int = 64
+
+    def points(self) -> list[Point]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        disorder, packing, solving = self.disorder, self.disorder.packing, self.disorder.solving
+
+        def solve(medium: Any) -> Array:
+            return observe(disorder.state(medium))[:, disorder.columns]
+
+        def prepare_effective(make: Callable[[], EffectiveMedium]) -> Callable[[int], EffectiveMedium]:
+            def prepare(run: int) -> EffectiveMedium:
+                effective_curve.cache_clear()
+                made = make()
+                _ = made.law.curve if isinstance(made.law, EffectiveLaw) else None
+                return made
+
+            return prepare
+
+        def prepare_simulation(side: int, samples: int) -> Callable[[int], DirectSimulation]:
+            return lambda run: DirectSimulation(packing, (side, side), run * samples, samples)
+
+        computed = prepare_effective(lambda: EffectiveMedium(packing))
+        printed = prepare_effective(lambda: EffectiveMedium(packing, "paper"))
+        found = [
+            Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), solve),
+            Point("averaged force", "afa", lambda run: AveragedForce(packing), solve),
+            Point("effective medium", "computed field", computed, solve, solving),
+            Point("effective medium, paper's field", "printed field", printed, solve, solving),
+        ]
+        kind: Any = disorder.kind
+        for samples in self.counts:
+            for side in self.sides:
+                prepare = prepare_simulation(side, samples)
+                seconds = disorder.stopwatch.predict(estimate(prepare(0), kind, disorder.loads))
+                method = f"simulation, {samples} sample{'s' if samples > 1 else ''}"
+                found.append(Point(method, f"{side} x {side}", prepare, solve, seconds, random=True))
+        return sorted(found, key=lambda point: point.seconds)
+
+    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+        """Simulate samples until the reference is good enough or time is over.
+
+        One smaller sample is solved by a sparse LU too, equilibrium and response.
+        """
+        disorder = self.disorder
+        moments = Moments(
+            disorder.packing, disorder.kind, disorder.loads, (self.reference_side, self.reference_side), _REFERENCE_SEED
+        )
+        begun = deadline.stopwatch.now()
+        apart = self.compare_solvers(deadline)
+        longest, count = 0.0, 0
+        while deadline.left > 1.5 * longest:
+            start = deadline.stopwatch.now()
+            moments.add()
+            step.advance()
+            longest, count = max(longest, deadline.stopwatch.now() - start), count + 1
+            enough = count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0
+            if enough and better(self._summarize(moments, apart)):
+                break
+        if count < _LEAST_SAMPLES:
+            taken = deadline.stopwatch.now() - begun
+            raise GranphonError(f"the budget holds {count} of its samples only ({taken:.2g} s), and it takes many.")
+        return self._summarize(moments, apart)
+
+    def _summarize(self, moments: Moments, apart: Array) -> Reference:
+        """The reference that the samples make so far; ``apart`` (n_loads,) adds to its errors."""
+        columns, ensemble = self.disorder.columns, moments.ensemble()
+        errors = np.hypot(ensemble.errors, apart[:, None])
+        balls = f"{ensemble.samples} samples of {self.reference_side} x {self.reference_side} balls"
+        checked = (
+            f"of one of {_CHECKED_SIDE} x {_CHECKED_SIDE}, equilibrium and response by sparse LU differ by"
+            f" {np.max(apart):.0e}"
+        )
+        made = f"{balls} with control variates; {checked}"
+        return Reference(ensemble.values[:, columns], errors[:, columns], made)
+
+    def compare_solvers(self, deadline: Deadline) -> Array:
+        """(n_loads,) relative difference between a sample and its solution by another algorithm, a sparse LU.
+
+        :class:`~granphon.base.errors.GranphonError` if the deadline leaves no time for the samples of the reference.
+        """
+        from granphon.array.sparse import SparseArray
+
+        disorder = self.disorder
+        simulation = DirectSimulation(disorder.packing, (self.reference_side, self.reference_side), _REFERENCE_SEED)
+        kind: Any = disorder.kind
+        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, kind, disorder.loads))
+        if least > deadline.left:
+            raise GranphonError(f"the budget does not hold its samples: {_LEAST_SAMPLES} take some {least:.2g} s.")
+        state = disorder.state(DirectSimulation(disorder.packing, (_CHECKED_SIDE, _CHECKED_SIDE), _REFERENCE_SEED))
+        apart = []
+        for sample in state.samples if isinstance(state, SimulatedState) else ():
+            other = SparseArray(sample.equilibrium.deviations)
+            forces = other.forces(sample.equilibrium.overlap, check=deadline.check)
+            tensor = other.elastic_tensor(forces, disorder.packing.mindlin_ratio)
+            ours = sample.elastic_tensor
+            scale = sample.normal_stiffness / sample.equilibrium.stiffness / disorder.packing.diameter
+            off = np.max(np.abs(scale * tensor - ours)) / np.max(ours)
+            apart.append(max(abs(np.mean(forces) / sample.equilibrium.force - 1.0), 0.5 * off))
+        return np.array(apart)
+
+    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return np.asarray(np.sqrt(np.mean([(outcome / reference.values - 1.0) ** 2 for outcome in outcomes], axis=0)))
+
+    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        if not point.random:
+            return EPSILON * self.disorder.condition
+        return float(np.max(np.std(outcomes, axis=0, ddof=1) / np.mean(outcomes, axis=0)))

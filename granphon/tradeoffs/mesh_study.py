@@ -1,0 +1,126 @@
+"""How fine a mesh the density of states needs, against counting modes between the roots of determinants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.packing import Packing
+from granphon.base.progress import Step
+from granphon.dynamics.modes import ContactLattice
+from granphon.media.mean_field import EffectiveMedium
+from granphon.media.state import ContactState
+from granphon.observables.acoustics import contact_lattice
+from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study
+
+__all__ = ["MeshStudy", "compare_counts"]
+
+Array = NDArray[np.float64]
+#: frequencies at which a density of states has points
+_POINTS_OF_DOS = 501
+#: points of the density of states in one of the intervals whose modes are compared
+_POINTS_OF_INTERVAL = 5
+#: greatest frequency of the comparison over the top of the branches
+_BEYOND_TOP = 1.02
+#: lines of the reference; half of them tell its error
+_REFERENCE_LINES = 256
+
+
+@dataclass(frozen=True)
+class MeshStudy(Study):
+    """Mesh and method of the density of states; errors are the part of the modes in a wrong interval of frequency.
+
+    ``given``: all loads of the scene, SI. ``meshes``: points along a side of the meshes that are tried.
+    """
+
+    name = "density of states"
+
+    packing: Packing
+    kind: str
+    given: tuple[float, ...]
+    finite_overlap: bool
+    meshes: tuple[int, ...] = (8, 16, 32, 64, 128, 256)
+
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return ("dos",)
+
+    @property
+    def loads(self) -> tuple[float, ...]:
+        """The greatest load: in the paper's limit the density of states has the same form at each."""
+        return self.given[-1:]
+
+    @cached_property
+    def state(self) -> ContactState:
+        """State of the effective medium at the greatest load."""
+        medium = EffectiveMedium(self.packing)
+        state: ContactState = getattr(medium, f"at_{self.kind}")(self.loads[0], finite_overlap=self.finite_overlap)
+        return state
+
+    @property
+    def lattice(self) -> ContactLattice:
+        """The lattice of contacts of that state."""
+        return contact_lattice(self.state)
+
+    @cached_property
+    def edges(self) -> Array:
+        """Edges of the intervals of frequency, (k/M)^1/2."""
+        at = np.linspace(0.0, _BEYOND_TOP * self.lattice.top_frequency, _POINTS_OF_DOS)
+        inner = 0.5 * (at[1:] + at[:-1])[_POINTS_OF_INTERVAL - 1 :: _POINTS_OF_INTERVAL]
+        return np.concatenate([at[:1], inner, at[-1:]])
+
+    def points(self) -> list[Point]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+
+        def prepare(run: int) -> Any:
+            from granphon.phonons.phonons import Phonons
+
+            phonons = Phonons(self.state)
+            _ = phonons.phonopy
+            return phonons
+
+        def make_point(method: str, mesh: int) -> Point:
+            def solve(phonons: Any) -> Array:
+                return self.count_below(phonons.dos((mesh, mesh), method))
+
+            return Point(method, f"{mesh} x {mesh}", prepare, solve)
+
+        return [make_point(method, mesh) for method in ("tetrahedron", "smearing") for mesh in self.meshes]
+
+    def count_below(self, dos: Any) -> Array:
+        """Modes per ball below each edge, from a density of states."""
+        at = dos.frequencies / self.state.scales.frequency
+        ends = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+        total = np.concatenate([[0.0], np.cumsum(dos.total * self.state.scales.frequency * np.diff(ends))])
+        return np.asarray(np.interp(self.edges, ends, total))
+
+    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+        """Count modes between the roots of determinants, on two numbers of lines."""
+        from granphon.tradeoffs.references import count_modes
+
+        rough, fine = (
+            count_modes(self.lattice, self.edges, lines, deadline.check)
+            for lines in (_REFERENCE_LINES // 2, _REFERENCE_LINES)
+        )
+        error = compare_counts(rough, fine)
+        made = f"counting between the roots of determinants, on twice the lines {error:.0e} away"
+        return Reference(fine, np.array([[max(error, EPSILON)]]), made)
+
+    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return np.array([[compare_counts(outcomes[0], reference.values)]])
+
+    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return EPSILON * self.lattice.n_branches
+
+
+def compare_counts(below: Array, reference: Array) -> float:
+    """Part of the modes that ``below`` puts into another interval than ``reference``: counts below each edge, (n,)."""
+    return float(0.5 * np.sum(np.abs(np.diff(below) - np.diff(reference))) / reference[-1])

@@ -1,0 +1,104 @@
+"""How exactly the effective medium must be solved, against a general integrator of differential equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.distributions import Shape
+from granphon.balls.lattices import TRIANGULAR
+from granphon.base.errors import GranphonError
+from granphon.base.progress import Step
+from granphon.dynamics.local_field import local_field
+from granphon.laws.collocation import solved
+from granphon.laws.effective import EffectiveLaw, averages_of
+from granphon.laws.effective_curve import EffectiveCurve
+from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
+from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
+
+__all__ = ["SolutionStudy"]
+
+Array = NDArray[np.float64]
+#: tolerances of the collocation for each number of stages; with few stages, small ones take ever more steps
+_TOLERANCES: Mapping[int, tuple[float, ...]] = {
+    3: (1e-1, 1e-2, 1e-3, 1e-4), 6: (1e-1, 1e-2, 1e-4, 1e-6), 16: (1e-2, 1e-4, 1e-6, 1e-8, 1e-10),
+}  # fmt: skip
+#: relative tolerance of the integrator that makes the reference
+_REFERENCE_TOLERANCE = 1e-13
+#: how many times larger the tolerance is of the solution that tells the error of the reference
+_COARSER = 100.0
+
+
+@dataclass(frozen=True)
+class SolutionStudy(DisorderStudy):
+    """The collocation of equation (36), its stages and tolerance; errors are of velocities at the same forces.
+
+    ``tolerances``: those that are tried for each number of stages.
+    """
+
+    name = "effective medium"
+
+    tolerances: Mapping[int, tuple[float, ...]] = field(default_factory=lambda: _TOLERANCES)
+
+    @cached_property
+    def _xi(self) -> float:
+        """Local-field factor Xi of the lattice."""
+        return local_field(TRIANGULAR, self.disorder.packing.mindlin_ratio).xi
+
+    def points(self) -> list[Point]:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        shape, xi = self.disorder.shape, self._xi
+
+        def make_point(stages: int, tolerance: float) -> Point:
+            def solve(averages: Any) -> Array:
+                law = _LawOfCurve(1.0, 1.0, shape, xi, solved(shape, xi, averages, stages, tolerance))
+                return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
+
+            return Point(
+                f"{stages} stages", f"{tolerance:.0e}", lambda run: averages_of(shape, xi), solve, self.disorder.solving
+            )
+
+        return [make_point(stages, tolerance) for stages, several in self.tolerances.items() for tolerance in several]
+
+    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+        """Follow the curve by scipy's integrator, at two tolerances."""
+        from granphon.tradeoffs.references import integrate_curve
+
+        shape: Shape = self.disorder.shape
+        if shape.openings.size > MOST_OPENINGS:
+            raise GranphonError(f"the diameters have {shape.openings.size} openings, at each of which it would start anew.")
+        coarse, fine = (
+            integrate_curve(shape, self._xi, self.disorder.forces, tolerance, check=deadline.check)[1]
+            for tolerance in (_COARSER * _REFERENCE_TOLERANCE, _REFERENCE_TOLERANCE)
+        )
+        errors = self.disorder.repeat(0.5 * (coarse / fine - 1.0))
+        made = (
+            f"a general integrator of differential equations, with a tolerance {_COARSER:g} times larger"
+            f" {np.max(errors):.0e} away"
+        )
+        return Reference(fine, np.maximum(errors, EPSILON), made)
+
+    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return self.disorder.repeat(0.5 * (outcomes[0] / reference.values - 1.0))
+
+    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        return EPSILON * self.disorder.condition
+
+
+@dataclass(frozen=True)
+class _LawOfCurve(EffectiveLaw):
+    """The law of a curve that was solved in another way than :func:`~granphon.laws.effective.effective_curve` does."""
+
+    own: EffectiveCurve
+
+    @property
+    def curve(self) -> EffectiveCurve:
+        """The curve that was given."""
+        return self.own
