@@ -20,7 +20,7 @@ from granphon.balls.parameters import changed
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.reading import plain_yaml
 from granphon.fits.fit import WidthFit, fit_width
-from granphon.fits.goodness import leverages, rounding
+from granphon.fits.goodness import compute_leverages, find_rounding
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
@@ -469,14 +469,14 @@ def test_errors_that_rest_on_rounding_are_not_known(speeds, tmp_path):
     ],
 )
 def test_the_unit_of_the_last_decimal(values, unit):
-    assert_allclose(rounding(np.array(values)), unit, rtol=1e-12)
+    assert_allclose(find_rounding(np.array(values)), unit, rtol=1e-12)
 
 
 def test_leverages_are_the_diagonal_of_the_projection():
     matrix = np.random.default_rng(4).normal(size=(9, 2)) * [1.0, 1e6]
     projection = matrix @ np.linalg.inv(matrix.T @ matrix) @ matrix.T
-    assert_allclose(leverages(matrix), np.diag(projection), rtol=1e-9)
-    assert_allclose(leverages(np.array([[3.0], [4.0]])), [0.36, 0.64], rtol=1e-14)
+    assert_allclose(compute_leverages(matrix), np.diag(projection), rtol=1e-9)
+    assert_allclose(compute_leverages(np.array([[3.0], [4.0]])), [0.36, 0.64], rtol=1e-14)
 
 
 def test_one_far_load_decides_alone():

@@ -25,23 +25,23 @@ Array = NDArray[np.float64]
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
 TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
-#: errors may be written in per cent of what they are errors of
+#: errors may be given in per cent of the quantity
 PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
 _SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
-#: what a table of measurements may hold, and how it is written
+#: columns that a table of measurements may have, and their quantities
 COLUMNS: Mapping[str, Quantity] = {
     "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
     "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
 }  # fmt: skip
 
 
-def _how_named(kind: str) -> str:
-    """How to say which column is meant, on the command line and in Python."""
+def _tell_column(kind: str) -> str:
+    """Tell how to name the column that is meant, on the command line and in Python."""
     return f"Name the column that is meant, as in --column '{kind}=NAME' or columns={{'{kind}': 'NAME'}}"
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
-    """Standard errors of the velocities, m/s, from a text: "5 m/s", which is one for all, or "1 %" of each."""
+    """Read standard errors of the velocities, m/s, from a text: "5 m/s", one for all, or "1 %" of each."""
     if re.search(r"(?:%|percent)\s*$", text):
         return velocity * (PERCENT.read(text) / 100.0)
     return _SIGMA.read(text)
@@ -55,7 +55,7 @@ class Measurements(Result):
     ----------
     force, velocity : (n,), N and m/s.
     sigma : standard error of each velocity, m/s, (n,) or one number for all; None if it is not known.
-    frequency : of the pulses, Hz, (n,) or one number; None for long waves.
+    frequency : frequency of the pulses, Hz, (n,) or one number; None for long waves.
 
     Raises
     ------
@@ -96,13 +96,13 @@ class Measurements(Result):
 
         Parameters
         ----------
-        path : of a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
+        path : a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
             and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency
             of the pulse.
-        columns : how those are headed that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
-        distance : how far sound has gone in each of the times, m, where no column says it.
-        frame : gives the contact force of a side force, both in N.
-        pressed : gives the contact force, N, of a pressure, N/m.
+        columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
+        distance : distance that sound travels in each of the times, m, where no column gives it.
+        frame : converts a side force to the contact force, both in N.
+        pressed : converts a pressure, N/m, to the contact force, N.
 
         Raises
         ------
@@ -116,17 +116,17 @@ class Measurements(Result):
                 mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
                 raise InputError(message(f"{name!r} is nothing that a column of measurements holds", mend=mend))
 
-        def chosen(*kinds: str) -> str | None:
-            """The one of these kinds that the table holds."""
+        def choose(*kinds: str) -> str | None:
+            """The one of these kinds of column that the table has; None if it has none."""
             there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
             if len(there) > 1:
-                raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_how_named(there[0])))
+                raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0])))
             return there[0] if there else None
 
-        def column(kind: str) -> Array:
-            return table.column(named.get(kind, kind), COLUMNS[kind], _how_named(kind))
+        def read(kind: str) -> Array:
+            return table.column(named.get(kind, kind), COLUMNS[kind], _tell_column(kind))
 
-        load = chosen("force", "side_force", "pressure")
+        load = choose("force", "side_force", "pressure")
         if load == "side_force" and frame is None:
             why = "Contact forces follow from them and the number of balls on a side"
             mend = "Give the scene's load as side_force and balls_per_side"
@@ -135,24 +135,24 @@ class Measurements(Result):
             why = "Contact forces follow from them and the packing"
             raise InputError(message(f"{path} gives pressures", why, "Give pressed, which says how"))
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
-        force = column(load or "force")
+        force = read(load or "force")
         if converted is not None:
             force = np.array([converted(value) for value in force.tolist()])
-        timed = chosen("velocity", "time") == "time"
-        told = chosen("distance" if timed else "velocity")
+        timed = choose("velocity", "time") == "time"
+        told = choose("distance" if timed else "velocity")
         if distance is not None and told is not None:
             why = "A distance that is given serves times of flight only, and all of them"
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
             raise InputError(message(f"{path} has a {told} column, and a distance is given too", why, mend))
         if not timed:
-            velocity = column("velocity")
+            velocity = read("velocity")
         else:
-            velocity = (column("distance") if distance is None else positive("distance", distance, "m")) / column("time")
-        sigma, error = None, chosen("sigma", "time_sigma")
+            velocity = (read("distance") if distance is None else positive("distance", distance, "m")) / read("time")
+        sigma, error = None, choose("sigma", "time_sigma")
         if error is not None:
             head = named.get(error, error)
             if PERCENT.measures(table.unit(head)):
-                sigma = velocity * (table.column(head, PERCENT, _how_named(error)) / 100.0)
+                sigma = velocity * (table.column(head, PERCENT, _tell_column(error)) / 100.0)
             else:
-                sigma = column("sigma") if error == "sigma" else velocity * column("time_sigma") / column("time")
-        return cls(force, velocity, sigma, column("frequency") if chosen("frequency") else None)
+                sigma = read("sigma") if error == "sigma" else velocity * read("time_sigma") / read("time")
+        return cls(force, velocity, sigma, read("frequency") if choose("frequency") else None)

@@ -39,25 +39,25 @@ from granphon.observables.velocities import local_exponent, sound_velocities
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 
 Array = NDArray[np.float64]
-#: the parameters, and d log v / d log p of long waves: a constant, and a factor of the local exponent
+#: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added
 VARIABLE: Mapping[str, tuple[float, float]] = {
     "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
 }  # fmt: skip
 #: steps of log f* between the equilibria of a simulation: eight to a decade
-_SPACING = math.log(10.0) / 8.0
+_NODE_SPACING = math.log(10.0) / 8.0
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
-_STEP = 1e-4
+_FREQUENCY_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Waves(Result):
-    """Which waves are measured.
+    """The waves whose velocity is measured.
 
     Attributes
     ----------
     branch : "longitudinal" or "transverse"; :class:`~granphon.base.errors.InputError` for another word.
-    direction : of propagation, a unit vector.
-    frequency : of pulses, Hz, one or one for each load; None for long waves.
+    direction : direction of propagation, a unit vector.
+    frequency : frequency of the pulses, Hz, one number or one for each load; None for long waves.
     finite_overlap : whether terms of relative order delta/d are kept.
     """
 
@@ -76,7 +76,7 @@ class Waves(Result):
         super().__post_init__()
 
     def tops(self, state: ContactState) -> Array:
-        """Highest frequency of a pulse on the branch at each load, Hz, of the lattice that carries it."""
+        """Highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
         several = state.finite_overlap and bool(state.shape)
         each = [state[n] for n in range(len(state.force))] if several else [state]
@@ -90,14 +90,14 @@ class Waves(Result):
             velocities = np.asarray(getattr(sound_velocities(state, self.direction), self.branch))
             return velocities, np.zeros(velocities.shape)
         # downwards, where the branch goes on
-        steps = np.reshape([0.0, _STEP, 2.0 * _STEP], (3,) + (1,) * len(state.shape))
+        steps = np.reshape([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape))
         frequencies = self.frequency * (1.0 - steps)
         group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
-        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_STEP * group[0])
+        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_FREQUENCY_STEP * group[0])
 
 
 @dataclass(frozen=True)
-class _Widened(Spread):
+class _WidenedSpread(Spread):
     """The distribution ``source`` at another width, the shape the same to the last bit: one curve serves all widths."""
 
     width: float = field()
@@ -110,11 +110,11 @@ class _Widened(Spread):
 
     @property
     def shape(self) -> Any:
-        """That of the source."""
+        """Shape of the source."""
         return self.source.shape
 
     def _deviations(self, probability: Array) -> Array:
-        """Each ball of a sample moves in proportion, of a list too long for its shape as well."""
+        """Deviations in proportion to the source's, also those of a list too long for its shape."""
         if not self.source.width:
             return super()._deviations(probability)
         return self.width * (self.source._deviations(probability) / self.source.width)
@@ -134,7 +134,7 @@ class _SampleCurve:
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
         """Value and slope at each log f*, (n,)."""
-        cell, part = np.divmod(logs / _SPACING, 1.0)
+        cell, part = np.divmod(logs / _NODE_SPACING, 1.0)
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
         self._solve(sorted(set(nodes.ravel().tolist()) - set(self._known)))
         y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
@@ -142,22 +142,22 @@ class _SampleCurve:
         rise = y[:, 3] - y[:, 2]
         bend, twist = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
         value = y[:, 2] + part * (first + part * (bend + part * twist))
-        return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _SPACING
+        return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
 
     def _solve(self, nodes: list[int]) -> None:
         if not nodes:
             return
         packing = self.medium.packing
-        state = self.medium.at_force(np.exp(_SPACING * np.array(nodes)) * packing.law.coefficient * packing.width**1.5)
+        state = self.medium.at_force(np.exp(_NODE_SPACING * np.array(nodes)) * packing.law.coefficient * packing.width**1.5)
         found = getattr(sound_velocities(state), self.branch)
-        regular = getattr(sound_velocities(_regular(state, state.normal_stiffness)), self.branch)
+        regular = getattr(sound_velocities(_make_regular(state, state.normal_stiffness)), self.branch)
         stiffness = state.normal_stiffness * (found / regular) ** 2
         values = np.log(stiffness / (packing.law.coefficient * math.sqrt(packing.width)))
         self._known |= dict(zip(nodes, values.tolist(), strict=True))
 
 
-def _regular(state: ContactState, stiffness: Array) -> ContactState:
-    """The same load on a regular lattice of contacts."""
+def _make_regular(state: ContactState, stiffness: Array) -> ContactState:
+    """A state of the same load on a regular lattice of contacts of this stiffness, N/m."""
     return ContactState(state.packing, state.medium, state.law, state.force, state.overlap, stiffness)
 
 
@@ -190,11 +190,11 @@ class VelocityModel:
 
     @property
     def width_index(self) -> int:
-        """Place of the width among the parameters."""
+        """Index of the width among the parameters."""
         return self.names.index("width")
 
     def start(self, width: float) -> Array:
-        """Logarithms (p,) of the packing's own parameters, but for the width (m)."""
+        """Logarithms (p,) of the packing's own parameters, with this width (m)."""
         own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
         return np.log([own[name] for name in self.names])
 
@@ -204,11 +204,11 @@ class VelocityModel:
 
     @property
     def equal_balls(self) -> VelocityModel:
-        """The same of equal balls, which are the stiffest: whose sound is fastest, and whose branches reach highest."""
+        """The same model of equal balls, the stiffest: their sound is fastest, and their branches reach highest."""
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """Raise UnreachableFrequencyError if equal balls do not carry a pulse: then no others do."""
+        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses: then no others do."""
         if self.waves.frequency is None:
             return
         logs = self.start(1e-9 * self.packing.diameter)
@@ -246,8 +246,8 @@ class VelocityModel:
             values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         return changed(self.packing, values | {"spread": self._widened(values.pop("width"))})
 
-    def _widened(self, width: float) -> _Widened:
-        return _Widened(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
+    def _widened(self, width: float) -> _WidenedSpread:
+        return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _state(self, packing: Packing) -> tuple[ContactState, Array]:
         """A state with the long waves of the medium under the loads, and their local exponent."""
@@ -256,7 +256,7 @@ class VelocityModel:
             return state, np.asarray(local_exponent(state))
         state = MediumChoice(AveragedLattice.name).of(packing).at_force(self.force)
         value, slope = self._curve(np.log(state.reduced_force))
-        return _regular(state, packing.law.coefficient * math.sqrt(packing.width) * np.exp(value)), 0.5 * slope
+        return _make_regular(state, packing.law.coefficient * math.sqrt(packing.width) * np.exp(value)), 0.5 * slope
 
     @cached_property
     def _curve(self) -> _SampleCurve:
@@ -264,8 +264,8 @@ class VelocityModel:
         packing = changed(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
         return _SampleCurve(packing, self.choice, self.waves.branch)
 
-    def fitted(self, logs: Array) -> Packing:
-        """The packing with these parameters; listed diameters move along with their mean."""
+    def fit_packing(self, logs: Array) -> Packing:
+        """The packing with these parameters; listed diameters are shifted with their mean."""
         values, spread = dict(zip(self.names, np.exp(logs).tolist(), strict=True)), self.packing.spread
         if isinstance(spread, Discrete | Measured):
             shift = values.get("diameter", self.packing.diameter) - spread.mean

@@ -1,0 +1,222 @@
+"""Least squares in the logarithms of a packing's parameters: the best fit, its covariance, and why there may be none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.fits.measurements import Measurements
+from granphon.fits.velocity_model import VARIABLE, VelocityModel
+from granphon.media.choice import MediumChoice
+
+__all__ = ["FitProblem", "explain_undetermined", "find_best", "find_covariance"]
+
+Array = NDArray[np.float64]
+#: f* at the least force of the data for the narrowest width that is tried: nothing is left of disorder there
+_NARROWEST_AT = 1e4
+#: f* at the greatest force of the data for the widest width that is tried
+_WIDEST_AT = 1e-2
+#: widths that are tried for each factor of ten
+_TRIALS_PER_DECADE = 2
+#: relative error of a model's velocities; a sigma below this part of a velocity, or above its inverse, is a mistake
+_MODEL_ERROR = 1e-12
+#: a pulse of more than this part of the highest frequency of its branch is near the end of it
+_NEAR_TOP = 0.98
+#: velocities below this part of those of equal balls, or above its inverse, are taken for mistakes
+_LEAST_RATIO = 1e-6
+#: parameters whose effects differ by less than this part cannot be told apart
+_SAME_EFFECT = 1e-6
+#: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that counts as none
+_NO_EFFECT = 1e-9
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """Measured velocities and the model that is fitted to them.
+
+    ``velocity`` and ``sigma``, its standard error, are (n,), m/s; sigma is 1 m/s until the scatter is known. Called with
+    the logarithms (p,) of the model's parameters.
+    """
+
+    model: VelocityModel
+    velocity: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, model: VelocityModel, data: Measurements) -> Self:
+        """The problem of these data; :class:`~granphon.base.errors.InputError` if they cannot be right, or are too few."""
+        model.require_carried()
+        with np.errstate(all="ignore"):
+            ratio = data.velocity / model.equal_balls(model.start(1e-9 * model.packing.diameter))[0]
+        if not (np.all(ratio > _LEAST_RATIO) and np.all(ratio < 1.0 / _LEAST_RATIO)):
+            what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
+            raise InputError(message(what, mend="Check the units of force and velocity"))
+        part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
+        if np.any(part <= _MODEL_ERROR):
+            what = f"sigma is as little as {np.min(part):.3g} times the velocity"
+            why = f"The velocities of a model are right to {_MODEL_ERROR:g} of themselves, and no fit is as good as that"
+            raise InputError(message(what, why, "Check the units of sigma, or give the errors that the data have"))
+        if np.any(part >= 1.0 / _MODEL_ERROR):
+            what = f"sigma is as much as {np.max(part):.3g} times the velocity"
+            raise InputError(message(what, "No measurement has such an error", "Check its units"))
+        if len(data.force) < len(model.names) + (data.sigma is None):
+            several = "s" if len(data.force) > 1 else ""
+            what = f"found {len(data.force)} measurement{several}, to which {' and '.join(model.names)} cannot be fitted"
+            why = "Without sigma one more is needed, for the scatter" if data.sigma is None else ""
+            raise InputError(message(what, why, "Measure more"))
+        return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return len(self.velocity) - len(self.model.names)
+
+    @property
+    def widths(self) -> Array:
+        """Widths to try, m, ascending; the packing's own is one of them."""
+        force, packing = self.model.force, self.model.packing
+        units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
+        low, high = np.cbrt(units / packing.law.coefficient) ** 2
+        count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
+        return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
+
+    def __call__(self, logs: Array) -> tuple[Array, Array]:
+        """Residuals (n,) and derivatives (n, p) of the velocities, in units of sigma; InputError where there are none."""
+        velocities, slopes = self.model(logs)
+        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
+
+    def in_medium(self, medium: str) -> FitProblem:
+        """The same problem in another medium."""
+        return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
+
+    def with_scatter(self, logs: Array) -> FitProblem:
+        """The same problem with sigma from the scatter about the fit at ``logs``."""
+        residuals = self(logs)[0]
+        # numbers in double precision scatter by their rounding at least
+        least = np.finfo(float).eps * float(np.max(self.velocity))
+        scatter = max(math.sqrt(float(residuals @ residuals) / self.dof), least)
+        return replace(self, sigma=np.full(residuals.shape, scatter))
+
+
+def find_best(problem: FitProblem) -> Array:
+    """Find the logarithms (p,) of the least sum of squares; for a simulation, near those of the effective medium."""
+    if problem.model.choice.simulates:
+        return _descend(problem, find_best(problem.in_medium("ema")))
+    found = (_descend(problem, start) for start in _find_starts(problem))
+    return min(found, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+
+
+def _find_starts(problem: FitProblem) -> list[Array]:
+    """Find logarithms to start from: those of each width at which the sum of squares is less than at its neighbours.
+
+    At each width, one linear step brings the other parameters to their best. Widths so large that the medium refuses them
+    are left out.
+    """
+    model, where = problem.model, problem.model.width_index
+    others = np.arange(len(model.names)) != where
+    starts: list[Array] = []
+    squares, effect = [math.inf], 0.0
+    for width in problem.widths.tolist():
+        logs = model.start(width)
+        try:
+            residuals, matrix = problem(logs)
+        except InputError:
+            if not starts:  # so narrow a spread is not to blame
+                raise
+            break
+        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=_SAME_EFFECT)[0]
+        starts.append(logs)
+        squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
+        effect = max(effect, float(np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))))
+    if effect < _NO_EFFECT:
+        what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
+        raise InputError(message(what, mend="Use another medium, such as ema, and a spread that has a shape"))
+    squares.append(math.inf)
+    return [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
+
+
+def _descend(problem: FitProblem, start: Array) -> Array:
+    """Find the minimum of the sum of squares that is reached from the logarithms ``start``."""
+    from scipy.optimize import least_squares
+
+    @lru_cache(maxsize=2)
+    def system(move: tuple[float, ...]) -> tuple[Array, Array]:
+        return problem(start + np.array(move))
+
+    def residuals(move: Array) -> Array:
+        try:
+            return system(tuple(move.tolist()))[0]
+        except InputError:  # the trust region shrinks
+            if not any(move):
+                raise
+            return np.full(problem.velocity.shape, np.inf)
+
+    def jacobian(move: Array) -> Array:
+        return -system(tuple(move.tolist()))[1]
+
+    found = least_squares(residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100)
+    return np.asarray(start + found.x)
+
+
+def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: Array) -> tuple[Array, Array]:
+    """Covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem.
+
+    :class:`~granphon.base.errors.InputError` if the data do not determine the parameters.
+    """
+    norms = np.linalg.norm(matrix, axis=0)
+    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
+    same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
+    never = same and len(problem.model.names) == len(VARIABLE)  # whatever the data
+    # were the others known, the standard error of a parameter would be one over its norm
+    if not never and (np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0])):
+        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
+    if same:
+        why = "Long waves know E/d and E d^(1/2) W^(3/2) only" if len(problem.model.names) == len(VARIABLE) else ""
+        mend = "Measure over a wider range of force, or fit fewer parameters"
+        raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
+    root = (right / singular[:, None]).T / norms[:, None]
+    return root @ root.T, root @ (left.T @ residuals)
+
+
+def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
+    """The error that says why the data do not determine the parameters, whose logarithms have the standard ``errors``."""
+    model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
+    width, error = float(np.exp(logs[model.width_index])), float(errors[model.width_index])
+    ideal = model.equal_balls(logs)[0]
+    excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
+    if model.names == ("width",) and excess > _NO_EFFECT:
+        if model.waves.frequency is not None:
+            long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
+            if np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2) <= _NO_EFFECT:
+                what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
+                why = f"They are not above those of long waves. {model.equal_balls.nearest_to_top(logs)}"
+                return InputError(message(what, why, "Check the frequency; leave it out for long waves"))
+        return InputError(
+            message(
+                f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls",
+                "A spread of diameters slows sound, so that no width fits",
+                "Check the Young modulus, diameter and density, or fit young_modulus as well",
+            )
+        )
+    if model.names[worst] != "width" and errors[worst] > 1.0:
+        what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
+        return InputError(message(what, mend="Measure more precisely, over a wider range of force, or fit fewer parameters"))
+    if error > 1.0 or width < problem.widths[0]:
+        best = f": the best is {width:.3g} m, its standard error {error * width:.3g} m"
+        what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
+        least = float(np.min(model.force))
+        why = f"From {least:.3g} N up the data show no slowing that grows as the force falls, beyond their errors"
+        return InputError(message(what, why, "Measure at lower forces, or more precisely"))
+    tops = None if model.waves.frequency is None else model.tops(logs)
+    if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
+        what = f"no width fits: the sum of squares still falls at {width:.3g} m, where balls carry the frequency no longer"
+        return InputError(message(what, model.nearest_to_top(logs), "Check the frequency and the velocities"))
+    what = f"no width fits: the sum of squares still falls at {width:.3g} m, where the medium {model.choice.label!r} ends"
+    why = "The velocities are too low, or do not rise with the force as in an array of balls"
+    return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
