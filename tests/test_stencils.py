@@ -147,7 +147,7 @@ def test_blocks_of_rows_change_nothing(eta, monkeypatch):
     whole.wrap(room)
     results = []
     for numbers in (2**15, 30, 1):
-        monkeypatch.setattr(module, "_BLOCK", numbers)
+        monkeypatch.setattr(module, "_CACHED", numbers)
         assert len(list(whole.blocks())) == {2**15: 1, 30: 4, 1: 13}[numbers]
         strain = whole.deformations(Motion(balls, 0.5))
         force, pull, energy = whole.product(weights, room, 0.5, whole.padded())

@@ -7,29 +7,27 @@ no conjecture about friction: only the contacts, as they are.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, linear_response, uniform_part
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.motions import select_motions
+from granphon.dynamics.rows import contact_rows, strain_rows
 
 __all__ = ["bulk_and_shear", "elasticity", "shears"]
 
 Array = NDArray[np.float64]
 
 
-@cache
-def _strained() -> tuple[Array, Array]:
-    """(3 strains, 3 contacts): elongation n.e.n and slip t.e.n of each kind of contact under each unit strain."""
-    table = TRIANGULAR.contacts
+def _strain(mindlin_ratio: float) -> Array:
+    """(3 strains, rows): elongation n.e.n, then slip t.e.n, of each kind of contact under each unit strain."""
+    table, motions = TRIANGULAR.contacts, select_motions(mindlin_ratio)
+    rows = contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio)
     strains = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]]])
-    return (
-        np.einsum("ci,sij,cj->sc", table.normal, strains, table.normal),
-        np.einsum("ci,sij,cj->sc", table.tangent, strains, table.normal),
-    )
+    gradients = np.concatenate([strain_rows(row, table.vector, motions) for row in rows])
+    return np.asarray(np.einsum("rij,sij->sr", gradients, strains))
 
 
 def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
@@ -41,7 +39,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
     stencils = Stencils(state.deviations.shape, mindlin_ratio, state.stencils.workers)
     normal = state.stiffnesses
     stiffness = stencils.weights(normal)
-    affine = np.concatenate(_strained()[: 1 + (mindlin_ratio > 0.0)], axis=1)[..., None, None]
+    affine = _strain(mindlin_ratio)[..., None, None]
     means = stencils.weights(np.full((3, 1, 1), uniform_part(normal)))
     motions = [linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]

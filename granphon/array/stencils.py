@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.motions import select_motions
+from granphon.dynamics.rows import contact_rows
 
 __all__ = ["Motion", "Stencils", "dot"]
 
 Array = NDArray[np.float64]
 #: numbers of one array that are worked on at a time, so that they stay in the processor's cache
-_BLOCK = 2**15
+_CACHED = 2**15
 #: local stiffness below which a ball is held by the mean one in the preconditioner, as a part of the mean
-_SOFT = 1e-5
+_LEAST_LOCAL = 1e-5
 
 
 class _Row(NamedTuple):
@@ -54,21 +56,24 @@ class Stencils:
         self.mindlin_ratio = mindlin_ratio
         self.workers = workers
         table = TRIANGULAR.contacts
+        self.motions = select_motions(mindlin_ratio)
+        self.n_fields, self.n_contacts = self.motions.count, len(table)
         #: rows: the directions on which displacements are projected
         self.basis: Array = table.normal[:2]
-        normals = table.normal @ np.linalg.inv(self.basis)
-        tangents = table.tangent @ np.linalg.inv(self.basis)
-        still = (0.0,) if mindlin_ratio else ()
         #: cells between the balls of each kind of contact
         self.shifts = [(int(a), int(b)) for a, b in table.shift]
-        # numbers that are whole but for rounding
-        ends = [(*np.round(n, 14).tolist(), *still) for n in normals]
-        self._rows = [_Row(shift, end, end) for shift, end in zip(self.shifts, ends, strict=True)]
-        if mindlin_ratio:
-            for shift, t, arm_i, arm_j in zip(self.shifts, tangents.tolist(), table.arm_i, table.arm_j, strict=True):
-                self._rows.append(_Row(shift, (*t, -float(arm_j)), (*t, float(arm_i))))
-        self.n_fields = 2 + len(still)
-        self.n_contacts = len(table)
+        project = np.eye(self.n_fields)
+        project[:2, :2] = np.linalg.inv(self.basis)
+        rows = contact_rows(table.normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio)
+        #: stiffness of each kind of deformation over that of elongation, three contacts at a time
+        self._ratios = [float(row.stiffness) for row in rows]
+        self._rows = [
+            _Row(shift, tuple(head), tuple(tail))
+            for row in rows
+            for shift, head, tail in zip(
+                self.shifts, _whole(row.head @ project).tolist(), _whole(row.tail @ project).tolist(), strict=True
+            )
+        ]
 
     def __reduce__(self) -> tuple[Any, ...]:
         # without Green's function
@@ -85,7 +90,7 @@ class Stencils:
 
     def weights(self, stiffness: Array) -> Array:
         """(rows, L1, L2) stiffness of all deformations, from that of elongations."""
-        return np.concatenate([stiffness, self.mindlin_ratio * stiffness]) if self.mindlin_ratio else stiffness
+        return stiffness if len(self._ratios) == 1 else np.concatenate([ratio * stiffness for ratio in self._ratios])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
@@ -108,7 +113,7 @@ class Stencils:
 
     def blocks(self) -> Iterator[slice]:
         """Rows of balls to be worked on at a time."""
-        step = max(1, _BLOCK // self.shape[1])
+        step = max(1, _CACHED // self.shape[1])
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
@@ -200,8 +205,9 @@ class Stencils:
             angle = row.shift[0] * half[0] + row.shift[1] * half[1]
             sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
             # a motion z exp(i q r) deforms by i (2 sin z_u) + 2 cos z_phi about the middle of the contact
-            factor = [head * (sine if field < 2 else cosine) for field, head in enumerate(row.head)]
-            weight = 1.0 if kind < self.n_contacts else self.mindlin_ratio
+            turns = self.motions.is_rotation.tolist()
+            factor = [head * (cosine if turn else sine) for head, turn in zip(row.head, turns, strict=True)]
+            weight = self._ratios[kind // self.n_contacts]
             for a in range(n):
                 for b in range(n):
                     if row.head[a] and row.head[b]:
@@ -220,19 +226,17 @@ class Stencils:
         from scipy import fft  # here: media that are not simulated need none of it
 
         mean = float(np.mean(stiffness[: self.n_contacts]))
-        local = self._local(stiffness, _SOFT * mean)
+        local, turning = self._local(stiffness, _LEAST_LOCAL * mean), self.motions.turning
 
         def apply(force: Array) -> Array:
             waves = fft.rfft2(force, workers=self.workers)
             for rows in self.blocks():
                 parts = waves[:, rows]
-                if self.n_fields > 2:
-                    parts[2] *= -1j
+                parts[turning] *= -1j
                 new = [_inner([entry[rows] for entry in line], parts) for line in self._green]
                 for field, part in enumerate(new):
                     parts[field] = part
-                if self.n_fields > 2:
-                    parts[2] *= 1j
+                parts[turning] *= 1j
             # one axis after the other: both at once would make another array of waves
             waves = fft.ifft(waves, axis=1, workers=self.workers, overwrite_x=True)
             out: Array = fft.irfft(waves, self.shape[1], axis=2, workers=self.workers)
@@ -240,20 +244,20 @@ class Stencils:
                 part = out[:, rows]
                 part *= 1.0 / mean
                 part[:2] += [_inner([entry[rows] for entry in line], force[:2, rows]) for line in local[:2]]
-                if self.n_fields > 2:
-                    part[2] += local[2][0][rows] * force[2, rows]
+                for turn, field in zip(local[2], part[turning], strict=True):
+                    field += turn[rows] * force[2, rows]
             return out
 
         return apply
 
     def _local(self, stiffness: Array, least: float) -> list[list[Array]]:
         """The inverse of each ball's own block of C^T K C, displacements and rotation apart."""
-        blocks = [(0, 0), (0, 1), (1, 1)] + [(2, 2)] * (self.n_fields - 2)
+        blocks = [(0, 0), (0, 1), (1, 1), *((turn, turn) for turn in range(self.n_fields)[self.motions.turning])]
         room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
         for rows in self.blocks():
             for kind, row in enumerate(self._rows):
                 (s1, s2), part = row.shift, stiffness[kind, rows]
-                extra = least if kind < self.n_contacts else self.mindlin_ratio * least
+                extra = least * self._ratios[kind // self.n_contacts]
                 for slot, (a, b) in enumerate(blocks):
                     ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
                     if ahead:
@@ -267,6 +271,12 @@ class Stencils:
             for turn in turns:
                 turn[rows] = 1.0 / turn[rows]
         return [[xx, xy], [xy, yy], turns]
+
+
+def _whole(coefficients: Array) -> Array:
+    """Coefficients with those that are whole numbers but for rounding made whole: a product with one is saved."""
+    near = np.rint(coefficients)
+    return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
 
 
 def dot(first: Array, second: Array) -> float:

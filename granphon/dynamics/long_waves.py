@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
-from granphon.dynamics.rows import Compatibility
+from granphon.dynamics.rows import Row, push_rows, strain_rows
 
 __all__ = ["LongWaves"]
 
@@ -31,30 +32,23 @@ _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sq
 class LongWaves(Compatibility):
     """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
 
-    @cached_property
-    def _strain_rows(self) -> tuple[Array, Array, Array, Array]:
-        """Deformations at q = 0 in terms of the displacement gradient (u_x,x u_x,y u_y,x u_y,y) and the inner motions.
+    def _uniform_rows(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
+        """Deformations at q = 0, times ``root``, of the displacement gradient (u_x,x u_x,y u_y,x u_y,y) and inner motions.
 
-        Returns K^1/2 C for the gradient (n_rows, 4) and the inner motions (n_rows, n_inner), and the transverse
-        displacements (n_c, 4), (n_c, n_inner) on which a prestress of one acts.
+        (n_rows, 4) and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls in the cell.
         """
-        table, count = self.contacts, len(self.contacts)
+        gradient = [strain_rows(row, self.contacts.vector, self.motions) for row in rows]
+        affine = root[..., None] * np.reshape(gradient, (*root.shape, -1))
+        return affine.reshape(root.size, -1), self._inner(self._ends(rows, root)[0])
 
-        def affine(axis: Array) -> Array:
-            return np.asarray((axis[:, :, None] * table.vector[:, None, :]).reshape(count, 4))
+    def _inner(self, columns: Array) -> Array:
+        """(n_rows, n_inner): columns of inner motions, from (kinds, n_c, n_branches)."""
+        return columns.reshape(-1, self.n_branches)[:, len(self.motions.translations) :]
 
-        blocks = [np.sqrt(self.stiffness)[:, None] * affine(table.normal)]
-        if self.rotates:
-            blocks.append(np.sqrt(self.mindlin_ratio * self.stiffness)[:, None] * affine(table.tangent))
-        gamma = np.zeros((1, 2))
-        # at q = 0 translations enter as -i times a real gap, and w is divided by i
-        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
-        inner = (self._rows(gamma)[0] * to_real).real[:, 2:]
-        motion = self._frame / np.sqrt(self.masses)[:, None]
-        gap = motion[table.j] - motion[table.i]
-        across = np.zeros((count, self.n_balls, self.dofs_per_ball))
-        across[..., :2] = gap[..., None] * table.tangent[:, None, :]
-        return np.concatenate(blocks), inner, affine(table.tangent), across.reshape(count, -1)[:, 2:]
+    @cached_property
+    def _strain_rows(self) -> tuple[Array, Array]:
+        """:meth:`_uniform_rows` of K^1/2 C."""
+        return self._uniform_rows(*self._weighted_rows())
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
@@ -63,13 +57,13 @@ class LongWaves(Compatibility):
         Returns an orthonormal basis (n_rows, n_stiff) of the deformations that they can make, and the inner motions
         (n_inner, n_free) that deform no contact.
         """
-        _, inner, _, _ = self._strain_rows
+        _, inner = self._strain_rows
         count = inner.shape[1]
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = np.linalg.norm(inner, axis=0)
         # a column that is rounding alone, against those of its kind, is a motion that deforms nothing
-        turns = np.arange(2, 2 + count) % self.dofs_per_ball == 2
+        turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
         still = size <= _SOFT * of_kind
         scale = np.where(still, 1.0, size)
@@ -99,12 +93,11 @@ class LongWaves(Compatibility):
         _, free = self._inner_modes
         if not free.shape[1]:
             return False
-        gamma = np.zeros((1, 2))
-        slope = self._rows(gamma, derivative=True)
-        to_real = np.tile([1.0j, 1.0j, 1.0][: self.dofs_per_ball], self.n_balls)
         # to first order in q deformations are i times a real number, for sound and for the inner motions
-        change = (slope[0] * to_real).imag[:, 2:] @ free
-        waves = self._relaxed(self._half_vectors(slope)[:, :, None] * change[:, None, :])
+        _, total = self._ends(*self._weighted_rows())
+        half = 0.5 * np.tile(self.contacts.vector, (len(total), 1))
+        change = self._inner(total) @ free
+        waves = self._relaxed(half[:, :, None] * change[:, None, :])
         sound = self._relaxed_rows.reshape(-1, 2, 2)
         coupling = np.einsum("rij,rlm->ijlm", sound, waves)
         coupling = coupling + coupling.swapaxes(1, 2)
@@ -116,13 +109,13 @@ class LongWaves(Compatibility):
         It is a uniform strain, or a motion inside the cell that couples with sound. One that does not, such as turns of
         opposite sense in a cell that holds several smaller ones, belongs to another wave vector of the smaller cell.
         """
-        mend = "Use a lattice with more contacts" if self.rotates else "Use friction, or a lattice with more contacts"
+        mend = "Use a lattice with more contacts" if self.motions.rotate else "Use friction, or a lattice with more contacts"
         if self._free_motions_couple:
             raise MechanismError(
                 message(
                     f"the lattice {name} is a mechanism",
                     "The balls of a cell can shift or turn against each other at no cost"
-                    + (" (as gears do, on a lattice without odd rings)" if self.rotates else ""),
+                    + (" (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""),
                     mend,
                 )
             )
@@ -134,7 +127,7 @@ class LongWaves(Compatibility):
                 message(
                     f"the lattice {name} is a mechanism",
                     f"The strain (xx, yy, 2xy) = ({xx:g}, {yy:g}, {xy:g}) costs no energy"
-                    + ("" if self.rotates else "; without friction contacts resist compression only"),
+                    + ("" if self.motions.rotate else "; without friction contacts resist compression only"),
                     mend,
                 )
             )
@@ -150,19 +143,22 @@ class LongWaves(Compatibility):
         -------
         (..., 2, 2, 2, 2), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
         """
+        shape = (len(self.motions.translations), len(self.cell)) * 2
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
-            return (relaxed.T @ relaxed).reshape(2, 2, 2, 2)
-        load = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
-        affine, inner, across, inner_across = self._strain_rows
-        own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load * np.ones(len(self.contacts)), across, across)
+            return (relaxed.T @ relaxed).reshape(shape)
+        push = push_rows(self.contacts.normal, self.motions)
+        across, inner_across = self._uniform_rows(push, np.ones((len(push), len(self.contacts))))
+        each: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
+        load = np.tile(each * np.ones(len(self.contacts)), len(push))
+        affine, inner = self._strain_rows
+        own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load, across, across)
         if not inner.shape[1]:
-            return np.asarray(own.reshape(*own.shape[:-2], 2, 2, 2, 2))
-        load = load * np.ones(len(self.contacts))
+            return np.asarray(own.reshape(*own.shape[:-2], *shape))
         mixed = inner.T @ affine - np.einsum("...c,cm,cn->...mn", load, inner_across, across)
         block = inner.T @ inner - np.einsum("...c,cm,cn->...mn", load, inner_across, inner_across)
         relaxed = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
-        return np.asarray(relaxed.reshape(*relaxed.shape[:-2], 2, 2, 2, 2))
+        return np.asarray(relaxed.reshape(*relaxed.shape[:-2], *shape))
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """A(q^), the small-q limit of D/q^2 with rotations eliminated, (..., 2, 2), in units of k d^2/M.
@@ -235,14 +231,15 @@ class LongWaves(Compatibility):
 
         On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
-        if self.n_balls != 1 or not self.rotates:
+        if self.n_balls != 1 or not self.motions.rotate:
             raise InputError(message("there is no single rotational branch", "It takes friction and one ball in the cell"))
-        along, table = one_direction(direction), self.contacts
-        ahead = table.vector @ along
-        weight = self.mindlin_ratio * self.stiffness / self.masses[0]
-        lever = (table.arm_i + table.arm_j) / self.gyration[0]
-        squared = float(np.sum(weight * lever**2))
-        # cos^2 of the half angle, and the second-order push from the translations
-        narrowing = float(np.sum(weight * lever**2 * ahead**2)) / 4.0
-        coupling = np.einsum("c,c,ci->i", weight * lever, ahead, table.tangent)
+        ahead = self.contacts.vector @ one_direction(direction)
+        rows, root = self._weighted_rows()
+        gap, total = self._ends(rows, root)
+        # what the rotation does to contacts, by cos of the half angle, and the displacements, by sin of it
+        turn, shift = gap[..., self.motions.turning], total[..., self.motions.translating]
+        squared = float(np.sum(turn**2))
+        narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
+        # the second-order push from the displacements
+        coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared

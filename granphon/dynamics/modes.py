@@ -18,9 +18,9 @@ from granphon.balls.lattices import Lattice, as_direction, lattice_named
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
+from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.linalg import MOST_COLUMNS, cholesky_factor, graded_svd, lapack_svd
 from granphon.dynamics.long_waves import LongWaves
-from granphon.dynamics.rows import in_plane
 
 __all__ = ["ContactLattice", "Modes"]
 
@@ -116,10 +116,10 @@ class ContactLattice(LongWaves):
         values = np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
-            # sound, whose modes are the first two of the frame, is linear in q there
+            # sound, whose modes are the first of the frame, the displacements of the centre of mass, is linear in q there
             size = np.max(np.abs(q[faint]), axis=1, keepdims=True)
             near, vectors = self._solve(_FAINT * (q[faint] / size))
-            sound = np.sum(np.abs(vectors[:, :2]) ** 2, axis=1) > 0.5
+            sound = np.sum(np.abs(vectors[:, self.motions.translating]) ** 2, axis=1) > 0.5
             values[faint] = np.sort(np.where(sound, near * (size / _FAINT), near), axis=1)
         return values
 
@@ -138,7 +138,7 @@ class ContactLattice(LongWaves):
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
-        q = in_plane(wavevectors)
+        q = as_wavevectors(wavevectors, len(self.cell))
         if not np.all(np.isfinite(q)):
             raise InputError(message("a wave vector is not finite"))
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
@@ -162,7 +162,7 @@ class ContactLattice(LongWaves):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        asked = in_plane(wavevectors)
+        asked = as_wavevectors(wavevectors, len(self.cell))
         if direction is not None:
             along = np.broadcast_to(as_direction(direction), asked.shape)
         elif np.all(np.any(asked != 0.0, axis=1)):
@@ -185,11 +185,12 @@ class ContactLattice(LongWaves):
             values[limit] = self.frequencies(q[limit])
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions.T))[:, :, None, None]
-        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.dofs_per_ball, -1) * phase
+        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, -1) * phase
         kinetic = np.abs(motion) ** 2
-        rotation = kinetic[:, :, 2].sum(axis=1) if self.rotates else np.zeros_like(values)
+        rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
-        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, :2], as_direction(ahead))) ** 2
+        toward = np.pad(as_direction(ahead), ((0, 0), (0, 3 - len(self.cell))))[:, list(self.motions.translations)]
+        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, self.motions.translating], toward)) ** 2
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
 
@@ -245,7 +246,7 @@ class ContactLattice(LongWaves):
             rows = self._waves(q, prestress=prestress) if self.is_prestressed else factor
             half = self._wave_half_vectors(rows)
             if prestress:
-                half = -np.sign(self.prestress[self._wave_contacts])[:, None] * half
+                half = -self._push_signs(rows) * half
             kinds.append((rows, self._waves(q, derivative=True, prestress=prestress), half))
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from granphon.array.atoms import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, has_sampled, kind_of, take_arrays
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
+from granphon.balls.motions import select_motions
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
+from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
-from granphon.dynamics.rows import GYRATION
+from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState, Law, with_keyword
 from granphon.phonons.neighbours import PairList, Pairs
@@ -107,11 +109,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         # the overlap up to which balls are apart: below zero where they differ
         self._apart = state.law.least_overlap / self.scales.length
         self._eta = float(state.packing.mindlin_ratio)
+        self._motions = select_motions(self._eta)
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         table = state.packing.structure.contacts
         self._directions = np.concatenate([table.normal, -table.normal])
         # without friction contacts of finite overlap have no direction but that in which the balls are
-        self._is_free = self.finite_overlap and not self._eta
+        self._is_free = self.finite_overlap and not self._motions.rotate
         self._near = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
@@ -161,11 +164,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 )
             )
         contacts = self._deformations(balls)
-        i, j, pull, arm_i, arm_j = contacts.i, contacts.j, contacts.force_on_j, contacts.arm_i, contacts.arm_j
+        i, j, pull = contacts.i, contacts.j, contacts.force_on_j
         n, forces = len(balls), np.zeros((len(balls), 3))
         for axis in (0, 1):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
-        at_i, at_j = np.bincount(i, arm_i * contacts.shear, n), np.bincount(j, arm_j * contacts.shear, n)
+        at_i, at_j = np.bincount(i, contacts.torque_on_i, n), np.bincount(j, contacts.torque_on_j, n)
         self._torques: Array = np.asarray(at_i + at_j, float)
         energy = float(contacts.energy.sum())
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
@@ -280,18 +283,22 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         energy = law.energy(depth) / (k * d * d)
         arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
         pull = compression[:, None] * axis
-        shear = np.zeros(len(i))
-        if self._eta:
+        torque_i, torque_j = np.zeros(len(i)), np.zeros(len(i))
+        if self._motions.rotate:
             rest = self._at_rest(balls, i, j, normal)
-            tangent = np.stack([-rest.axis[:, 1], rest.axis[:, 0]], axis=1)
             origin = balls.arrays["slip_origin"][:, :2]
-            vector_of_slip = vector - self._spacing * normal - (origin[j] - origin[i])
-            slip = np.einsum("ca,ca->c", vector_of_slip, tangent) - arm_i * angles[i] - arm_j * angles[j]
-            # kappa is that of the reference: the energy is incremental
-            shear = self._eta * self._stiffness(law, rest.overlap) * slip
-            energy = energy + 0.5 * shear * slip
-            pull = pull - shear[:, None] * tangent
-        return _Deformations(i, j, vector, energy, pull, shear, arm_i, arm_j)
+            moved = vector - self._spacing * normal - (origin[j] - origin[i])
+            # stiffnesses are those of the reference: the energy is incremental
+            stiffness = self._stiffness(law, rest.overlap)
+            _, *resisted = contact_rows(rest.axis, arm_i, arm_j, self._motions, slip=self._eta)
+            for row in resisted:
+                (x, y, turn_j), (*_, turn_i) = row.head.T, row.tail.T
+                change = x * moved[:, 0] + y * moved[:, 1] + turn_j * angles[j] - turn_i * angles[i]
+                tension = row.stiffness * stiffness * change
+                energy = energy + 0.5 * tension * change
+                pull = pull - tension[:, None] * row.head[:, self._motions.translating]
+                torque_i, torque_j = torque_i + tension * turn_i, torque_j - tension * turn_j
+        return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
     def _at_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
         """Contacts in the reference state, where balls are displaced from sites in the direction ``normal``.
@@ -390,33 +397,31 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """(n_c, 6, 6) force constants of each contact alone, in (x, y, w) of ball i and then of ball j; units of k."""
-    table = lattice.contacts
-    rows, weights = [table.normal], [lattice.stiffness]
-    turn_i, turn_j = [np.zeros(len(table))], [np.zeros(len(table))]
-    if lattice.rotates:
-        rows, weights = [*rows, table.tangent], [*weights, lattice.mindlin_ratio * lattice.stiffness]
-        turn_i.append(-table.arm_i / lattice.gyration[table.i])
-        turn_j.append(-table.arm_j / lattice.gyration[table.j])
+    """(n_c, 6, 6) force constants of each contact alone, in (x, y, w) of ball i and then of ball j; units of k.
+
+    With all six motions (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each.
+    """
+    slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
+    springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     if lattice.is_prestressed:
-        rows, weights = [*rows, table.tangent], [*weights, -lattice.prestress]
-        turn_i.append(np.zeros(len(table)))
-        turn_j.append(np.zeros(len(table)))
-    # each row of C has six entries
-    entries = np.stack(
-        [np.column_stack([-axis, left, axis, right]) for axis, left, right in zip(rows, turn_i, turn_j, strict=True)]
-    )
-    return np.asarray(np.einsum("rc,rca,rcb->cab", np.stack(weights), entries, entries))
+        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
+    entries = np.zeros((len(springs), len(lattice.contacts), 2, count))
+    for entry, (row, _) in zip(entries, springs, strict=True):
+        entry[:, 0, slots], entry[:, 1, slots] = -row.tail, row.head
+    entries = entries.reshape(*entries.shape[:2], 2 * count)
+    return np.asarray(np.einsum("rc,rca,rcb->cab", [weight for _, weight in springs], entries, entries))
 
 
-class _Deformations:
-    """Closed contacts at given positions: energies, forces on ball j, slip forces, lever arms."""
+class _Deformations(NamedTuple):
+    """Closed contacts at given positions: vectors (n, 2) from i to j, energies, forces (n, 2) and torques on the balls."""
 
-    def __init__(
-        self, i: Any, j: Any, vector: Array, energy: Array, force_on_j: Array, shear: Array, arm_i: Array, arm_j: Array
-    ) -> None:
-        self.i, self.j, self.vector, self.energy = i, j, vector, energy
-        self.force_on_j, self.shear, self.arm_i, self.arm_j = force_on_j, shear, arm_i, arm_j
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    vector: Array
+    energy: Array
+    force_on_j: Array
+    torque_on_i: Array
+    torque_on_j: Array
 
 
 class _Rest(NamedTuple):

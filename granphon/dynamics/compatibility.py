@@ -1,0 +1,347 @@
+"""The compatibility matrix: the deformations of all contacts of a lattice from the motions of all its balls.
+
+Every quantity of the lattice follows from it. Its rows C are those of :mod:`granphon.dynamics.rows`. With K the stiffnesses
+and M the masses, D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's
+rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.contact_table import ContactTable
+from granphon.balls.motions import IN_PLANE, Motions, select_motions
+from granphon.base.arguments import not_negative, real_array
+from granphon.base.errors import InputError, message
+from granphon.base.results import read_only
+from granphon.dynamics.rows import Row, contact_rows, push_rows
+
+__all__ = ["GYRATION", "Compatibility", "as_wavevectors"]
+
+Array = NDArray[np.float64]
+#: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
+GYRATION = float(1.0 / np.sqrt(10.0))
+#: relative difference of vectors that are equal but for rounding
+_ALIKE = 8.0 * float(np.finfo(np.float64).eps)
+
+
+def as_wavevectors(wavevectors: ArrayLike, dimension: int) -> Array:
+    """Wave vectors as (n_q, dimension), from any (..., dimension); :class:`~granphon.base.errors.InputError` otherwise."""
+    q = real_array("wavevectors", wavevectors)
+    if q.shape[-1:] != (dimension,):
+        raise InputError(message(f"wave vectors of shape {q.shape}", mend=f"Give (n_q, {dimension})"))
+    return q.reshape(-1, dimension)
+
+
+class _Waves(NamedTuple):
+    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j - r_i)/2 of a contact.
+
+    ``odd`` and ``even`` are (kinds, n_c, n_branches); ``half`` (n_c, d) holds (r_j - r_i)/2.
+    """
+
+    odd: NDArray[Any]
+    even: NDArray[Any]
+    half: Array
+
+    def at(self, wavevectors: Array, derivative: bool) -> NDArray[Any]:
+        """(n_q, kinds * n_c, n_branches) rows, or their derivatives with respect to the half angle."""
+        angle = wavevectors @ self.half.T
+        sine, cosine = np.sin(angle), np.cos(angle)
+        if derivative:
+            sine, cosine = cosine, -sine
+        # complex numbers as pairs: the factors are real
+        rows = sine[:, None, :, None] * self.odd.view(np.float64)
+        rows += cosine[:, None, :, None] * self.even.view(np.float64)
+        kinds, contacts, branches = self.odd.shape
+        return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, branches)
+
+    def half_vectors(self) -> Array:
+        """(kinds * n_c, d): gradient of each row's half angle with respect to q."""
+        return np.tile(self.half, (len(self.odd), 1))
+
+
+class Compatibility:
+    """Balls in contact on a periodic lattice, in reduced units: C(q) and D(q).
+
+    Parameters
+    ----------
+    cell : (d, d) lattice vectors as rows, in two or three dimensions.
+    positions : (n, d) centres.
+    contacts : the table of contacts, in the same unit of length.
+    mindlin_ratio : eta, stiffness of slip over that of elongation.
+    stiffness : (n_c,) normal stiffness of each contact; 1 by default.
+    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
+    masses : (n,) masses; 1 by default.
+    gyration : (n,) radii of gyration; d/sqrt(10) by default.
+    torsion, bending : stiffness of twist and of rolling, over that of elongation times d^2.
+    motions : of each ball; those of the plane by default. Where no contact resists rotation, balls do not turn.
+
+    Raises
+    ------
+    InputError : shapes or values that cannot be.
+    """
+
+    def __init__(
+        self,
+        cell: ArrayLike,
+        positions: ArrayLike,
+        contacts: ContactTable,
+        mindlin_ratio: float,
+        stiffness: ArrayLike = 1.0,
+        prestress: ArrayLike = 0.0,
+        masses: ArrayLike = 1.0,
+        gyration: ArrayLike = GYRATION,
+        *,
+        torsion: float = 0.0,
+        bending: float = 0.0,
+        motions: Motions = IN_PLANE,
+    ) -> None:
+        self.cell: Array = read_only(real_array("cell", cell))
+        self.positions: Array = read_only(real_array("positions", positions))
+        self.contacts = contacts
+        self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
+        self.torsion, self.bending = not_negative("torsion", torsion), not_negative("bending", bending)
+        self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
+        self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
+        self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
+        self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
+        self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
+        if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
+            raise InputError(message("a mass or a contact stiffness is not above zero"))
+
+    # -- sizes ------------------------------------------------------------------------------------------------------
+
+    @property
+    def n_balls(self) -> int:
+        """Balls in the cell."""
+        return len(self.positions)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the balls have a rotational degree of freedom: only if a contact resists rotation."""
+        return self.motions.rotate
+
+    @property
+    def dofs_per_ball(self) -> int:
+        """Motions of a ball: in the plane 3 with friction, 2 without."""
+        return self.motions.count
+
+    @property
+    def n_branches(self) -> int:
+        """Degrees of freedom in the cell."""
+        return self.motions.count * self.n_balls
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the cell."""
+        return float(abs(np.linalg.det(self.cell)))
+
+    @cached_property
+    def reciprocal(self) -> Array:
+        """(d, d): reciprocal vectors as rows, 2 pi included."""
+        return read_only(2.0 * np.pi * np.linalg.inv(self.cell).T)
+
+    @property
+    def is_prestressed(self) -> bool:
+        """Whether the static force itself enters the stiffness; K is then indefinite."""
+        return bool(np.any(self.prestress != 0.0))
+
+    def wavevectors(self, fractions: ArrayLike) -> Array:
+        """Cartesian wave vectors (..., d) of fractions (..., d) of the reciprocal cell; in the plane also of (..., 3)."""
+        q, count = real_array("fractions", fractions), len(self.cell)
+        if q.shape[-1:] not in ((count,), (3,)):
+            raise InputError(message(f"fractions of shape {q.shape}", mend="Give (..., 2) or (..., 3) of them"))
+        return np.asarray(q[..., :count] @ self.reciprocal)
+
+    # -- the compatibility matrix -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _frame(self) -> Array:
+        """(n, n) orthogonal: the first column is the motion of the centre of mass in mass-weighted coordinates.
+
+        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference of n.
+        """
+        weights = np.sqrt(self.masses / self.masses.sum())
+        basis = np.eye(self.n_balls)
+        basis[:, 0] = weights
+        frame, _ = np.linalg.qr(basis)
+        return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
+
+    def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
+        """K^1/2 C(q) M^-1/2 at each wave vector.
+
+        Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the mass-weighted motions
+        (x, y, w) in the frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix
+        is real.
+
+        Parameters
+        ----------
+        wavevectors : (n_q, 2), 1/d.
+        derivative : the gradient with respect to q instead.
+
+        Returns
+        -------
+        (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
+        """
+        rows = self._rows(wavevectors, derivative)
+        if derivative:
+            return np.asarray(rows[:, None] * self._own_waves.half_vectors().T[None, :, :, None])
+        return rows
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """The deformations of the contacts, as coefficients of the motions of their two balls, w instead of rotations."""
+        table, motions = self.contacts, self.motions
+        in_radians = contact_rows(
+            table.normal, table.arm_i, table.arm_j, motions, slip=self.mindlin_ratio, twist=self.torsion, roll=self.bending
+        )
+        at_i, at_j = (np.where(motions.is_rotation, self.gyration[ball][:, None], 1.0) for ball in (table.i, table.j))
+        return [row._replace(head=row.head / at_j, tail=row.tail / at_i) for row in in_radians]
+
+    def _weighted_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
+        """Rows, and the roots (kinds, n_c) of their stiffness; with ``prestress`` rows across contacts, and of |f/a|."""
+        if prestress:
+            rows, stiffness = push_rows(self.contacts.normal, self.motions), np.abs(self.prestress)
+        else:
+            rows, stiffness = self.rows, self.stiffness
+        return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
+
+    def _ends(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
+        """Difference and sum of what each motion of the frame does to each contact at its two ends, times ``root``.
+
+        Both are (kinds, n_c, n_branches). The difference is the deformation at q = 0; of displacements of the centre of mass
+        it is zero, without rounding.
+        """
+        motion = self._frame / np.sqrt(self.masses)[:, None]
+        motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
+        shape = (len(rows), len(self.contacts), 1, self.motions.count)
+        head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
+        tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
+        gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
+        return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
+
+    def _make_waves(self, prestress: bool = False) -> _Waves:
+        """Rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
+        # Of a motion z exp(i q.r) a row is cos(half angle) times the difference, plus i sin times the sum, of its ends.
+        # Rotations are carried divided by i, and rows are divided by i: then both are real for one ball, a displacement
+        # having no difference and the rotation in a slip no sum. Rows of rotations alone are divided by i once more.
+        rows, root = self._weighted_rows(prestress)
+        gap, total = self._ends(rows, root)
+        of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
+        phase = of_rows * np.tile(self.motions.phases, self.n_balls)
+        odd, even = 1j * phase * total, phase * gap
+        half = 0.5 * self.contacts.vector
+        return _Waves(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else _Waves(odd, even, half)
+
+    def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """Rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
+
+        With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
+        """
+        q = as_wavevectors(wavevectors, len(self.cell))
+        return (self._make_waves(prestress) if prestress else self._own_waves).at(q, derivative)
+
+    @cached_property
+    def _own_waves(self) -> _Waves:
+        return self._make_waves()
+
+    @cached_property
+    def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+        """Contacts and their images, if the lattice looks the same inverted about each of its balls; else None.
+
+        The image of a contact is one of the same balls with the opposite vector. A contact of a ball with itself is its
+        own, and is left out.
+        """
+        table = self.contacts
+        # seen from the ball of the lower number: what an image shares, and what it has with the opposite sign
+        turned = (table.i > table.j)[:, None]
+        ends = np.sort(np.stack([table.i, table.j], axis=1), axis=1)
+        arms = np.where(turned, np.stack([table.arm_j, table.arm_i], axis=1), np.stack([table.arm_i, table.arm_j], axis=1))
+        same = np.column_stack([ends, arms, self.stiffness, self.prestress])
+        opposite = np.where(turned, -1.0, 1.0) * np.column_stack([table.vector, table.normal])
+        left, first, image = ends[:, 0] != ends[:, 1], [], []
+        while np.any(left):
+            c = int(np.argmax(left))
+            left[c] = False
+            inverted = np.all(np.abs(opposite + opposite[c]) <= _ALIKE * np.max(np.abs(opposite[c])), axis=1)
+            alike = np.all(np.abs(same - same[c]) <= _ALIKE * np.abs(same[c]), axis=1)
+            others = np.flatnonzero(left & inverted & alike)
+            if not others.size:
+                return None
+            left[others[0]] = False
+            first.append(c)
+            image.append(int(others[0]))
+        return np.array(first, np.intp), np.array(image, np.intp)
+
+    @cached_property
+    def _wave_contacts(self) -> NDArray[np.intp]:
+        """(n_c,): whose half angle each row of :meth:`_waves` has."""
+        found = np.arange(len(self.contacts))
+        if self._images is not None:
+            first, image = self._images
+            found[image] = first
+        return found
+
+    def _make_real_waves(self, prestress: bool = False) -> _Waves:
+        """Rows with the same C^H C as those of :meth:`_make_waves`, real ones if each contact has an image.
+
+        The row of an image is the complex conjugate, or minus it: 2^1/2 times the real and the imaginary part of one
+        replace both.
+        """
+        waves = self._make_waves(prestress)
+        if self.n_balls == 1 or self._images is None:
+            return waves
+        first, image = self._images
+        paired = np.ones((len(self.contacts), 1))
+        paired[[first, image]] = np.sqrt(2.0)
+        odd, even = waves.odd.real * paired, waves.even.real * paired
+        odd[:, image], even[:, image] = (np.sqrt(2.0) * part.imag[:, first] for part in (waves.odd, waves.even))
+        return _Waves(odd, even, waves.half[self._wave_contacts])
+
+    @cached_property
+    def _deforming(self) -> _Waves:
+        return self._make_real_waves()
+
+    @cached_property
+    def _pushing(self) -> _Waves:
+        return self._make_real_waves(prestress=True)
+
+    def _waves(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """As :meth:`_rows`, with rows that have the same C^H C and are real if each contact has an image."""
+        q = as_wavevectors(wavevectors, len(self.cell))
+        return (self._pushing if prestress else self._deforming).at(q, derivative)
+
+    def _wave_half_vectors(self, waves: NDArray[Any]) -> Array:
+        """(n_rows, d): gradient of the half angle of the contact of each row of :meth:`_waves`."""
+        return np.tile(self._deforming.half, (waves.shape[1] // len(self.contacts), 1))
+
+    def _push_signs(self, across: NDArray[Any]) -> Array:
+        """(n_rows, 1): sign of the static force in the contact of each row ``across`` of :meth:`_waves`."""
+        signs = np.sign(self.prestress[self._wave_contacts])
+        return np.tile(signs, across.shape[1] // len(self.contacts))[:, None]
+
+    def _frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
+        """D(q) in the frame, prestress included."""
+        rows = self._waves(wavevectors)
+        matrix = rows.conj().swapaxes(1, 2) @ rows
+        if self.is_prestressed:
+            across = self._waves(wavevectors, prestress=True)
+            matrix = matrix - across.conj().swapaxes(1, 2) @ (self._push_signs(across) * across)
+        return np.asarray(matrix)
+
+    @cached_property
+    def _to_balls(self) -> NDArray[np.complex128]:
+        """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
+        return np.asarray(np.kron(self._frame, np.diag(self.motions.phases)), complex)
+
+    def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
+        """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.
+
+        Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
+        (n_q, 2) in 1/d.
+        """
+        return np.asarray(self._to_balls @ self._frame_matrix(wavevectors) @ self._to_balls.conj().T)

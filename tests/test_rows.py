@@ -1,0 +1,303 @@
+"""Motions as data, and the rows of deformations that everything linear is made of, against vectors in space."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from granphon.balls.contact_table import find_contacts
+from granphon.balls.lattices import KAGOME, TRIANGULAR
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, TRANSLATIONS_IN_PLANE, select_motions
+from granphon.dynamics.compatibility import GYRATION, Compatibility
+from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.phonons.calculator import contact_blocks
+
+FCC = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]) / math.sqrt(2.0)
+#: stiffness over that of elongation
+SLIP, TWIST, ROLL = 0.8, 0.07, 0.03
+RATIOS = {"elongation": 1.0, "slip": SLIP, "twist": TWIST, "roll": ROLL}
+
+
+# -- the twin: vectors in space, no tangents, no rows -------------------------------------------------------------------
+
+
+def deform(n, arm_i, arm_j, u_i, phi_i, u_j, phi_j):
+    """Elongation, slip, twist and roll of one contact, the second and the last as vectors."""
+    across = np.eye(3) - np.outer(n, n)
+    slip = across @ (u_j - u_i) - np.cross(arm_i * phi_i + arm_j * phi_j, n)
+    return {
+        "elongation": (u_j - u_i) @ n, "slip": slip, "twist": (phi_j - phi_i) @ n, "roll": across @ (phi_j - phi_i)
+    }  # fmt: skip
+
+
+def in_space(vectors):
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def hessian(lattice):
+    """D(q) of all six motions, a function of q, from energies of unit motions: bilinear, so that they give it exactly."""
+    table, n = lattice.contacts, lattice.n_balls
+    normal, unit = in_space(table.normal), np.eye(6)
+
+    def matrix(q):
+        total = np.zeros((6 * n, 6 * n), complex)
+        for c, (i, j) in enumerate(zip(table.i, table.j, strict=True)):
+            # C of this contact at both ends, every motion in turn, and the phases of the balls' own places
+            wave = np.exp(1j * (table.vector[c] @ q))
+            columns = {kind: [] for kind in (*RATIOS, "push")}
+            for ball, place in ((i, 1.0), (j, wave)):
+                for motion in unit:
+                    x = np.zeros((2, 6))
+                    x[int(place is wave)] = (
+                        motion / np.repeat([1.0, lattice.gyration[ball]], 3) / np.sqrt(lattice.masses[ball])
+                    )
+                    found = deform(normal[c], table.arm_i[c], table.arm_j[c], x[0, :3], x[0, 3:], x[1, :3], x[1, 3:])
+                    found["push"] = (np.eye(3) - np.outer(normal[c], normal[c])) @ (x[1, :3] - x[0, :3])
+                    for kind, value in found.items():
+                        columns[kind].append(place * np.atleast_1d(value))
+            block = np.zeros((12, 12), complex)
+            weights = {kind: ratio * lattice.stiffness[c] for kind, ratio in RATIOS.items()} | {
+                "push": -lattice.prestress[c]
+            }
+            for kind, weight in weights.items():
+                rows = np.array(columns[kind]).T
+                block += weight * rows.conj().T @ rows
+            where = np.concatenate([6 * i + np.arange(6), 6 * j + np.arange(6)])
+            np.add.at(total, (where[:, None], where[None, :]), block)
+        return total
+
+    return matrix
+
+
+def lattice_of(name, motions=ALL, rough=False):
+    """A lattice with all kinds of stiffness; ``rough``: balls, contacts and static forces that differ."""
+    if name == "fcc":
+        cell, positions = FCC, np.zeros((1, 3))
+        table = find_contacts(cell, positions, name)
+    elif name == "fcc, cubic":
+        cell = math.sqrt(2.0) * np.eye(3)
+        positions = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0]]) / math.sqrt(2.0)
+        table = find_contacts(cell, positions, name)
+    else:
+        structure = {"triangular": TRIANGULAR, "kagome": KAGOME}[name]
+        cell, positions, table = structure.vectors, structure.positions, structure.contacts
+    given = {}
+    if rough:
+        rng = np.random.default_rng(5)
+        given = {
+            "stiffness": rng.uniform(0.5, 1.5, len(table)), "prestress": rng.uniform(-0.05, 0.05, len(table)),
+            "masses": rng.uniform(0.5, 1.5, len(positions)), "gyration": rng.uniform(0.2, 0.4, len(positions)),
+        }  # fmt: skip
+    return ContactLattice(cell, positions, table, SLIP, **given, torsion=TWIST, bending=ROLL, motions=motions)
+
+
+# -- motions ------------------------------------------------------------------------------------------------------------
+
+
+def test_motions_know_their_names_and_places():
+    assert IN_PLANE.letters == ("x", "y", "w")
+    assert OUT_OF_PLANE.letters == ("z", "w_x", "w_y")
+    assert [motions.count for motions in (LONGITUDINAL, TRANSLATIONS_IN_PLANE, IN_PLANE, OUT_OF_PLANE, ALL)] == [
+        1,
+        2,
+        3,
+        3,
+        6,
+    ]
+    # one phonopy atom holds three motions, two hold six
+    assert [motions.slots for motions in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE)] == [(0,), (0, 1, 2), (2, 0, 1)]
+    assert (ALL.slots, ALL.atoms_per_ball, OUT_OF_PLANE.atoms_per_ball) == ((0, 1, 2, 3, 4, 5), 2, 1)
+    assert_allclose(OUT_OF_PLANE.phases, [1.0, 1.0j, 1.0j], rtol=0)
+    assert np.arange(6)[ALL.turning].tolist() == [3, 4, 5]
+
+
+@pytest.mark.parametrize("motions", [IN_PLANE, OUT_OF_PLANE, ALL])
+def test_balls_turn_only_if_something_resists(motions):
+    still = select_motions(0.0, among=motions)
+    assert still.translations == motions.translations
+    assert not still.rotate
+    assert still.count == len(motions.translations)
+    for resisted in ((0.8,), (0.0, 0.1), (0.0, 0.0, 0.1), (np.array([0.0, 0.8]),)):
+        assert select_motions(*resisted, among=motions) is motions
+    assert select_motions(0.0) == TRANSLATIONS_IN_PLANE
+
+
+# -- one contact --------------------------------------------------------------------------------------------------------
+
+numbers = st.lists(st.floats(-1, 1), min_size=12, max_size=12)
+
+
+@given(st.floats(0, math.pi), st.floats(0, 7), st.floats(0.1, 1), st.floats(0.1, 1), numbers)
+def test_rows_are_the_deformations_of_vectors_in_space(polar, azimuth, arm_i, arm_j, x):
+    n = np.array([math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth), math.cos(polar)])
+    x_i, x_j = np.reshape(x, (2, 6))
+    expected = deform(n, arm_i, arm_j, x_i[:3], x_i[3:], x_j[:3], x_j[3:])
+    found = {kind: [] for kind in expected}
+    rows = contact_rows(n[None], np.array([arm_i]), np.array([arm_j]), ALL, slip=SLIP, twist=TWIST, roll=ROLL)
+    for row in rows:
+        assert row.stiffness == RATIOS[row.kind]
+        found[row.kind].append((row.head @ x_j - row.tail @ x_i)[0])
+    assert [len(values) for values in found.values()] == [1, 2, 1, 2]
+    for kind, value in expected.items():
+        # the components along two orthogonal tangents have the length of the vector
+        assert_allclose(np.linalg.norm(found[kind]), np.linalg.norm(value), atol=1e-13)
+    assert_allclose(found["elongation"], expected["elongation"], atol=1e-13)
+    assert_allclose(found["twist"], expected["twist"], atol=1e-13)
+    push = [(row.head @ x_j - row.tail @ x_i)[0] for row in push_rows(n[None], ALL)]
+    across = (np.eye(3) - np.outer(n, n)) @ (x_j - x_i)[:3]
+    assert_allclose(np.linalg.norm(push), np.linalg.norm(across), atol=1e-13)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=9, max_size=9), st.floats(0.1, 1), st.floats(0.1, 1))
+def test_a_rigid_motion_deforms_nothing(values, arm_i, arm_j):
+    shift, omega, n = np.reshape(values, (3, 3))
+    n = n / np.linalg.norm(n) if np.linalg.norm(n) > 1e-3 else np.array([0.0, 0.0, 1.0])
+    # two balls turn about a point as one body: u = omega x r, phi = omega
+    r_i, r_j = shift, shift + (arm_i + arm_j) * n
+    x_i, x_j = (np.concatenate([shift + np.cross(omega, r), omega]) for r in (r_i, r_j))
+    for row in contact_rows(n[None], np.array([arm_i]), np.array([arm_j]), ALL, slip=SLIP, twist=TWIST, roll=ROLL):
+        assert_allclose(row.head @ x_j - row.tail @ x_i, 0.0, atol=1e-14)
+
+
+def test_rows_of_the_plane_are_those_of_the_paper():
+    table = TRIANGULAR.contacts.scaled(0.9)
+    arm_i, arm_j = table.arm_i, 1.1 * table.arm_j
+    elongation, slip = contact_rows(table.normal, arm_i, arm_j, IN_PLANE, slip=SLIP)
+    none = np.zeros(len(table))
+    assert_allclose(elongation.head, np.column_stack([table.normal, none]), rtol=0)
+    assert_allclose(elongation.tail, elongation.head, rtol=0)
+    tangent = np.column_stack([-table.normal[:, 1], table.normal[:, 0]])
+    assert_allclose(slip.head, np.column_stack([tangent, -arm_j]), rtol=0)
+    assert_allclose(slip.tail, np.column_stack([tangent, arm_i]), rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("motions", "ratios", "kinds"),
+    [
+        (TRANSLATIONS_IN_PLANE, {}, ["elongation"]),
+        (IN_PLANE, {"slip": SLIP, "twist": TWIST}, ["elongation", "slip"]),
+        (IN_PLANE, {"slip": SLIP, "roll": ROLL}, ["elongation", "slip", "roll"]),
+        (OUT_OF_PLANE, {"slip": SLIP}, ["slip"]),
+        (OUT_OF_PLANE, {"slip": SLIP, "twist": TWIST, "roll": ROLL}, ["slip", "twist", "roll"]),
+        (ALL, {"slip": SLIP, "twist": TWIST, "roll": ROLL}, ["elongation", "slip", "slip", "twist", "roll", "roll"]),
+    ],
+)
+def test_what_no_motion_does_has_no_row(motions, ratios, kinds):
+    table = TRIANGULAR.contacts
+    assert [row.kind for row in contact_rows(table.normal, table.arm_i, table.arm_j, motions, **ratios)] == kinds
+
+
+# -- D(q) of six motions ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize("name", ["triangular", "kagome", "fcc", "fcc, cubic"])
+def test_dynamical_matrix_of_six_motions_against_vectors_in_space(name, rough):
+    lattice = lattice_of(name, rough=rough)
+    expected, d = hessian(lattice), lattice.positions.shape[1]
+    q = np.array([[0.7, -0.4, 0.9], [2.1, 1.3, -0.2], [1e-3, 2e-3, 3e-3]])[:, :d]
+    found = lattice.dynamical_matrix(q)
+    for k, one in enumerate(q):
+        assert_allclose(found[k], expected(one), atol=3e-13)
+    if not rough:  # static forces may buckle a plane
+        assert_allclose(lattice.frequencies(q) ** 2, np.linalg.eigvalsh(found), atol=1e-12)
+    rows = lattice._waves(q)
+    assert np.isrealobj(rows) is (not rough or lattice.n_balls == 1)
+
+
+def test_force_constants_of_six_motions_stand_in_two_atoms_a_ball():
+    lattice = lattice_of("kagome", rough=True)
+    table, blocks, q = lattice.contacts, contact_blocks(lattice), np.array([0.7, -0.4])
+    total = np.zeros((18, 18), complex)
+    for i, j, vector, block in zip(table.i, table.j, table.vector, blocks, strict=True):
+        where = np.concatenate([6 * i + np.arange(6), 6 * j + np.arange(6)])
+        phase = np.repeat([1.0, np.exp(1j * (vector @ q))], 6)
+        np.add.at(total, (where[:, None], where[None, :]), phase.conj()[:, None] * block * phase)
+    root = np.repeat(np.sqrt(lattice.masses), 6)
+    assert_allclose(total / root / root[:, None], lattice.dynamical_matrix(q[None])[0], atol=1e-13)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize("name", ["triangular", "kagome"])
+def test_motions_in_and_out_of_the_plane_are_apart(name, rough):
+    # x y z w_x w_y w_z
+    inside, outside = [0, 1, 5], [2, 3, 4]
+    every, flat, upright = (lattice_of(name, motions, rough) for motions in (ALL, IN_PLANE, OUT_OF_PLANE))
+    q = np.array([[0.7, -0.4], [1e-9, 2e-9]])
+    matrix = every.dynamical_matrix(q).reshape(2, every.n_balls, 6, every.n_balls, 6)
+    for a, b in ((inside, outside), (outside, inside)):
+        assert np.all(matrix[:, :, a][..., b] == 0.0)
+    for part, lattice in ((inside, flat), (outside, upright)):
+        block = matrix[:, :, part][..., part].reshape(2, lattice.n_branches, -1)
+        assert_allclose(block, lattice.dynamical_matrix(q), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["triangular", "fcc", "fcc, cubic"])
+def test_sound_of_six_motions_keeps_its_digits_near_gamma(name):
+    lattice = lattice_of(name)
+    d = lattice.positions.shape[1]
+    along = np.array([0.6, 0.8, 0.3])[:d]
+    low, high = lattice.frequencies(np.array([1e-9, 1e-6])[:, None] * along)
+    sound = slice(0, d) if d == 3 else slice(1, 3)  # the flexural branch goes as q^2
+    assert_allclose(low[sound] / 1e-9, high[sound] / 1e-6, rtol=1e-9)
+
+
+# -- fcc ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("eta", [0.0, 0.3, 1.0])
+def test_moduli_of_fcc_are_those_of_duffy_and_mindlin(eta):
+    # C11 = sqrt(2) (k + kappa)/d = 2 C44, C12 = (k - kappa)/(sqrt(2) d) (J. Appl. Mech. 24, 585, 1957)
+    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), eta, motions=ALL)
+    assert lattice.motions.count == (6 if eta else 3)
+    c = lattice.gradient_stiffness() / lattice.area
+    root = math.sqrt(2.0)
+    expected = np.zeros((3, 3, 3, 3))
+    for i, j in itertools.product(range(3), repeat=2):
+        expected[i, i, j, j] += (1.0 - eta) / root
+        expected[i, j, i, j] += (1.0 + eta) / root
+        expected[i, j, j, i] += (1.0 + eta) / root
+        if i == j:  # C11, C12, C44
+            expected[i, i, i, i] = root * (1.0 + eta)
+    for i, j in itertools.permutations(range(3), 2):
+        expected[i, j, i, j] = expected[i, j, j, i] = (1.0 + eta) / root
+        expected[i, i, j, j] = (1.0 - eta) / root
+    assert_allclose(c, expected, atol=1e-13)
+
+
+def test_bands_of_fcc_without_friction_in_closed_form():
+    # central forces along [100]: 8 sin^2 and twice 4 sin^2 of q d/(2 sqrt(2))
+    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), 0.0, motions=ALL)
+    x = np.linspace(0.1, 4.0, 7)
+    squared = lattice.frequencies(x[:, None] * [1.0, 0.0, 0.0]) ** 2
+    sine = np.sin(x / math.sqrt(8.0)) ** 2
+    assert_allclose(squared, sine[:, None] * [4.0, 4.0, 8.0], rtol=1e-13)
+
+
+def test_pure_rotation_of_fcc_at_gamma_in_closed_form():
+    lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), SLIP, motions=ALL)
+    values = lattice.frequencies(np.zeros((1, 3)))[0] ** 2
+    # six contacts a ball of slip -d phi x n: energy kappa d^2 |phi x n|^2 / 2 each, and the sum of 1 - nn is 6 (2/3)
+    assert_allclose(values, [0.0, 0.0, 0.0, *[4.0 * SLIP / GYRATION**2] * 3], atol=1e-12)
+
+
+def test_the_rows_of_a_cell_are_its_compatibility():
+    # Compatibility alone, without the rest of a ContactLattice, in space
+    table = find_contacts(FCC, np.zeros((1, 3)), "fcc")
+    alone = Compatibility(FCC, np.zeros((1, 3)), table, SLIP, torsion=TWIST, bending=ROLL, motions=ALL)
+    q = np.array([[0.3, 0.2, -0.7]])
+    rows = alone.compatibility(q)
+    assert rows.shape == (1, 6 * len(table), 6)
+    assert np.isrealobj(rows)
+    turn = np.diag(ALL.phases)
+    assert_allclose(turn @ (rows[0].T @ rows[0]) @ turn.conj(), alone.dynamical_matrix(q)[0], atol=1e-14)
+    h = 1e-5
+    steps = [(alone.compatibility(q + h * e) - alone.compatibility(q - h * e))[0] / (2.0 * h) for e in np.eye(3)]
+    assert_allclose(alone.compatibility(q, derivative=True)[0], steps, atol=1e-9)
