@@ -22,7 +22,7 @@ from .media.choice import AutoMedium as AutoMedium
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
-from .media.mean_field import Medium as Medium
+from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState

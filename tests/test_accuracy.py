@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
 from granphon.media.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
@@ -50,8 +51,8 @@ def unit(packing):
 def load(packing, kind, place):
     """The load (SI) at a place of the table: f*, or a*."""
     if kind == "overlap":
-        return (np.asarray(place) - 0.5) * packing.width
-    return np.asarray(place) * unit(packing) * (math.sqrt(3.0) / packing.diameter if kind == "pressure" else 1.0)
+        return Load(kind, (np.asarray(place) - 0.5) * packing.width)
+    return Load(kind, np.asarray(place) * unit(packing) * (math.sqrt(3.0) / packing.diameter if kind == "pressure" else 1.0))
 
 
 # -- the form of a distribution -----------------------------------------------------------------------------------------
@@ -159,7 +160,7 @@ def test_errors_at_its_own_loads_are_those_of_the_table(kind, medium):
         at = np.array(data["loads"][table][1:-1])
         expected = np.array(data["errors"]["uniform"][table][medium][row][1:-1])
         factor = DEVIATIONS / 30.0 if medium == "simulation" else 1.0
-        assert_allclose(accuracy().error(medium, packing, kind, load(packing, kind, at), 900), factor * expected, rtol=1e-6)
+        assert_allclose(accuracy().error(medium, packing, load(packing, kind, at), 900), factor * expected, rtol=1e-6)
 
 
 @given(st.floats(3e-3, 1e4), st.sampled_from([*MEDIA, "simulation"]), st.floats(-0.99, 0.5), st.sampled_from(KINDS))
@@ -169,7 +170,7 @@ def test_errors_at_its_own_loads_are_those_of_the_table(kind, medium):
 def test_between_rows_of_eta_the_worse_is_taken_and_the_error_falls(place, medium, poisson_ratio, kind):
     packing = balls(poisson_ratio=poisson_ratio)
     place = max(place, 0.42) if kind == "overlap" else place
-    found = accuracy().error(medium, packing, kind, load(packing, kind, np.array([1.0001, 1.1, 30.0]) * place))
+    found = accuracy().error(medium, packing, load(packing, kind, np.array([1.0001, 1.1, 30.0]) * place))
     assert np.all(np.diff(found) <= 0.0)
     ratios = np.array(accuracy().data["mindlin_ratios"])
     above = int(np.searchsorted(ratios, packing.mindlin_ratio * (1.0 - 1e-12)))
@@ -178,7 +179,7 @@ def test_between_rows_of_eta_the_worse_is_taken_and_the_error_falls(place, mediu
     # at one of the table's own it is that row
     rows = [row for row in rows if math.isclose(ratios[row], packing.mindlin_ratio)] or rows
     around = [neighbours[row - 1] for row in rows]
-    errors = [accuracy().error(medium, one, kind, load(one, kind, 1.1 * place)) for one in around]
+    errors = [accuracy().error(medium, one, load(one, kind, 1.1 * place)) for one in around]
     assert_allclose(found[1], np.max(errors), rtol=1e-6)
 
 
@@ -188,7 +189,7 @@ def test_errors_do_not_depend_on_the_scale(kind, medium):
     """One diameter, width and modulus stand for all."""
     small, large = balls(gp.Uniform(3e-9), diameter=1e-5), balls(gp.Uniform(1e-3), diameter=4.0)
     places = np.array([0.5, 1.0, 5.0, 500.0])
-    found = [accuracy().error(medium, one, kind, load(one, kind, places)) for one in (small, large)]
+    found = [accuracy().error(medium, one, load(one, kind, places)) for one in (small, large)]
     assert_allclose(found[0], found[1], rtol=1e-9)
 
 
@@ -196,7 +197,7 @@ def test_errors_do_not_depend_on_the_scale(kind, medium):
 def test_where_nothing_is_known_the_error_is_infinite(kind):
     packing = balls()
     least = accuracy().least(kind)
-    found = accuracy().error("ema", packing, kind, load(packing, kind, [[0.5 * least, 0.99 * least, 1.01 * least]]))
+    found = accuracy().error("ema", packing, load(packing, kind, [[0.5 * least, 0.99 * least, 1.01 * least]]))
     assert found.shape == (1, 3)
     assert_array_equal(np.isinf(found), [[True, True, False]])
 
@@ -205,7 +206,7 @@ def test_where_nothing_is_known_the_error_is_infinite(kind):
 def test_equal_balls_have_no_error(steel, kind):
     for lattice in ("triangular", "square", "kagome"):
         packing = gp.Packing(steel, 8e-3, lattice=lattice)
-        assert_array_equal(accuracy().error("ala", packing, kind, [1e-300, 1.0]), [0.0, 0.0])
+        assert_array_equal(accuracy().error("ala", packing, Load(kind, [1e-300, 1.0])), [0.0, 0.0])
         assert accuracy().uncovered(packing) is None
 
 
@@ -220,7 +221,7 @@ def test_equal_balls_have_no_error(steel, kind):
 )
 def test_what_is_not_covered_says_why_and_has_an_infinite_error(packing, told):
     assert told in accuracy().uncovered(packing)
-    assert_array_equal(accuracy().error("ema", packing, "force", [10.0, 1e4]), [np.inf, np.inf])
+    assert_array_equal(accuracy().error("ema", packing, Load("force", [10.0, 1e4])), [np.inf, np.inf])
 
 
 def test_what_the_table_was_made_of_is_covered(maker):
@@ -233,14 +234,14 @@ def test_so_many_balls_have_the_error_that_was_asked_for(kind):
     packing = balls()
     loads = load(packing, kind, [0.6, 5.0])
     for tolerance in (0.1, 1e-3):
-        number = float(np.max((accuracy().error("simulation", packing, kind, loads, 1) / tolerance) ** 2))
-        assert_allclose(np.max(accuracy().error("simulation", packing, kind, loads, number)), tolerance, rtol=1e-12)
+        number = float(np.max((accuracy().error("simulation", packing, loads, 1) / tolerance) ** 2))
+        assert_allclose(np.max(accuracy().error("simulation", packing, loads, number)), tolerance, rtol=1e-12)
 
 
 @pytest.mark.filterwarnings("error")
 @given(st.floats(1e-300, 1e-6), st.sampled_from(KINDS), st.floats(1e-300, 1e300), st.sampled_from([*MEDIA, "simulation"]))
 def test_no_load_and_no_width_make_it_stumble(width, kind, value, medium):
-    found = accuracy().error(medium, balls(gp.Uniform(width)), kind, value)
+    found = accuracy().error(medium, balls(gp.Uniform(width)), Load(kind, value))
     assert found.shape == ()
     assert found >= 0.0
 
@@ -252,15 +253,15 @@ def test_above_the_table_errors_fall_as_the_second_order_does():
     """f* = 300 and 3000: the measured error of the averages has the same power, and is within the expected one."""
     packing = balls()
     forces = load(packing, "force", [300.0, 3000.0])
-    moments = Moments(packing, "force", forces.tolist(), (16, 16), 3)
+    moments = Moments(packing, forces, (16, 16), 3)
     moments.add(30)
     array = moments.ensemble()
     for name, medium in (("ala", gp.AveragedLattice), ("afa", gp.AveragedForce)):
-        errors = np.abs(observe(medium(packing).at_force(forces)) / array.values - 1.0)
+        errors = np.abs(observe(medium(packing).at(forces)) / array.values - 1.0)
         assert np.all(array.errors[:, :2] < 0.03 * errors[:, :2])
         # (W/delta)^2, and the overlap goes as f^(2/3)
         assert_allclose(errors[0, :2] / errors[1, :2], 10.0 ** (4.0 / 3.0), rtol=0.05)
-        expected = accuracy().error(name, packing, "force", forces)
+        expected = accuracy().error(name, packing, forces)
         assert_allclose(expected[0] / expected[1], 10.0 ** (4.0 / 3.0), rtol=1e-9)
         assert np.all(np.max(errors, axis=1) <= expected)
         assert np.all(expected < 3.0 * np.max(errors, axis=1))
@@ -269,10 +270,10 @@ def test_above_the_table_errors_fall_as_the_second_order_does():
 def test_chance_above_the_table_falls_so_too():
     packing = balls()
     forces = load(packing, "force", [30.0, 300.0])
-    moments = Moments(packing, "force", forces.tolist(), (16, 16))
+    moments = Moments(packing, forces, (16, 16))
     moments.add(24)
     noise = np.max(moments.ensemble().noise, axis=1)
-    expected = accuracy().error("simulation", packing, "force", forces) / DEVIATIONS
+    expected = accuracy().error("simulation", packing, forces) / DEVIATIONS
     assert np.all(noise < expected)
     assert np.all(expected < 2.5 * noise)
 
@@ -314,4 +315,4 @@ def test_errors_of_two_kinds_are_bounded_where_they_peak(maker, larger, place):
     for kind, load in (("force", force), ("overlap", truth.overlap)):
         for name, medium in maker.MEDIA.items():
             error = np.max(np.abs(observe(getattr(medium(packing), f"at_{kind}")(load)) / right - 1.0))
-            assert error <= accuracy().error(name, packing, kind, load)
+            assert error <= accuracy().error(name, packing, Load(kind, load))

@@ -16,7 +16,6 @@ from granphon.balls.loads import Load
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.dynamics.local_field import local_field
-from granphon.media.cost import estimate
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
 
@@ -112,7 +111,7 @@ BORDERS = {
     "pulse_velocities, direction": (lambda pair: gp.pulse_velocities(STATE, 1e3, pair), (0.1, 0.2)),
     "at_force": (gp.AveragedLattice(BALLS).at_force, FORCE),
     "diameters": (lambda pair: gp.DirectSimulation(BALLS, diameters=[pair, pair]), (7.9e-3, 8.1e-3)),
-    "cost": (lambda pair: estimate(SAMPLE, "force", pair), FORCE),
+    "load": (lambda pair: Load("force", pair), FORCE),
     "measured": (gp.Measured, (7.9e-3, 8.1e-3)),
     "fit, force": (lambda pair: gp.fit_width(BALLS, pair, SPEED), FORCE),
     "fit, velocity": (lambda pair: gp.fit_width(BALLS, FORCE, pair), SPEED),
@@ -183,7 +182,6 @@ SINGLE = {
     "spacing": (lambda x: gp.ContactLattice.of("triangular", 0.75, x), 0.5),
     "prestress": (lambda x: gp.ContactLattice.of("triangular", 0.75, 1.0, x), 0.001),
     "local field": (lambda x: local_field("triangular", x), 0.75),
-    "load": (lambda x: Load("force", [x]), 1.0),
 }
 
 

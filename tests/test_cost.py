@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.media import cost
 from granphon.media.cost import estimate
 
@@ -34,7 +35,7 @@ def simulation(shape=(64, 64), friction=True, samples=1):
 def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
     medium = simulation((size, size), friction, samples)
     force = np.linspace(5.0, 6.0, loads)
-    guess = estimate(medium, "force", force)
+    guess = estimate(medium, Load("force", force))
     medium.at_force(5.0)  # what is loaded once is not counted
     tracemalloc.start()
     gp.sound_velocities(medium.at_force(force))
@@ -45,7 +46,10 @@ def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
 
 
 def test_every_equilibrium_takes_time():
-    one, many = estimate(simulation(), "force", 5.0), estimate(simulation(samples=3), "force", np.linspace(2.0, 5.0, 10))
+    one, many = (
+        estimate(simulation(), Load("force", 5.0)),
+        estimate(simulation(samples=3), Load("force", np.linspace(2.0, 5.0, 10))),
+    )
     assert many.equilibria == 30
     assert many.seconds > 25 * one.seconds
 
@@ -54,11 +58,11 @@ def test_every_equilibrium_takes_time():
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):
         medium = simulation(friction=friction)
-        plain, asked = (estimate(medium, "force", [5.0, 20.0], exponents=exponents) for exponents in (False, True))
+        plain, asked = (estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents) for exponents in (False, True))
         assert 2.2 < asked.seconds / plain.seconds < 3.0
         assert asked.memory == plain.memory
     medium = simulation((128, 128))
-    guess = estimate(medium, "force", 5.0, exponents=True)
+    guess = estimate(medium, Load("force", 5.0), exponents=True)
     medium.at_force(5.0)  # what is loaded once is not counted
     tracemalloc.start()
     _ = medium.at_force(5.0).exponent
@@ -73,7 +77,7 @@ def test_the_kinds_of_load_agree():
         overlap = (spacing - 0.5) * WIDTH
         state = medium.at_overlap(overlap)
         loads = {"overlap": overlap, "force": state.force, "pressure": state.pressure}
-        force, *rest = [cost._reduced_force(medium, kind, np.atleast_1d(load)) for kind, load in loads.items()]
+        force, *rest = [cost._reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
         for other in rest:
             assert force == pytest.approx(other, rel=0.02)
             assert other == pytest.approx(state.reduced_force, rel=1e-12)
@@ -84,15 +88,15 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
     assert np.all(np.diff(times[:-1]) > 0.0)
     assert times[-1] > times[-2]  # below the threshold: taken to be at it
     at = (0.5 - 0.5) * WIDTH
-    small, large = (estimate(simulation(shape), "overlap", at) for shape in ((64, 64), (1024, 1024)))
+    small, large = (estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024)))
     assert large.seconds == pytest.approx(256 * small.seconds)
-    bare = estimate(simulation(friction=False), "overlap", at)
+    bare = estimate(simulation(friction=False), Load("overlap", at))
     assert bare.seconds < small.seconds
-    assert estimate(simulation(), "overlap", at, moduli=False).seconds < bare.seconds
+    assert estimate(simulation(), Load("overlap", at), moduli=False).seconds < bare.seconds
 
 
 def estimate_seconds(spacings):
-    return [estimate(simulation(), "overlap", (spacing - 0.5) * WIDTH).seconds for spacing in spacings]
+    return [estimate(simulation(), Load("overlap", (spacing - 0.5) * WIDTH)).seconds for spacing in spacings]
 
 
 def test_the_steps_that_it_counts_are_those_of_the_solver():
@@ -107,7 +111,7 @@ def test_the_steps_that_it_counts_are_those_of_the_solver():
 
 def test_equal_balls_cost_next_to_nothing():
     medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3), (64, 64))
-    assert estimate(medium, "force", 5.0).seconds < 0.2 * estimate(simulation(), "force", 5.0).seconds
+    assert estimate(medium, Load("force", 5.0)).seconds < 0.2 * estimate(simulation(), Load("force", 5.0)).seconds
 
 
 @pytest.mark.parametrize(
@@ -121,14 +125,14 @@ def test_durations_are_read_at_a_glance(seconds, text, monkeypatch):
 
 def test_nothing_is_tried_until_time_is_asked_for(monkeypatch):
     monkeypatch.setattr(cost, "_second_per_ball", None)
-    guess = estimate(simulation(), "force", 5.0)
+    guess = estimate(simulation(), Load("force", 5.0))
     assert guess.memory > 0.0
     with pytest.raises(TypeError):
         _ = guess.seconds
 
 
 def test_the_text_counts_equilibria():
-    assert ", 4 equilibria: about" in estimate(simulation(samples=2), "force", [1.0, 2.0]).text
+    assert ", 4 equilibria: about" in estimate(simulation(samples=2), Load("force", [1.0, 2.0])).text
 
 
 # -- what is available ---------------------------------------------------------------------------------------------------

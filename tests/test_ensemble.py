@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.tradeoffs import ensemble
 from granphon.tradeoffs.ensemble import QUANTITIES, Moments, observe
@@ -33,7 +34,7 @@ def unit(rough):
 @pytest.fixture(scope="module")
 def many(rough, unit):
     """Enough samples for a regression, at f* = 1, 3 and 30."""
-    moments = Moments(rough, "force", (unit, 3.0 * unit, 30.0 * unit), (16, 16))
+    moments = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (16, 16))
     moments.add(60)
     return moments.ensemble()
 
@@ -112,7 +113,7 @@ def test_the_excess_of_samples_is_zero_in_the_mean(rough):
 def test_of_few_samples_it_is_the_mean_of_the_simulation(steel, kind, friction):
     packing = gp.Packing(steel, 8e-3, spread=gp.Normal(6e-7), friction=friction)
     loads = {"force": (2.0, 20.0), "pressure": (500.0, 4e3), "overlap": (5e-7, 2e-6)}[kind]
-    moments = Moments(packing, kind, loads, (10, 12), 7)
+    moments = Moments(packing, Load(kind, loads), (10, 12), 7)
     moments.add(3)
     found = moments.ensemble()
     state = getattr(gp.DirectSimulation(packing, (10, 12), 7, 3), f"at_{kind}")(np.array(loads))
@@ -138,7 +139,7 @@ def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
 
 
 def test_samples_may_be_added_one_by_one(rough):
-    at_once, apart = (Moments(rough, "force", (18.446,), (8, 8), 3) for _ in range(2))
+    at_once, apart = (Moments(rough, Load("force", (18.446,)), (8, 8), 3) for _ in range(2))
     at_once.add(4)
     for count in (1, 2, 1):
         apart.add(count)
@@ -158,7 +159,7 @@ def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
 
 
 def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, many):
-    other = Moments(rough, "force", (unit, 3.0 * unit, 30.0 * unit), (16, 16), seed=10_000)
+    other = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (16, 16), seed=10_000)
     other.add(60)
     pulls = (other.ensemble().values / many.values - 1.0) / np.hypot(other.ensemble().errors, many.errors)
     assert np.max(np.abs(pulls)) < 4.0
@@ -176,7 +177,7 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
     """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r = 0."""
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False)
     force = 100.0 * packing.law.coefficient * packing.width**1.5
-    moments = Moments(packing, "force", (force,), (16, 16))
+    moments = Moments(packing, Load("force", (force,)), (16, 16))
     moments.add(36)
     array = moments.ensemble()
     medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
@@ -190,7 +191,7 @@ def test_kinds_of_load_that_are_one_state_give_one_answer(rough, many, unit, kin
     """At f* = 3; the overlap of the ensemble as a load gives its velocities, to the second order of the chance."""
     force = 3.0 * unit
     load = {"force": force, "pressure": math.sqrt(3.0) * force / 8e-3, "overlap": float(many.overlaps[1])}[kind]
-    moments = Moments(rough, kind, (load,), (16, 16), 500)
+    moments = Moments(rough, Load(kind, (load,)), (16, 16), 500)
     moments.add(40)
     found = moments.ensemble()
     tolerance = 4.0 * np.hypot(found.errors[0], many.errors[1]) + many.noise[1] ** 2 / 256.0 + 2.0 * _overlap_error(many)
@@ -203,6 +204,6 @@ def _overlap_error(found):
 
 
 def test_a_lattice_that_is_not_simulated_has_no_ensemble(steel):
-    moments = Moments(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"), "force", (1.0,), (8, 8))
+    moments = Moments(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"), Load("force", (1.0,)), (8, 8))
     with pytest.raises(InputError, match="not simulated"):
         moments.add()

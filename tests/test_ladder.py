@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media.choice import MEDIA, OPTIONS, MediumChoice, expected_error
 
@@ -106,20 +107,20 @@ def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(st
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     loads = np.linspace(10.0, 40.0, int(np.prod(shape))).reshape(shape)
     for name in ("ala", "afa", "ema"):
-        (rung,) = MediumChoice(name).rungs(packing, "force", loads)
+        (rung,) = MediumChoice(name).rungs(packing, Load("force", loads))
         assert rung.medium == MediumChoice(name)
         assert rung.loads.tolist() == list(range(loads.size))
-        assert rung.errors.tolist() == accuracy().error(name, packing, "force", loads).ravel().tolist()
+        assert rung.errors.tolist() == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
     # that of a simulation is of all its balls
     several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
-    expected = accuracy().error("simulation", packing, "force", loads, 3 * 8 * 16)
-    assert np.array_equal(expected_error(several, packing, "force", loads), expected)
+    expected = accuracy().error("simulation", packing, Load("force", loads), 3 * 8 * 16)
+    assert np.array_equal(expected_error(several, packing, Load("force", loads)), expected)
 
 
 def test_of_the_paper_s_local_field_nothing_is_known(steel):
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     choice = MediumChoice.parse({"ema": {"local_field": "paper"}})
-    assert expected_error(choice, packing, "force", [10.0, 20.0]).tolist() == [np.inf, np.inf]
+    assert expected_error(choice, packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
 
 
 def test_a_medium_that_is_named_does_not_look_into_the_table(monkeypatch):

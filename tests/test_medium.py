@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.observables.velocities import local_exponent
 
@@ -599,3 +600,39 @@ def test_finite_overlap_is_true_or_false(packing, rung, flag):
     with pytest.raises(InputError, match="finite_overlap: found"):
         gp.moduli(rung(packing).at_force(1.0), finite_overlap=flag)
     assert rung(packing).at_force(1.0, finite_overlap=np.True_).finite_overlap is True
+
+
+MEDIA = [
+    lambda packing: gp.AveragedLattice(packing), lambda packing: gp.AveragedForce(packing),
+    lambda packing: gp.EffectiveMedium(packing), lambda packing: gp.DirectSimulation(packing, (6, 6)),
+    lambda packing: gp.AutoMedium(packing, 0.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("medium", MEDIA)
+@pytest.mark.parametrize("value", [{"force": 18.0}, {"pressure": [[4e3, 2e3]]}, {"overlap": [2e-6, 3e-6, 4e-6]}])
+def test_a_load_of_any_kind_is_what_names_it(steel, medium, value):
+    """The state at a load is that of the method of its kind, and has its shape; a frame's load is that of its contacts."""
+    medium, ((kind, given),) = medium(differing(steel)), value.items()
+    assert isinstance(medium, gp.Medium)
+    state = medium.at(Load(kind, given))
+    assert state == getattr(medium, f"at_{kind}")(given)
+    assert state.shape == np.shape(given)
+    assert medium.at(Load("side_force", 990.0, 31)) == medium.at_force(force_of_frame(990.0, 31))
+
+
+def test_loads_are_compared_indexed_and_kept():
+    load = Load("force", [[1.0, 2.0], [3.0, 4.0]])
+    assert (load.shape, load.size, load.values, load.unit) == ((2, 2), 4, (1.0, 2.0, 3.0, 4.0), "N")
+    assert load[1] == Load("force", [3.0, 4.0]) == load.flat[2:]
+    assert load != load.flat
+    assert load != Load("pressure", load.array)
+    assert Load("force", 3.0) == Load("force", [3.0])
+    assert len({load, pickle.loads(pickle.dumps(load)), load.flat}) == 2
+    assert str(load[1, 0]) == "force = 3.0"
+    with pytest.raises(ValueError, match="read-only"):
+        load.array[0, 0] = 5.0
+    assert Load.only(force=None, overlap=-1e-6, pressure=None) == Load("overlap", -1e-6)
+    for wrong in ({"force": None}, {"force": 1.0, "pressure": 2.0}, {"force": [[1.0]]}, {"force": [1.0, 0.0]}):
+        with pytest.raises(InputError):
+            Load.only(**wrong)

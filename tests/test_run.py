@@ -239,7 +239,7 @@ def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsy
     def simulated(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(gp.DirectSimulation, "_state", simulated)
+    monkeypatch.setattr(gp.DirectSimulation, "at", simulated)
     many = SIMULATED.replace("3 N", "[3 N, 1 N]").replace("medium: {", "medium: [ema, {").replace("3}}", "3}}]")
     for text, count in ((SIMULATED, 3), (many, 6)):
         (work / "scene.yaml").write_text(text)
@@ -336,7 +336,7 @@ def result_material(result: SweepResult) -> gp.Material:
 def test_a_side_force_is_swept_as_the_force_of_the_contacts(work):
     text = SWEEP.replace("force: {from: 2 N, to: 20 N, points: 6}", "side_force: [100 N, 990 N], balls_per_side: 31")
     result = Scene.from_text(text).run("out", figures=False)
-    np.testing.assert_array_equal(result.dataset["force"], Scene.from_text(text).load.applied[1])
+    np.testing.assert_array_equal(result.dataset["force"], Scene.from_text(text).load.applied.array)
 
 
 def test_finite_overlap_and_bands_reach_a_sweep(work):

@@ -191,13 +191,14 @@ def test_reading_a_scene_and_its_cost_simulate_nothing(monkeypatch):
     def simulated(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(gp.DirectSimulation, "_state", simulated)
+    monkeypatch.setattr(gp.DirectSimulation, "at", simulated)
     scene = Scene.from_text(
         SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, simulation]\nsweep: {width: [1 um, 2 um]}\n"
     )
     cost = scene.cost()
     assert (cost.balls, cost.equilibria) == (128 * 128, 4)
-    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), "force", [9.0, 5.0], exponents=True)
+    load = Load("force", [9.0, 5.0])
+    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), load, exponents=True)
             for w in (1e-6, 2e-6)]  # fmt: skip
     assert cost.seconds == pytest.approx(sum(one.seconds for one in each), rel=1e-12)
     assert cost.memory == max(one.memory for one in each)
@@ -331,10 +332,10 @@ def test_lists_and_ranges_of_loads():
 
 def test_a_frame_may_be_pressed_many_times():
     scene = with_load("side_force: {from: 100 N, to: 990 N, points: 3}, balls_per_side: 31")
-    assert scene.load.applied == ("force", tuple(force_of_frame(push, 31) for push in scene.load.values))
+    assert scene.load.applied == Load("force", [force_of_frame(push, 31) for push in scene.load.values])
     ((label, state),) = scene.states()
     assert label == "ema"
-    np.testing.assert_array_equal(state.force, scene.load.applied[1])
+    np.testing.assert_array_equal(state.force, scene.load.applied.array)
 
 
 def test_an_overlap_may_be_negative_where_balls_differ():
@@ -638,12 +639,14 @@ def test_values_that_a_scene_does_not_take(packing, name, value):
 def test_values_that_a_load_does_not_take(steel):
     for arguments in (
         ("weight", 1.0), ("force", 0.0), ("force", math.nan), ("force", 1.0, 31), ("side_force", 1.0), ("force", ()),
-        ("force", (1.0, -1.0)), ("force", ((1.0,),)), ("force", "1 N"), ("overlap", math.inf), ("overlap", (1.0, math.nan)),
+        ("force", (1.0, -1.0)), ("force", "1 N"), ("overlap", math.inf), ("overlap", (1.0, math.nan)),
     ):  # fmt: skip
         with pytest.raises(InputError):
             Load(*arguments)
     with pytest.raises(InputError, match="whole number"):
         Load("side_force", 1.0, 0)
+    with pytest.raises(InputError, match=r"the load has the shape \(1, 1\). Give one number, or a list"):
+        Scene(gp.Packing(steel, 8e-3), Load("force", [[1.0]]))
     with pytest.raises(InputError, match="hexagon"):
         Scene(gp.Packing(steel, 8e-3, lattice="square"), Load("side_force", 990.0, 31))
     with pytest.raises(InputError, match="2 labels; allowed: 3"):
@@ -780,7 +783,7 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium, monkeypatch):
         assert cost.equilibria == 100_000
         (dearest,) = {
             estimate(
-                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), "force", 50.0, exponents=True
+                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), Load("force", 50.0), exponents=True
             ).work
         }
         assert cost.work == pytest.approx(1e5 * dearest)

@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import granphon as gp
-from granphon.array.equilibrium import Load, equilibrate
+from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP
+from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.media.simulation import SampleLaw, SimulatedState
 
@@ -91,7 +92,7 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
     sample = gp.DirectSimulation(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
     x = (sample.diameters - D) / WIDTH
     assert np.mean(x) == pytest.approx(0.0, abs=1e-12)
-    reduced = equilibrate(x - np.mean(x), Load(overlap=0.1))
+    reduced = equilibrate(x - np.mean(x), Prescribed(overlap=0.1))
     force = unit_of_force(spread)
     assert sample.force == pytest.approx(force * reduced.force, rel=1e-9)
     assert sample.normal_stiffness == pytest.approx(force / WIDTH * reduced.stiffness, rel=1e-9)
@@ -505,8 +506,8 @@ def test_the_exponent_of_several_samples_is_that_of_their_mean_moduli(spread):
 def part(state, which):
     """The state of some of the samples under one load."""
     samples = [state.samples[index] for index in which]
-    load = {"overlap": np.array(state.overlap)} if state.spaced else {"force": np.array(state.force)}
-    return SimulatedState.of(state.law.simulation, samples, (), **load)
+    load = Load("overlap", state.overlap) if state.spaced else Load("force", state.force)
+    return SimulatedState.of(state.law.simulation, samples, load)
 
 
 def test_the_error_of_the_exponent_is_that_of_leaving_samples_out(spread):

@@ -18,6 +18,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError
 from granphon.cli.commands import main
 from granphon.cli.wording import work_and_precision
@@ -129,7 +130,7 @@ def point_of(result, study, method, knob):
 
 
 def disorder(packing, force=FORCES, quantities=("longitudinal", "transverse", "frequency")):
-    return Disorder(packing, "force", tuple(force), quantities, WorkCounter())
+    return Disorder(packing, Load("force", force), quantities, WorkCounter())
 
 
 def whenever():
@@ -258,7 +259,7 @@ def test_what_a_study_leaves_is_for_those_after_it(clock):
 
 def test_the_media_have_points_and_a_reference_whatever_the_grids_take(rough, clock):
     """On a machine on which every run of a grid takes five seconds, with twenty to spend."""
-    order = [study.name for study in choose_studies(rough, "force", (1.0,), ("velocities", "dos"))]
+    order = [study.name for study in choose_studies(rough, Load("force", (1.0,)), ("velocities", "dos"))]
     assert order[0] == "media"
     cost = {"media": 0.1}
     asked = [
@@ -344,7 +345,7 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({}, "loads of one kind"), ({"force": 1.0, "overlap": 1e-6}, "loads of one kind"),
+        ({}, "there is no load"), ({"force": 1.0, "overlap": 1e-6}, "given as force and overlap"),
         ({"force": 1.0, "runs": 4}, "runs: found 4; allowed: a whole number from 5"),
         ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"), ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
         ({"force": 1.0, "budget": math.inf}, "budget: found"), ({"force": 1.0, "budget": math.nan}, "budget: found"),
@@ -368,7 +369,7 @@ def test_another_lattice_of_balls_that_differ_is_not_judged(steel):
 
 def test_studies_are_those_that_are_observed(rough, packing):
     def names(balls, *observe):
-        return [(study.name, study.observed) for study in choose_studies(balls, "force", (1.0,), observe)]
+        return [(study.name, study.observed) for study in choose_studies(balls, Load("force", (1.0,)), observe)]
 
     velocities, scale = ("longitudinal", "transverse"), ("frequency",)
     assert names(rough, "velocities") == [(name, velocities) for name in DISORDER]
@@ -389,8 +390,8 @@ def test_studies_are_those_that_are_observed(rough, packing):
 def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, monkeypatch, clock, given, most, taken):
     asked = []
 
-    def kept(packing, kind, loads, *rest):
-        asked.append(loads)
+    def kept(packing, load, *rest):
+        asked.append(load.values)
         return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
 
     monkeypatch.setattr(tradeoffs, "choose_studies", kept)
@@ -551,7 +552,7 @@ def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, ste
 def test_a_mesh_that_is_finer_puts_fewer_modes_into_a_wrong_interval(packing, meshes):
     assert meshes.studies == ("density of states",)
     assert meshes.loads == (18.446,)
-    study = MeshStudy(packing, "force", (18.446,), False)
+    study = MeshStudy(packing, Load("force", (18.446,)), False)
     reference = study.reference(whenever(), lambda one: True, WorkCounter())
     assert_allclose(reference.values[-1], 3.0, rtol=1e-9)
     assert np.max(reference.errors) < 1e-4
@@ -566,7 +567,7 @@ def test_a_mesh_that_is_finer_puts_fewer_modes_into_a_wrong_interval(packing, me
 @pytest.mark.parametrize("lattice", ["triangular", "square", "kagome"])
 def test_modes_below_an_edge_are_counted_right_on_every_lattice(steel, lattice):
     """The study's own histogram against the frequencies of the mesh, counted one by one."""
-    study = MeshStudy(gp.Packing(steel, 8e-3, lattice=lattice), "force", (10.0,), False)
+    study = MeshStudy(gp.Packing(steel, 8e-3, lattice=lattice), Load("force", (10.0,)), False)
     phonons = gp.Phonons(study.state)
     below = study.count_below(phonons.dos((64, 64)))
     ticks = (np.arange(64) + 0.5) / 64.0
@@ -586,10 +587,10 @@ def test_what_is_displaced_is_a_part_of_the_modes():
 
 
 def test_a_density_of_states_with_finite_overlap_is_judged_at_the_greatest_load(packing):
-    study = MeshStudy(packing, "force", (1.0, 1e5), True)
+    study = MeshStudy(packing, Load("force", (1.0, 1e5)), True)
     assert study.loads == (1e5,)
     assert study.lattice.is_prestressed
-    assert not MeshStudy(packing, "force", (1.0, 1e5), False).lattice.is_prestressed
+    assert not MeshStudy(packing, Load("force", (1.0, 1e5)), False).lattice.is_prestressed
 
 
 # -- references keep the time -------------------------------------------------------------------------------------------
@@ -623,7 +624,11 @@ def test_long_references_can_be_ended(rough, hexagonal):
 
 def test_a_reference_that_does_not_fit_is_said_to(rough, packing):
     past = Deadline(WorkCounter(), 99.0)
-    for study in (MediaStudy(disorder(rough)), SolutionStudy(disorder(rough)), MeshStudy(packing, "force", (1.0,), False)):
+    for study in (
+        MediaStudy(disorder(rough)),
+        SolutionStudy(disorder(rough)),
+        MeshStudy(packing, Load("force", (1.0,)), False),
+    ):
         with pytest.raises(GranphonError, match="budget"):
             study.reference(past, lambda one: False, WorkCounter())
 

@@ -25,7 +25,16 @@ from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
-__all__ = ["LEAST_FORCE", "TOLERANCE", "Equilibrium", "Load", "equilibrate", "linear_response", "too_small", "uniform_part"]
+__all__ = [
+    "LEAST_FORCE",
+    "TOLERANCE",
+    "Equilibrium",
+    "Prescribed",
+    "equilibrate",
+    "linear_response",
+    "too_small",
+    "uniform_part",
+]
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
@@ -51,7 +60,7 @@ _CARRIED = 10.0
 _RESPONSE = 1e-7
 
 
-class Load(NamedTuple):
+class Prescribed(NamedTuple):
     """What is prescribed: the overlap y, or the mean contact force f*, ``force``."""
 
     overlap: float | None = None
@@ -193,7 +202,7 @@ def _excess(overlap: float, differences: Array) -> tuple[Array, Array]:
 
 def equilibrate(
     deviations: Array,
-    load: Load,
+    load: Prescribed,
     stencils: Stencils | None = None,
     start: Equilibrium | None = None,
     tolerance: float = TOLERANCE,
@@ -288,7 +297,7 @@ def _found(state: Equilibrium, stencils: Stencils) -> Equilibrium:
     return state
 
 
-def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Load | None) -> float:
+def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Prescribed | None) -> float:
     """How far to go: where the slope of the energy along the step, which rises from below zero, has fallen to a tenth."""
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
     work = 0.0 if load is None else more * differences.size

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.atoms import SAMPLE, take_arrays
-from granphon.array.equilibrium import Equilibrium, Load, equilibrate
+from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
 from granphon.balls.lattices import BALL, TRIANGULAR
 from granphon.balls.packing import Packing
@@ -157,7 +157,7 @@ class Sample(Result):
         Two equilibria more, each found from this one, and their linear responses.
         """
         here = self.equilibrium
-        loads = [Load(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
+        loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
         found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
         return read_only([self._elastic_tensor(one) for one in found])
 

@@ -1,25 +1,29 @@
-"""The loads of a scene: what is pressed, how hard, and how often."""
+"""How the balls are pressed: by a force, a pressure or an overlap, and how hard."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import positive, real_array
+from granphon.balls.parameters import numbers
+from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LOADS
+from granphon.base.results import read_only
 from granphon.base.validation import ruled, whole
 
-__all__ = ["Load", "balls_on_side", "force_of_frame"]
+__all__ = ["Load", "balls_on_side", "force_of_frame", "require_compressive"]
 
 #: a rule: how many balls a side of a hexagonal frame is long
 balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
-def force_of_frame(side_force: float, balls_per_side: int) -> float:
+def force_of_frame(side_force: Any, balls_per_side: int) -> Any:
     """Contact force f, N, in a hexagonal frame whose sides are each pressed with ``side_force`` F onto n balls.
 
     f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P d = sqrt(3) f (equation
@@ -30,39 +34,120 @@ def force_of_frame(side_force: float, balls_per_side: int) -> float:
     return side_force / (balls_per_side * math.sqrt(3.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Load:
-    """The loads of a scene: ``kind`` (force, pressure, overlap, side_force), ``values`` in SI (N, N/m, m, N), one or more.
+    """What presses the balls, and how hard.
 
-    ``balls_per_side`` belongs to a side force, and to no other. :class:`~granphon.base.errors.InputError` for a value that
-    is not finite, or, unless it is an overlap, not above zero.
+    Parameters
+    ----------
+    kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), or "side_force"
+        (F on each side of a hexagonal frame).
+    array : one value or many, of any shape, in N, N/m, m or N; kept as a read-only array. Overlaps may be negative, as
+        balls may differ; forces and pressures are above zero.
+    balls_per_side : how many balls a side of the frame is long; of a side force, and of no other.
+
+    Raises
+    ------
+    InputError : another kind, a value that is not a finite number, or that is not above zero where it must be; a side force
+        without ``balls_per_side``, or another load with it.
     """
 
     kind: str
-    values: tuple[float, ...]
+    array: Any
     balls_per_side: int | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in LOADS:
             raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
-        given = np.atleast_1d(real_array(self.kind, self.values))
-        if given.ndim != 1 or not given.size:
-            raise InputError(message(f"{self.kind}: {self.values!r:.80}", mend="Give one number, or a list of them"))
-        object.__setattr__(self, "values", tuple(self._checked(value) for value in given.tolist()))
+        object.__setattr__(self, "array", read_only(_finite(self.kind, self.array)))
+        if self.kind != "overlap":
+            require_compressive(self.kind, self.array)
         if (self.kind == "side_force") != (self.balls_per_side is not None):
             raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
         if self.balls_per_side is not None:
             ruled("balls_per_side", balls_on_side, self.balls_per_side)
 
-    def _checked(self, value: float) -> float:
-        if self.kind == "overlap" and math.isfinite(value):
-            return value  # where balls differ it may be negative
-        return positive(self.kind, value, LOADS[self.kind].unit)
+    @classmethod
+    def only(cls, **given: ArrayLike | None) -> Self:
+        """The one load that is given as a keyword, one number or a list of them; the others are None.
+
+        :class:`~granphon.base.errors.InputError` if none or several are given, or if it is no list of numbers.
+        """
+        kinds = [kind for kind, values in given.items() if values is not None]
+        if len(kinds) != 1:
+            what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
+            raise InputError(message(what, mend="Give one of " + ", ".join(given)))
+        return cls(kinds[0], np.array(numbers(kinds[0], given[kinds[0]])))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Load):
+            return NotImplemented
+        return self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
 
     @property
-    def applied(self) -> tuple[str, tuple[float, ...]]:
-        """What a medium is given: "force", "pressure" or "overlap", and values. A side force becomes that of contacts."""
+    def _key(self) -> tuple[Any, ...]:
+        """What two loads have in common if they are equal; one value is the same load as a list of one."""
+        return self.kind, self.shape if self.size > 1 else (), self.values, self.balls_per_side
+
+    def __getitem__(self, index: Any) -> Self:
+        """Some of the loads, as arrays are indexed."""
+        return replace(self, array=self.array[index])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the values; () for a single one."""
+        return np.shape(self.array)
+
+    @property
+    def size(self) -> int:
+        """How many values there are."""
+        return int(np.size(self.array))
+
+    @cached_property
+    def values(self) -> tuple[float, ...]:
+        """The values as plain numbers, in C order; SI."""
+        return tuple(np.ravel(self.array).tolist())
+
+    @property
+    def flat(self) -> Self:
+        """The load with its values in a row, (n,)."""
+        return replace(self, array=np.ravel(self.array))
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the values."""
+        return LOADS[self.kind].unit
+
+    @property
+    def applied(self) -> Self:
+        """The load that the contacts bear, a force, pressure or overlap: a side force becomes the force of the contacts."""
         if self.balls_per_side is None:
-            return self.kind, self.values
-        count = self.balls_per_side
-        return "force", tuple(force_of_frame(value, count) for value in self.values)
+            return self
+        return replace(self, kind="force", array=force_of_frame(self.array, self.balls_per_side), balls_per_side=None)
+
+    def __str__(self) -> str:
+        """As messages have it."""
+        return f"{self.kind} = {brief(self.array.tolist())}"
+
+
+def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    array = real_array(name, values)
+    if array.size == 0 or not np.all(np.isfinite(array)):
+        raise InputError(message(f"{name} is {brief(values)}", "Every load must be a finite number"))
+    return array
+
+
+def require_compressive(name: str, values: NDArray[np.float64]) -> None:
+    """Raise :class:`InputError` if one of the values is negative or zero."""
+    if np.any(values < 0.0):
+        shown = brief(values.tolist())
+        raise InputError(
+            message(f"{name} is {shown}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
+        )
+    if np.any(values == 0.0):
+        raise InputError(
+            message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
+        )

@@ -358,8 +358,8 @@ def tradeoff(
     if out is not None:
         check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)
     _of_one_packing("A trade-off", scene, read)
-    kind, values = read.load.applied
-    given: dict[str, Any] = {kind: values}
+    load = read.load.applied
+    given: dict[str, Any] = {load.kind: load.values}
     found = measure(
         read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
         runs=runs, progress=on_stderr(quiet),

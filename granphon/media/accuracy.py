@@ -18,10 +18,11 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 
@@ -66,32 +67,31 @@ class Accuracy:
         """The least load, f* or a*, from which errors are known."""
         return float(self.data["loads"][_table(kind)][0])
 
-    def reduced(self, packing: Packing, kind: str, loads: ArrayLike) -> Array:
-        """f*, or a* of loads given as overlaps."""
-        values = np.asarray(loads, float)
+    def reduced(self, packing: Packing, load: Load) -> Array:
+        """f* of an applied load, or a* of one that is given as an overlap."""
+        values = load.array
         with np.errstate(all="ignore"):
-            if kind == "overlap":
+            if load.kind == "overlap":
                 return np.asarray(values / packing.width + 0.5)
-            if kind == "pressure":
+            if load.kind == "pressure":
                 values = values * (packing.diameter / packing.structure.pressure_factor)
             return np.asarray(values / packing.law.coefficient / math.sqrt(packing.width) ** 3)
 
-    def error(self, medium: str, packing: Packing, kind: str, loads: ArrayLike, balls: int = 1) -> Array:
-        """Expected relative error, of the shape of the loads (SI): of velocities and frequencies, the largest of them.
+    def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
+        """Expected relative error, of the shape of an applied load: of velocities and frequencies, the largest of them.
 
-        ``kind`` is "force", "pressure" or "overlap"; ``balls`` how many a simulation has in all its samples. Zero for equal
-        balls; +inf where nothing is known, below the least load of the table. Above the greatest the error falls as
-        the square of the spread over the overlap, which is the law of high loads.
+        ``balls`` is how many balls a simulation has in all its samples. Zero for equal balls; +inf where nothing is known,
+        below the least load of the table. Above the greatest the error falls as the square of the spread over the overlap,
+        which is the law of high loads.
         """
-        values = np.asarray(loads, float)
         if not packing.width:
-            return np.zeros(values.shape)
+            return np.zeros(load.shape)
         if self.uncovered(packing) is not None:
-            return np.full(values.shape, np.inf)
-        table = _table(kind)
+            return np.full(load.shape, np.inf)
+        table = _table(load.kind)
         at, known = np.array(self.data["loads"][table]), self.data["errors"][_family(packing)][table][medium]
         rows = np.array(known)[self._rows(packing.mindlin_ratio)].max(axis=0)
-        place = np.maximum(self.reduced(packing, kind, values), 0.0)
+        place = np.maximum(self.reduced(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
             times = (place / at[-1]) ** (2.0 / 3.0) if table == "force" else (place - 0.5) / (at[-1] - 0.5)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import PointShape
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule, block, choice, grid, inside, number, ruled, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
-from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium, Medium, compressive, finite
+from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.media.medium import Loaded, Medium
 from granphon.media.simulation import MOST_SEED, DirectSimulation, no_finite_overlap
 from granphon.media.state import ContactState, overlap_flag
 
@@ -56,7 +57,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class AutoMedium:
+class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
     Errors are those of :mod:`granphon.media.accuracy`, relative, of velocities and frequencies at the load that is given. A
@@ -87,67 +88,55 @@ class AutoMedium:
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
-        options, errors = self._errors(kind, loads)
-        values = np.ravel(real_array(kind, loads))
+        load = Load(kind, loads).flat
+        options, errors = self._errors(load)
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            Rung(option, place, self.packing, kind, values[place], chosen=True)
+            Rung(option, place, self.packing, load[place], chosen=True)
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """The one medium, the cheapest, that serves all of the loads."""
-        options, errors = self._errors(kind, loads)
+        """The one medium, the cheapest, that serves all loads of a ``kind``."""
+        options, errors = self._errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # the largest simulation is better than any other medium wherever that would do
         return options[serves[0]] if serves.size else max(options, key=lambda option: option.settings.get("shape", (0,)))
 
-    def _errors(self, kind: str, loads: ArrayLike) -> tuple[list[MediumChoice], Array]:
+    def _errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """What is chosen among, the cheapest first, and the expected errors (n_options, n_loads): one at least serves."""
-        ruled("kind", partial(choice, options=("force", "pressure", "overlap")), kind)
-        values = (finite if kind == "overlap" else compressive)(kind, loads).ravel()
         if (why := accuracy().uncovered(self.packing)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
-        options = _options_by_cost(self.packing, kind, values)
-        errors = np.array([expected_error(option, self.packing, kind, values) for option in options])
+        options = _options_by_cost(self.packing, load)
+        errors = np.array([expected_error(option, self.packing, load) for option in options])
         best = np.min(errors, axis=0)
         if np.any(best > self.tolerance):
             worst = int(np.argmax(best))
-            unmet = self._unmet(kind, float(values[worst]), float(best[worst]))
+            unmet = self._unmet(load[worst], float(best[worst]))
             vars(unmet)["load_index"] = worst
             raise unmet
         return options, errors
 
-    def _unmet(self, kind: str, load: float, best: float) -> InputError:
-        where = f"{kind} = {load!r} {ContactState.units[kind]}"
+    def _unmet(self, load: Load, best: float) -> InputError:
+        where = f"{load} {load.unit}"
         if np.isfinite(best):
             what = f"no medium is within {self.tolerance:g} at {where}"
             why = f"The best that can be had there is {best:.2g}, by a simulation of {_SIDES[-1]} x {_SIDES[-1]} balls"
             return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
-        name = "a*" if kind == "overlap" else "f*"
-        at, least = float(accuracy().reduced(self.packing, kind, load)), accuracy().least(kind)
+        name = "a*" if load.kind == "overlap" else "f*"
+        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(load.kind)
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
         return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
 
-    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the mean contact force f, N."""
-        return self._serving("force", force, finite_overlap)
-
-    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the linear pressure P, N/m."""
-        return self._serving("pressure", pressure, finite_overlap)
-
-    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the overlap delta = d - a, m."""
-        return self._serving("overlap", overlap, finite_overlap)
-
-    def _serving(self, kind: str, loads: ArrayLike, finite_overlap: bool | None) -> ContactState:
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at a load, in the one medium that serves all of its values."""
         if overlap_flag(finite_overlap)[0]:
             raise no_finite_overlap(self.name)
-        at: Callable[..., ContactState] = getattr(self.serving(kind, loads).of(self.packing), f"at_{kind}")
-        return replace(at(loads, finite_overlap=finite_overlap), chosen=True)
+        load = load.applied
+        serving = self.serving(load.kind, load.array).of(self.packing)
+        return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
 
 
 #: the rungs of the ladder by the names that scenes and sweeps use
@@ -218,26 +207,25 @@ class MediumChoice:
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
 
-    def rungs(self, packing: Packing, kind: str, loads: ArrayLike) -> list[Rung]:
-        """What serves which of the loads (SI): this medium all of them, unless it is an :class:`AutoMedium`."""
+    def rungs(self, packing: Packing, load: Load) -> list[Rung]:
+        """What serves which values of an applied load: this medium all of them, unless it is an :class:`AutoMedium`."""
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
-            return medium.rungs(kind, loads)
-        return [Rung(self, np.arange(np.size(loads)), packing, kind, np.ravel(real_array(kind, loads)))]
+            return medium.rungs(load.kind, load.array)
+        return [Rung(self, np.arange(load.size), packing, load)]
 
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """A medium that serves some loads: their places (n,), and the ``values`` (n,) of this ``kind`` (SI) that are there.
+    """A medium that serves some of many loads: ``loads`` (n,) are their places, and ``load`` has their values.
 
-    ``chosen``: whether it was, for its expected error, by an :class:`AutoMedium`.
+    ``chosen``: whether the medium was chosen for its expected error, by an :class:`AutoMedium`.
     """
 
     medium: MediumChoice
     loads: NDArray[np.intp]
     packing: Packing
-    kind: str
-    values: Array
+    load: Load
     chosen: bool = False
 
     @property
@@ -250,7 +238,7 @@ class Rung:
     @cached_property
     def errors(self) -> Array:
         """(n,) expected relative error, worked out when asked for: a scene that names its medium does not need it."""
-        return expected_error(self.medium, self.packing, self.kind, self.values)
+        return expected_error(self.medium, self.packing, self.load).ravel()
 
 
 def solving_time(packing: Packing) -> float:
@@ -260,29 +248,30 @@ def solving_time(packing: Packing) -> float:
     return max(_SOLVED, listed) if shape else 0.0
 
 
-def _options_by_cost(packing: Packing, kind: Any, loads: Array) -> list[MediumChoice]:
+def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
     """What an :class:`AutoMedium` chooses among, the cheapest at these loads first."""
     if not packing.width:
         return [MediumChoice(AveragedLattice.name)]  # exact
     media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
+    least = load[int(np.argmin(load.array))]
     simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]
 
     def seconds(option: MediumChoice) -> float:
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
-            return _SIMULATED + _BALL * estimate(medium, kind, float(np.min(loads))).work
+            return _SIMULATED + _BALL * estimate(medium, least).work
         return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
 
     return sorted([*media, *simulations], key=seconds)
 
 
-def expected_error(choice: MediumChoice, packing: Packing, kind: str, loads: ArrayLike) -> Array:
-    """Expected relative error of a medium's velocities and frequencies at each load (SI); +inf where it is not known."""
-    values, settings = real_array(kind, loads), choice.settings
+def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
+    """Expected relative error of a medium's velocities and frequencies, of the shape of the load; +inf if not known."""
+    settings = choice.settings
     if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
-        return np.full(values.shape, np.inf)
+        return np.full(load.shape, np.inf)
     balls = int(np.prod(settings["shape"])) * settings["samples"] if choice.simulates else 1
-    return accuracy().error(choice.name, packing, kind, values, balls)
+    return accuracy().error(choice.name, packing, load, balls)
 
 
 def medium(value: Any) -> MediumChoice:

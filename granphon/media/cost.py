@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import Load, equilibrate
+from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.arguments import real_array
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
 from granphon.media.simulation import DirectSimulation
 
 __all__ = ["Cost", "available_memory", "bands", "density_of_states", "estimate", "force_constants", "sweep_states"]
@@ -188,26 +188,24 @@ def _lines(path: Path) -> list[str]:
 
 def estimate(
     simulation: DirectSimulation,
-    kind: Literal["force", "pressure", "overlap"],
-    values: ArrayLike,
+    load: Load,
     moduli: bool = True,
     exponents: bool = False,
 ) -> Cost:
-    """Memory and time of the states at these loads (SI), and of their ``moduli``, on one processor of this machine.
+    """Memory and time of the states at a load, and of their ``moduli``, on one processor of this machine.
 
     With ``exponents`` also of the two equilibria beside each, and their moduli, by which the local exponent is found.
 
     Meant for loads above the rigidity threshold: what lies below is taken to be at it.
     """
-    loads = np.atleast_1d(real_array(kind, values)).ravel()
-    balls, count = int(np.prod(simulation.shape)), loads.size * simulation.samples
+    balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
     packing = simulation.packing
     turning = moduli and packing.friction
     kept = _SAMPLE * (simulation.samples - 1) + _KEPT * (count - 1)
     memory = balls * ((_TURNING if turning else _WORKING) + kept)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(_reduced_force(simulation, kind, loads), _FORCE[0])
+    force = np.maximum(_reduced_force(packing, load.applied), _FORCE[0])
     rest = _steps(force)
     linear = rest * (_TURNED if turning else _STILL) if moduli else 0.0
     beside = 2.0 * (_BESIDE * rest + linear) if exponents else 0.0
@@ -215,15 +213,15 @@ def estimate(
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 
-def _reduced_force(simulation: DirectSimulation, kind: str, loads: Array) -> Array:
-    """f*, about."""
-    packing = simulation.packing
+def _reduced_force(packing: Packing, load: Load) -> Array:
+    """f*, about, of an applied load."""
+    loads = np.ravel(load.array)
     unit = packing.law.coefficient * packing.width**1.5
-    if kind == "overlap":
+    if load.kind == "overlap":
         spacing = loads / packing.width + 0.5
         near = np.exp(np.interp(np.log(np.maximum(spacing, _SPACING[0])), np.log(_SPACING), np.log(_FORCE)))
         return np.asarray(np.where(spacing > _SPACING[-1], np.maximum(spacing - 0.5, 0.0) ** 1.5, near))
-    if kind == "pressure":
+    if load.kind == "pressure":
         loads = loads * packing.diameter / packing.structure.pressure_factor
     return np.asarray(loads / unit)
 
@@ -241,7 +239,7 @@ def _second_per_ball() -> float:
     times = []
     for _ in range(3):
         start = perf_counter()
-        _ = equilibrate(deviations, Load(overlap=_AT - 0.5)).stiffness
+        _ = equilibrate(deviations, Prescribed(overlap=_AT - 0.5)).stiffness
         times.append(perf_counter() - start)
     return min(times) / deviations.size
 

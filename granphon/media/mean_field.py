@@ -7,59 +7,35 @@ alone; for equal balls all are the averaged lattice, which is then exact.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import Packing
-from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
+from granphon.media.medium import Loaded, untouched
 from granphon.media.state import ContactState, Law, overlap_flag
 
-__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium", "Medium"]
+__all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
 
 Array = NDArray[np.float64]
-#: a number below the least normal one has lost digits
-_LEAST = np.finfo(float).tiny
-
-
-@runtime_checkable
-class Medium(Protocol):
-    """What every rung of the accuracy ladder offers: the state of a packing at a given load.
-
-    ``finite_overlap`` is said here and read from the state ever after; None leaves the terms of relative order delta/d out.
-    """
-
-    @property
-    def packing(self) -> Packing:
-        """The balls under load."""
-        ...
-
-    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the mean contact force f, N."""
-        ...
-
-    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
-        ...
-
-    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the overlap delta = d - a, m."""
-        ...
+#: the least normal number of double precision; those below have lost digits
+_LEAST_NORMAL = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
-class _ByLaw(ABC):
+class _ByLaw(Loaded[ContactState]):
     """A medium that is a contact law: ``at_*`` take scalars or arrays, in SI.
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
@@ -87,68 +63,66 @@ class _ByLaw(ABC):
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
 
-    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the mean contact force f, N."""
-        load = compressive("force", force)
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` name its kind."""
+        load, (follows, said) = load.applied, overlap_flag(finite_overlap)
+        find = {"force": self._at_force, "pressure": self._at_pressure, "overlap": self._at_overlap}[load.kind]
         with np.errstate(all="ignore"):  # whatever is beyond double precision is refused below
-            overlap = np.asarray(self.law.overlap(load))
-        return self._state(load, overlap, "force", force, finite_overlap)
+            force, overlap = find(load, follows)
+            stiffness = np.asarray(self.law.stiffness(overlap))
+        self._require_range(load, force, overlap, stiffness)
+        return ContactState(
+            packing=self.packing, medium=self.name, law=self.law, force=force[()], overlap=overlap[()],
+            normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=said,
+        )  # fmt: skip
 
-    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
-        law = self.law
-        delta = compressive("overlap", overlap) if law.least_overlap == 0.0 else finite("overlap", overlap)
-        if np.any(delta <= law.least_overlap):
-            raise untouched(overlap, -law.least_overlap)
+    def _at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
+        """Force and overlap of a contact."""
+        return load.array, np.asarray(self.law.overlap(load.array))
+
+    def _at_overlap(self, load: Load, follows: bool) -> tuple[Array, Array]:
+        """Force and overlap of a contact."""
+        law, overlap = self.law, load.array
+        if law.least_overlap == 0.0:
+            require_compressive("overlap", overlap)
+        if np.any(overlap <= law.least_overlap):
+            raise untouched(load, -law.least_overlap)
+        return np.asarray(law.force(overlap)), overlap
+
+    def _at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
+        """Force and overlap of a contact; if the boundary ``follows`` the balls, P a = sqrt(3) f."""
+        law, d = self.law, self.packing.diameter
+        slope = load.array / self.packing.structure.pressure_factor  # of the force in the spacing
+        force = slope * d
+        delta = np.asarray(law.overlap(force))
+        if not follows:
+            return force, delta
+        # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
+        for _ in range(100):
+            step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
+            delta = delta - step
+            if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
+                break
+        return np.asarray(law.force(delta)), delta
+
+    def _require_range(self, load: Load, force: Array, overlap: Array, stiffness: Array) -> None:
+        """Raise if a number of the state, or what observables make of it, is beyond double precision; or balls vanish."""
+        diameter = self.packing.diameter
         with np.errstate(all="ignore"):
-            force = np.asarray(law.force(delta))
-        return self._state(force, delta, "overlap", overlap, finite_overlap)
-
-    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
-
-        With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
-        """
-        load, law, d = compressive("pressure", pressure), self.law, self.packing.diameter
-        follows, _ = overlap_flag(finite_overlap)
-        with np.errstate(all="ignore"):
-            slope = load / self.packing.structure.pressure_factor  # of the force in the spacing
-            force = slope * d
-            delta = np.asarray(law.overlap(force))
-            # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
-            for _ in range(100 if follows else 0):
-                step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
-                delta = delta - step
-                if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
-                    break
-            if follows:
-                force = np.asarray(law.force(delta))
-        return self._state(force, delta, "pressure", pressure, finite_overlap)
-
-    def _state(self, force: Array, overlap: Array, name: str, given: ArrayLike, finite_overlap: bool | None) -> ContactState:
-        law, diameter = self.law, self.packing.diameter
-        follows, said = overlap_flag(finite_overlap)
-        with np.errstate(all="ignore"):
-            stiffness = np.asarray(law.stiffness(overlap))
             length = np.maximum(np.abs(overlap), self.packing.width)
             # and what observables make of them: slope of the stiffness, pressure, modulus
             made = [force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter]
-        if not all(np.all((values >= _LEAST) & (values < np.inf)) for values in made):
-            raise InputError(message(f"{name} = {given!r} is too small or too large for double precision"))
+        if not all(np.all((values >= _LEAST_NORMAL) & (values < np.inf)) for values in made):
+            raise InputError(message(f"{load} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
-            what = f"{name} = {given!r} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
-            why, mend = (
-                "Balls cannot overlap by their diameter or more, and the contact law fails long before",
-                "Lower the load",
-            )
+            what = f"{load} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
+            why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+            mend = "Lower the load"
             modulus = self.packing.material.young_modulus
             if modulus < LEAST_YOUNG_MODULUS:
                 why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
                 mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
             raise InputError(message(what, why, mend))
-        return ContactState(
-            self.packing, self.name, law, force[()], overlap[()], stiffness[()], follows, overlap_given=said
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -221,35 +195,3 @@ class EffectiveMedium(_ByLaw):
     def _law(self) -> Law:
         spread, law = self.packing.spread, self.packing.law
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi) if spread else law
-
-
-def untouched(overlap: ArrayLike, largest: float) -> InputError:
-    """What to say of an overlap at which all balls are apart, the ``largest`` ones (m above the mean) too."""
-    return InputError(
-        message(
-            f"overlap = {overlap!r}: no balls touch",
-            f"The largest are {largest:g} m wider than the mean",
-            f"Give an overlap above {-largest:g} m",
-        )
-    )
-
-
-def compressive(name: str, values: ArrayLike) -> Array:
-    """Loads as an array; :class:`InputError` if one is not a finite number above zero."""
-    array = finite(name, values)
-    if np.any(array < 0.0):
-        raise InputError(
-            message(f"{name} is {brief(values)}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
-        )
-    if np.any(array == 0.0):
-        raise InputError(
-            message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
-        )
-    return array
-
-
-def finite(name: str, values: ArrayLike) -> Array:
-    array = real_array(name, values)
-    if array.size == 0 or not np.all(np.isfinite(array)):
-        raise InputError(message(f"{name} is {brief(values)}", "Every load must be a finite number"))
-    return array

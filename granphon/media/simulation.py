@@ -17,18 +17,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Load, equilibrate, too_small
+from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Prescribed, equilibrate, too_small
 from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample, jackknife, standard_error, unit_of_length
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arguments import is_whole, real_array
 from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.results import read_only
-from granphon.media.mean_field import AveragedLattice, compressive, finite, untouched
+from granphon.media.mean_field import AveragedLattice
+from granphon.media.medium import Loaded, untouched
 from granphon.media.state import ContactState, overlap_flag
 
 __all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "in_order", "no_finite_overlap"]
@@ -138,27 +140,19 @@ class SimulatedState(ContactState):
     spaced: bool = False
 
     @classmethod
-    def of(
-        cls,
-        simulation: DirectSimulation,
-        samples: Sequence[Sample],
-        shape: tuple[int, ...],
-        force: Array | None = None,
-        overlap: Array | None = None,
-        overlap_given: bool = False,
-    ) -> Self:
-        """From the samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
-        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*shape, -1, 3)
+    def of(cls, simulation: DirectSimulation, samples: Sequence[Sample], load: Load, overlap_given: bool = False) -> Self:
+        """The state of ``samples`` under an applied ``load``, whose own numbers it has where they are force or overlap."""
+        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
-        spaced = overlap is not None
+        spaced = load.kind == "overlap"
         # at common spacing stiffnesses add up, at common force compliances
         k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
-        f = np.mean(forces, axis=-1) if force is None else force
-        delta = np.mean(overlaps, axis=-1) if overlap is None else overlap
-        f, delta, k = (np.asarray(value)[()] for value in (f, delta, k))
-        packing, law = simulation.packing, simulation.law
+        f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
+        delta = load.array if spaced else np.mean(overlaps, axis=-1)
         return cls(
-            packing, simulation.name, law, f, delta, k, overlap_given=overlap_given, samples=tuple(samples), spaced=spaced
+            packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
+            overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
+            samples=tuple(samples), spaced=spaced,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -285,7 +279,7 @@ def _exponent(means: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation:
+class DirectSimulation(Loaded[SimulatedState]):
     """Samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -391,35 +385,37 @@ class DirectSimulation:
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / unit_of_length(packing))
 
-    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
-        """State at the mean contact force f, N, of every sample."""
-        said, load = _in_the_limit(finite_overlap), compressive("force", force)
-        return self._state(self.loads("force", force), load.shape, said, force=load)
-
-    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
-        """State at the overlap delta = d - a, m, of every sample; where balls differ it may be negative."""
-        said, delta = _in_the_limit(finite_overlap), finite("overlap", overlap)
-        return self._state(self.loads("overlap", overlap), delta.shape, said, overlap=delta)
-
-    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> SimulatedState:
-        """State at the force per length P, N/m: P d = sqrt(3) f (equation 20)."""
-        said = _in_the_limit(finite_overlap)
-        return self._state(self.loads("pressure", pressure), np.shape(pressure), said)
-
-    def loads(self, kind: str, values: ArrayLike) -> list[Load]:
-        """What each of the loads prescribes in reduced units, in C order; errors as :meth:`require`."""
-        self.require(kind, values)
-        if kind == "overlap":
-            delta = finite(kind, values) / unit_of_length(self.packing)
-            return [Load(overlap=one) for one in delta.ravel().tolist()]
-        force = compressive(kind, values)
-        if kind == "pressure":
-            force = force / (TRIANGULAR.pressure_factor * self._unit_of_force) * self.packing.diameter
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
+        """State at a load of every sample; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` name its kind."""
+        load, (wanted, said) = load.applied, overlap_flag(finite_overlap)
+        if wanted:
+            raise no_finite_overlap(self.name)
+        prescribed = self.prescribed(load)
+        order, alone = in_order(prescribed), replace(self, executor=None)
+        if self.executor is None:
+            found = [_equilibria(alone, index, prescribed, order) for index in range(self.samples)]
         else:
-            force = force / self._unit_of_force
-        return [Load(force=one) for one in force.ravel().tolist()]
+            jobs = [self.executor.submit(_equilibria, alone, index, prescribed, order) for index in range(self.samples)]
+            found = [_shared(job.result(), self.workers) for job in jobs]
+        seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
+        samples = [
+            Sample(self.packing, seed, column[place])
+            for place in range(load.size)
+            for seed, column in zip(seeds, found, strict=True)
+        ]
+        return SimulatedState.of(self, samples, load, overlap_given=said)
 
-    def sample(self, load: Load, before: tuple[float, Array] | None = None) -> Sample:
+    def prescribed(self, load: Load) -> list[Prescribed]:
+        """What each value of an applied load prescribes in reduced units, in C order; errors as :meth:`require`."""
+        self.require(load)
+        if load.kind == "overlap":
+            return [Prescribed(overlap=one) for one in (load.array / unit_of_length(self.packing)).ravel().tolist()]
+        force = load.array / self._unit_of_force
+        if load.kind == "pressure":
+            force = load.array / (TRIANGULAR.pressure_factor * self._unit_of_force) * self.packing.diameter
+        return [Prescribed(force=one) for one in force.ravel().tolist()]
+
+    def sample(self, load: Prescribed, before: tuple[float, Array] | None = None) -> Sample:
         """The first sample under one load, as a state has it.
 
         ``before`` are overlap and displacements of its equilibrium under the load before this one in :func:`in_order`; None
@@ -430,57 +426,31 @@ class DirectSimulation:
         found = equilibrate(deviations, load, Stencils(deviations.shape, workers=self.workers), start)
         return Sample(self.packing, None if self.diameters is not None else self.seed, found)
 
-    def require(self, kind: str, values: ArrayLike) -> None:
-        """:class:`~granphon.base.errors.InputError` for a load that no sample can bear, before any is looked at.
+    def require(self, load: Load) -> None:
+        """:class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, before any is looked at.
 
-        ``kind`` is "force", "pressure" or "overlap". Beyond the law of equal balls, or by a whole diameter, or, where balls
-        differ, below f* = 1e-8 or without any touching.
+        Beyond the law of equal balls, or by a whole diameter, or, where balls differ, below f* = 1e-8 or without any
+        touching.
         """
         hertz = AveragedLattice(replace(self.packing, spread=None))
-        if kind != "overlap":
-            state = getattr(hertz, f"at_{kind}")(values)
-            least = float(np.min(state.force)) / self._unit_of_force
+        if load.kind != "overlap":
+            least = float(np.min(hertz.at(load).force)) / self._unit_of_force
             if self.packing.width and least < LEAST_FORCE:
                 raise too_small(least)
         elif not self.packing.width:
-            hertz.at_overlap(values)
+            hertz.at(load)
         else:
-            delta = finite("overlap", values)
-            if np.max(delta) > self.packing.width:
-                hertz.at_overlap(float(np.max(delta)))
+            if np.max(load.array) > self.packing.width:
+                hertz.at(Load("overlap", np.max(load.array)))
             # given balls may differ by more than the spread that they are taken from
             given = unit_of_length(self.packing) * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
             largest = max(given, self.packing.spread.largest if self.packing.spread else 0.0)
-            if np.min(delta) <= -largest:
-                raise untouched(values, largest)
+            if np.min(load.array) <= -largest:
+                raise untouched(load, largest)
 
     @property
     def _unit_of_force(self) -> float:
         return float(self.packing.law.force(unit_of_length(self.packing)))
-
-    def _state(
-        self,
-        loads: Sequence[Load],
-        shape: tuple[int, ...],
-        overlap_given: bool,
-        force: Array | None = None,
-        overlap: Array | None = None,
-    ) -> SimulatedState:
-        """The state of all samples; ``force`` or ``overlap`` are the user's own numbers, if they are the load."""
-        order = in_order(loads)
-        alone = replace(self, executor=None)
-        if self.executor is None:
-            found = [_equilibria(alone, index, loads, order) for index in range(self.samples)]
-        else:
-            jobs = [self.executor.submit(_equilibria, alone, index, loads, order) for index in range(self.samples)]
-            found = [_shared(job.result(), self.workers) for job in jobs]
-        seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
-        samples = [
-            Sample(self.packing, seed, column[place])
-            for place in range(len(loads))
-            for seed, column in zip(seeds, found, strict=True)
-        ]
-        return SimulatedState.of(self, samples, shape, force, overlap, overlap_given)
 
 
 def no_finite_overlap(medium: str) -> InputError:
@@ -490,22 +460,14 @@ def no_finite_overlap(medium: str) -> InputError:
     return InputError(message(what, why, "Leave finite_overlap out, or take another medium"))
 
 
-def _in_the_limit(finite_overlap: bool | None) -> bool:
-    """Whether somebody said that there is no finite overlap; :class:`InputError` if somebody wants it."""
-    wanted, said = overlap_flag(finite_overlap)
-    if wanted:
-        raise no_finite_overlap(DirectSimulation.name)
-    return said
-
-
-def in_order(loads: Sequence[Load]) -> list[int]:
+def in_order(loads: Sequence[Prescribed]) -> list[int]:
     """Places of the loads from the highest down. Each equilibrium is found from the one above; where it began is not seen
     but in digits beyond the tolerance."""
     return sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
 
 
 def _equilibria(
-    simulation: DirectSimulation, index: int, loads: Sequence[Load], order: Sequence[int]
+    simulation: DirectSimulation, index: int, loads: Sequence[Prescribed], order: Sequence[int]
 ) -> dict[int, Equilibrium]:
     """One sample under all loads, each found from the one before in ``order``; an error says which, as ``load_index``."""
     deviations = read_only(simulation.deviations(index))  # one array for all of them

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
-import numpy as np
-
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combinations
 from granphon.media.choice import MediumChoice
@@ -23,13 +21,12 @@ MOST_CASES = 100
 
 @dataclass(frozen=True)
 class Plan:
-    """The ``axes`` of a ``packing``, the ``media``, and the ``loads`` of a ``kind`` ("force", "pressure", "overlap"; SI)."""
+    """The ``axes`` of a ``packing``, the ``media``, and the applied ``load``."""
 
     packing: Packing
     axes: tuple[Axis, ...]
     media: tuple[MediumChoice, ...]
-    kind: str
-    loads: tuple[float, ...]
+    load: Load
 
     @property
     def cases(self) -> int:
@@ -39,7 +36,7 @@ class Plan:
     @property
     def states(self) -> int:
         """How many: a case at a load each."""
-        return self.cases * len(self.loads)
+        return self.cases * self.load.size
 
     def __iter__(self) -> Iterator[tuple[str, Packing, MediumChoice]]:
         """The cases: in words as sweeps call them, the packing, and the medium."""
@@ -62,14 +59,12 @@ class Plan:
 
         Of very many cases, of as many as the dearest at the ends of the axes.
         """
-        kind: Any = self.kind
-        loads = np.array(self.loads)
         few = self.few
         found = [
-            estimate(medium, kind, loads[rung.loads], exponents=exponents)
+            estimate(medium, rung.load, exponents=exponents)
             for _, packing, choice in few
             if choice.simulates or choice.is_automatic
-            for rung in choice.rungs(packing, kind, loads)
+            for rung in choice.rungs(packing, self.load)
             if isinstance(medium := rung.medium.of(packing), DirectSimulation)
         ]
         if few is not self and found:

@@ -335,7 +335,7 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     phonons, bands, dos = _spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
-    load = scene.load.applied[0]
+    load = scene.load.applied.kind
     automatic = rung if scene.media[0].is_automatic else None
     label = scene.media[0].label
     return RunResult(

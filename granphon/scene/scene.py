@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import contacts_apart
 from granphon.balls.diameters import Discrete, Measured
@@ -113,6 +112,8 @@ class Scene:
             no_simulation(self.media)
         _check_supercell(self.packing, self.dim)
         _check_observed(self.observe, len(self.load.values) > 1 or len(self.media) > 1, dict(self.parameters))
+        if self.load.array.ndim > 1:
+            raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
         if self.load.kind == "side_force" and self.packing.structure != TRIANGULAR:
             raise InputError("found a side_force; allowed: on the triangular lattice only, whose frame is a hexagon.")
 
@@ -145,10 +146,15 @@ class Scene:
         """
         if self.is_sweep:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
-        kind, values = self.load.applied
         with nullcontext() if self._document is None else self._located_medium(self._document, self.media[0]):
-            (rung,) = self.media[0].rungs(self.packing, kind, values)
+            (rung,) = self.media[0].rungs(self.packing, self.load.applied)
             return rung
+
+    @property
+    def _single_load(self) -> Load:
+        """The applied load of a scene of one load, without an axis."""
+        load = self.load.applied
+        return Load(load.kind, load.values[0])
 
     @property
     def is_sweep(self) -> bool:
@@ -218,18 +224,19 @@ class Scene:
 
     def _require_loads(self, document: Document, packing: Packing, choice: MediumChoice, label: str) -> None:
         """Raise if a medium cannot carry one of the loads; it can carry all if it carries the least and the greatest."""
-        kind, values = self.load.applied
-        for index in {int(np.argmin(values)), int(np.argmax(values))}:
+        load = self.load.applied
+        for index in {int(np.argmin(load.array)), int(np.argmax(load.array))}:
+            one = Load(load.kind, load.values[index])
             with self._located_medium(document, choice):
-                (rung,) = choice.rungs(packing, kind, values[index])
+                (rung,) = choice.rungs(packing, one)
             if not (rung.is_quick or rung.medium.simulates):
                 continue  # a long list of diameters is solved by the run alone
             with self._located_load(document, index, f"{label}: "):
                 medium = rung.medium.of(packing)
                 if isinstance(medium, DirectSimulation):
-                    medium.require(kind, values[index])
+                    medium.require(one)
                     continue
-                contact_lattice(_finite(self._state(packing, rung, values[index])))
+                contact_lattice(_finite(self._state(packing, rung, one)))
 
     def _located_medium(self, document: Document, choice: MediumChoice) -> AbstractContextManager[None]:
         return _located(document, ("medium",), f"found {choice.label!r}; allowed: a tolerance that is met at every load. ")
@@ -252,16 +259,14 @@ class Scene:
 
     @cached_property
     def _plan(self) -> Plan:
-        kind, values = self.load.applied
-        return Plan(self.packing, tuple(Axis(*axis) for axis in self.parameters), self.media, kind, values)
+        return Plan(self.packing, tuple(Axis(*axis) for axis in self.parameters), self.media, self.load.applied)
 
-    def _state(self, packing: Packing, rung: MediumChoice | Rung, values: ArrayLike) -> ContactState:
-        """Of a medium, or of the one that an automatic medium has chosen."""
-        choice = rung.medium if isinstance(rung, Rung) else rung
-        at: Callable[..., ContactState] = getattr(choice.of(packing), f"at_{self.load.applied[0]}")
+    def _state(self, packing: Packing, rung: Rung, load: Load) -> ContactState:
+        """The state in the medium of a rung."""
         with np.errstate(all="ignore"):
-            state = at(values, finite_overlap=self.finite_overlap or None)  # left out, nobody has said it
-        return replace(state, chosen=isinstance(rung, Rung) and rung.chosen)
+            # left out, nobody has said it
+            state = rung.medium.of(packing).at(load, finite_overlap=self.finite_overlap or None)
+        return replace(state, chosen=rung.chosen)
 
     def state(self) -> ContactState:
         """The contacts under the load.
@@ -271,7 +276,7 @@ class Scene:
         rung = self.rung
         located = nullcontext() if self._document is None else self._located_load(self._document, 0)
         with located:
-            return _finite(self._state(self.packing, rung, self.load.applied[1][0]))
+            return _finite(self._state(self.packing, rung, self._single_load))
 
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
@@ -279,13 +284,13 @@ class Scene:
         Each is solved when its turn comes, ``simulations``, and effective media of long ``lists`` of diameters, only if they
         are wanted. :class:`~granphon.base.errors.InputError` at the first that cannot carry the loads.
         """
-        values = np.array(self.load.applied[1])
+        load = self.load.applied
         for label, packing, choice in self._plan:
             if self._document is not None and not choice.simulates:
                 self._require_loads(self._document, packing, choice, label)
-            for rung in choice.rungs(packing, self.load.applied[0], values):
+            for rung in choice.rungs(packing, load):
                 if rung.is_quick or (simulations if rung.medium.simulates else lists):
-                    some = values[rung.loads] if len(values) > 1 or choice.is_automatic else values[0]
+                    some = rung.load if load.size > 1 or choice.is_automatic else self._single_load
                     where = f"{label}: {rung.medium.label}" if choice.is_automatic else label
                     yield where, self._state(packing, rung, some)
 
@@ -299,13 +304,12 @@ class Scene:
         if self._plan.cases > MOST_CASES or self._plan.states > _MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             swept = tuple((axis.name, axis.values) for axis in self._plan.ends.axes)
-            few = replace(self, load=replace(self.load, values=ends), parameters=swept)
+            few = replace(self, load=replace(self.load, array=ends), parameters=swept)
             left.append(f"all but the ends of {self._plan.states:,} states")
-        kind, loads = few._plan.kind, np.array(few._plan.loads)
         if any(
             not (rung.is_quick or rung.medium.simulates)
             for _, packing, choice in few._plan
-            for rung in choice.rungs(packing, kind, loads)
+            for rung in choice.rungs(packing, few._plan.load)
         ):
             left.append("the effective medium of long lists of diameters")
         return few.states(simulations=False, lists=False), " and ".join(left)
@@ -357,8 +361,8 @@ class Scene:
         """
         from granphon.sweeps.sweep import sweep
 
-        kind, values = self.load.applied
-        given: dict[str, Any] = {kind: values, "media": self.media, "finite_overlap": self.finite_overlap}
+        load = self.load.applied
+        given: dict[str, Any] = {load.kind: load.values, "media": self.media, "finite_overlap": self.finite_overlap}
         given |= dict(self.parameters) | options
         if "bands" in self.observe:
             given |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
@@ -16,9 +16,10 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import plain
@@ -71,16 +72,15 @@ class Job:
     where: str
     packing: Packing
     medium: MediumChoice
-    load: str
-    values: tuple[float, ...]
+    load: Load
     finite_overlap: bool
     qpoints: Array | None
     places: tuple[int, ...] | None = None
 
-    def state(self, values: ArrayLike) -> ContactState:
-        """At some of the loads."""
-        at: Callable[..., ContactState] = getattr(self.medium.of(self.packing), f"at_{self.load}")
-        return replace(at(values, finite_overlap=self.finite_overlap), chosen=self.places is not None)
+    def state(self, load: Load) -> ContactState:
+        """The state under some of the loads."""
+        state = self.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap)
+        return replace(state, chosen=self.places is not None)
 
     @cached_property
     def name(self) -> str:
@@ -92,7 +92,7 @@ class Job:
     def rungs(self) -> list[Rung]:
         """What serves which of the loads; an error says at which load."""
         try:
-            return self.medium.rungs(self.packing, self.load, np.array(self.values))
+            return self.medium.rungs(self.packing, self.load)
         except InputError as error:
             raise (_located if "load_index" in vars(error) else _named)(self, error) from error
 
@@ -102,8 +102,7 @@ class Job:
         for rung in self.rungs:
             places = tuple(rung.loads.tolist())
             where = f"{self.where}: {rung.medium.label}"
-            values = tuple(self.values[i] for i in places)
-            out.append((replace(self, where=where, medium=rung.medium, values=values, places=places), rung))
+            out.append((replace(self, where=where, medium=rung.medium, load=rung.load, places=places), rung))
         return out
 
     @property
@@ -122,9 +121,7 @@ class Job:
             # the same sample is the same piece, however many there are
             alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            out.append(
-                _SampleJob(where, self.packing, alone, self.load, self.values, self.finite_overlap, None, self.places)
-            )
+            out.append(_SampleJob(where, self.packing, alone, self.load, self.finite_overlap, None, self.places))
         return out
 
     def joined(self, parts: Sequence[Part]) -> Part:
@@ -150,7 +147,7 @@ class Job:
 
     def chosen(self) -> Part:
         """At each load the medium that served it, and its expected error, +inf if that is not known."""
-        choice, error = np.empty(len(self.values), object), np.empty(len(self.values))
+        choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
         for rung in self.rungs:
             choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
         return {"choice": choice.astype(str), "expected_error": error}
@@ -167,7 +164,7 @@ class Job:
     def solve(self, begun: Part | None = None) -> Part:
         """Every variable at every load, and "warnings", for :func:`told`; an error says at which load of which task."""
         try:
-            return self.observed(self.state(np.array(self.values)))
+            return self.observed(self.state(self.load))
         except GranphonError as error:
             raise _located(self, error) from error
 
@@ -236,16 +233,15 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
     """
 
     def at(index: int, error: GranphonError) -> GranphonError:
-        unit = ContactState.units[job.load]
-        located = type(error)(f"{job.where}, {job.load} = {job.values[index]!r} {unit}: {error}")
+        located = type(error)(f"{job.where}, {job.load[index]} {job.load.unit}: {error}")
         vars(located)["load_index"] = index if job.places is None else job.places[index]
         return located
 
     if (known := vars(error).get("load_index")) is not None:  # that of a simulation, which is not worked out again
         return at(known, error)
-    for index, value in enumerate(job.values):
+    for index in range(job.load.size):
         try:
-            job.observed(job.state(np.array([value])))
+            job.observed(job.state(job.load[[index]]))
         except GranphonError as alone:
             return at(index, alone)
     return _named(job, error)
@@ -309,7 +305,7 @@ class _SampleJob(Job):
     @property
     def steps(self) -> int:
         """One for each load."""
-        return len(self.values)
+        return self.load.size
 
     def done(self, part: Part) -> int:
         """How many loads are in a result."""
@@ -320,7 +316,7 @@ class _SampleJob(Job):
         index: int | None = None
         try:
             simulation: Any = self.medium.of(self.packing)
-            loads = simulation.loads(self.load, np.array(self.values))
+            loads = simulation.prescribed(self.load)
             order = in_order(loads)
             so_far = dict(begun or {})
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
@@ -353,7 +349,6 @@ def _averaged_numbers(sample: Sample) -> dict[str, Any]:
 def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:
     """The state of all samples."""
     samples: Any = tuple(
-        _Averaged(**{name: part[name][load] for name in _NAMES}) for load in range(len(job.values)) for part in parts
+        _Averaged(**{name: part[name][load] for name in _NAMES}) for load in range(job.load.size) for part in parts
     )
-    given: dict[str, Any] = {job.load: np.array(job.values)} if job.load != "pressure" else {}
-    return SimulatedState.of(simulation, samples, (len(job.values),), **given)
+    return SimulatedState.of(simulation, samples, job.load)

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS, Axis, combinations, numbers
+from granphon.balls.parameters import PARAMETERS, Axis, combinations
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import restore
@@ -155,20 +156,20 @@ def sweep(
     GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
         result is written then.
     """
-    load, values = _load(force=force, pressure=pressure, overlap=overlap)
+    load = Load.only(force=force, pressure=pressure, overlap=overlap)
     choices = _media(media)
     if ruled("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)
     way = None if bands is None else _Way.of(packings, bands, npoints, labels)
-    frame = _frame((load, values), choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
+    frame = _frame(load, choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
     target = _target(path, resume)
     if target is not None and resume and not overwrite and (there := _complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
     jobs = [
-        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, values, finite_overlap, qpoints)
+        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, finite_overlap, qpoints)
         for where, one in packings
         for choice in choices
     ]
@@ -185,15 +186,6 @@ def sweep(
             with locked.staging(file_names(target)) as stage:
                 write_sweep(dataset, stage / target.name)
     return dataset
-
-
-def _load(**given: ArrayLike | None) -> tuple[str, tuple[float, ...]]:
-    """The one kind of load that is given, and its values."""
-    kinds = [name for name, values in given.items() if values is not None]
-    if len(kinds) != 1:
-        what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
-        raise InputError(message(what, mend="Give one of " + ", ".join(given)))
-    return kinds[0], numbers(kinds[0], given[kinds[0]])
 
 
 def _media(given: Any) -> list[MediumChoice]:
@@ -258,14 +250,11 @@ def _complete(target: Path, frame: Dataset) -> Dataset | None:
 # -- the data set ---------------------------------------------------------------------------------------------------
 
 
-def _frame(
-    load: tuple[str, tuple[float, ...]], media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool
-) -> Dataset:
+def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool) -> Dataset:
     """The data set before anything is computed: its coordinates, the path of the bands, and what it is made of."""
     from xarray import Dataset
 
-    kind, values = load
-    coordinates: dict[str, Any] = {kind: ("load", np.array(values), _attrs(kind)), "medium": [m.label for m in media]}
+    coordinates: dict[str, Any] = {load.kind: ("load", load.array, _attrs(load.kind)), "medium": [m.label for m in media]}
     for axis in axes:
         # labels say less than the spread or the lattice itself
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
@@ -293,21 +282,21 @@ def _identity(frame: Dataset) -> dict[str, Any]:
 
 def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
     """The data set: the frame with what was found."""
-    load, values = jobs[0].load, jobs[0].values
+    load = jobs[0].load
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     # a medium that samples nothing has no error
-    exact = {name: np.zeros(len(values)) for name in ERRORS if any(name in part for part in parts)}
+    exact = {name: np.zeros(load.size) for name in ERRORS if any(name in part for part in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
     if any(job.medium.is_automatic for job in jobs):
         parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
     # what every medium gives; the tensor only where it is needed
-    names = [name for name in parts[0] if name not in (load, "warnings") and all(name in part for part in parts)]
+    names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:
         names.remove("tensor")
     variables: dict[str, Any] = {}
     for name in names:
         stack = np.array([part[name] for part in parts])
-        stack = stack.reshape(*counts, frame.sizes["medium"], len(values), *stack.shape[2:])
+        stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
         variables[name] = ((*dims, *_EXTRA.get(name, ())), stack, _attrs(name))
     if "tensor" in names:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.diameters import Spread
 from granphon.balls.distributions import PointShape
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.laws.collocation import solved
@@ -35,14 +36,13 @@ _TIME_POWER = 1.1
 
 @dataclass(frozen=True)
 class Disorder:
-    """Balls that differ, their loads (SI), and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
+    """Balls that differ, their loads, and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
 
-    ``kind`` of the loads: "force", "pressure" or "overlap". Trial solutions are timed with ``stopwatch``.
+    Trial solutions are timed with ``stopwatch``.
     """
 
     packing: Packing
-    kind: str
-    loads: tuple[float, ...]
+    load: Load
     quantities: tuple[str, ...]
     stopwatch: Stopwatch = SECONDS
 
@@ -65,7 +65,7 @@ class Disorder:
 
     def state(self, medium: Any) -> ContactState:
         """State of a medium at the loads."""
-        state: ContactState = getattr(medium, f"at_{self.kind}")(np.array(self.loads))
+        state: ContactState = medium.at(self.load)
         return state
 
     @cached_property
@@ -100,8 +100,8 @@ class Disorder:
         by_force = np.asarray(local_exponent(state))
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
-        by_load = by_force if self.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
-        by_width = 1.5 * (by_force - 1.0 / 6.0) if self.kind != "overlap" else 0.25 - by_load
+        by_load = by_force if self.load.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
+        by_width = 1.5 * (by_force - 1.0 / 6.0) if self.load.kind != "overlap" else 0.25 - by_load
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def repeat(self, errors: Array) -> Array:
@@ -123,4 +123,4 @@ class DisorderStudy(Study):
     @property
     def loads(self) -> tuple[float, ...]:
         """As in :class:`~granphon.tradeoffs.study.Study`."""
-        return self.disorder.loads
+        return self.disorder.load.values

@@ -9,7 +9,7 @@ less than a fifth of the standard error, above f* = 3 a tenth or less; near the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.response import bulk_and_shear
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
-from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities
 
@@ -76,13 +77,12 @@ class Ensemble(Result):
 class Moments:
     """Collects samples: :meth:`add` some, a few at a time, and ask for the :meth:`ensemble`.
 
-    All samples have the same ``packing`` on the triangular lattice, ``kind`` ("force", "pressure", "overlap") and ``loads``
-    (SI, n_loads), and ``shape`` (L1, L2); their seeds count from ``seed``. Raises what
-    :class:`~granphon.media.simulation.DirectSimulation` raises.
+    All samples have the same ``packing`` on the triangular lattice, applied ``load`` (n_loads,) and ``shape`` (L1, L2); their
+    seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
-    def __init__(self, packing: Packing, kind: str, loads: Sequence[float], shape: tuple[int, int], seed: int = 0) -> None:
-        self.packing, self.kind, self.loads, self.shape, self.seed = packing, kind, tuple(loads), shape, seed
+    def __init__(self, packing: Packing, load: Load, shape: tuple[int, int], seed: int = 0) -> None:
+        self.packing, self.load, self.shape, self.seed = packing, load, shape, seed
         self._moduli: list[Array] = []
         self._overlaps: list[Array] = []
         self._excess: list[Array] = []
@@ -90,7 +90,7 @@ class Moments:
     def add(self, count: int = 1) -> None:
         """Simulate ``count`` more samples."""
         simulation = DirectSimulation(self.packing, self.shape, self.seed + len(self._moduli), count)
-        state: SimulatedState = getattr(simulation, f"at_{self.kind}")(np.array(self.loads))
+        state = simulation.at(self.load)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         moduli = bulk_and_shear(tensors)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
@@ -108,7 +108,7 @@ class Moments:
         means, errors = _regress(moduli.reshape(count, -1), excess)
         means, errors = means.reshape(moduli.shape[1:]), errors.reshape(moduli.shape[1:])
         squares = np.abs(means) / np.array([self.packing.effective_density] * 2 + [self.packing.mass])
-        if self.kind != "overlap":
+        if self.load.kind != "overlap":
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return Ensemble(
             np.sqrt(squares), 0.5 * errors / np.abs(means), 0.5 * spread * math.sqrt(balls),

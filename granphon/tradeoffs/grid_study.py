@@ -49,7 +49,7 @@ class GridStudy(DisorderStudy):
         for factor in (1.0 - _XI_STEP, 1.0 + _XI_STEP):
             other = EffectiveLaw(law.coefficient, law.width, law.shape, factor * law.xi)
             given = disorder.effective
-            overlap = given.overlap if disorder.kind == "overlap" else other.overlap(given.force)
+            overlap = given.overlap if disorder.load.kind == "overlap" else other.overlap(given.force)
             k.append(np.asarray(other.stiffness(overlap)))
         return np.asarray(0.5 * (k[1] - k[0]) / (k[1] + k[0]) / _XI_STEP)
 

@@ -19,13 +19,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import numbers
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import choice, each, number, ruled, truth, whole
-from granphon.media.mean_field import compressive, finite
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
@@ -212,10 +211,7 @@ def tradeoff(
         media are exact then; balls that differ on another lattice than the triangular one, or with finite overlap, where
         media have no reference; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     """
-    given = {"force": force, "pressure": pressure, "overlap": overlap}
-    kinds = [kind for kind, values in given.items() if values is not None]
-    if len(kinds) != 1:
-        raise InputError(message("a trade-off takes loads of one kind", mend="Give one of " + ", ".join(given)))
+    load = Load.only(force=force, pressure=pressure, overlap=overlap)
     if not isinstance(packing, Packing):
         raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
     for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
@@ -223,12 +219,11 @@ def tradeoff(
     budget = ruled("budget", partial(number, low=1e-3, high=1e9), budget)
     observe = ruled("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
     ruled("finite_overlap", truth, finite_overlap)
-    checked = finite if kinds[0] == "overlap" else compressive
-    loads = np.unique(checked(kinds[0], numbers(kinds[0], given[kinds[0]])))
+    loads = np.unique(load.array)
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
-    asked = choose_studies(packing, kinds[0], tuple(loads.tolist()), tuple(observe), finite_overlap, stopwatch)
-    return carry_out(asked, kinds[0], budget, runs, progress, stopwatch)
+    asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch)
+    return carry_out(asked, load.kind, budget, runs, progress, stopwatch)
 
 
 def carry_out(

@@ -73,11 +73,10 @@ class MediaStudy(DisorderStudy):
             Point("effective medium", "computed field", computed, solve, solving),
             Point("effective medium, paper's field", "printed field", printed, solve, solving),
         ]
-        kind: Any = disorder.kind
         for samples in self.counts:
             for side in self.sides:
                 prepare = prepare_simulation(side, samples)
-                seconds = disorder.stopwatch.predict(estimate(prepare(0), kind, disorder.loads))
+                seconds = disorder.stopwatch.predict(estimate(prepare(0), disorder.load))
                 method = f"simulation, {samples} sample{'s' if samples > 1 else ''}"
                 found.append(Point(method, f"{side} x {side}", prepare, solve, seconds, random=True))
         return sorted(found, key=lambda point: point.seconds)
@@ -88,9 +87,8 @@ class MediaStudy(DisorderStudy):
         One smaller sample is solved by a sparse LU too, equilibrium and response.
         """
         disorder = self.disorder
-        moments = Moments(
-            disorder.packing, disorder.kind, disorder.loads, (self.reference_side, self.reference_side), _REFERENCE_SEED
-        )
+        sides = self.reference_side, self.reference_side
+        moments = Moments(disorder.packing, disorder.load, sides, _REFERENCE_SEED)
         begun = deadline.stopwatch.now()
         apart = self.compare_solvers(deadline)
         longest, count = 0.0, 0
@@ -128,8 +126,7 @@ class MediaStudy(DisorderStudy):
 
         disorder = self.disorder
         simulation = DirectSimulation(disorder.packing, (self.reference_side, self.reference_side), _REFERENCE_SEED)
-        kind: Any = disorder.kind
-        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, kind, disorder.loads))
+        least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
         if least > deadline.left:
             raise GranphonError(f"the budget does not hold its samples: {_LEAST_SAMPLES} take some {least:.2g} s.")
         state = disorder.state(DirectSimulation(disorder.packing, (_CHECKED_SIDE, _CHECKED_SIDE), _REFERENCE_SEED))

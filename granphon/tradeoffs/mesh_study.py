@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.progress import Step
 from granphon.dynamics.modes import ContactLattice
@@ -35,14 +36,13 @@ _REFERENCE_LINES = 256
 class MeshStudy(Study):
     """Mesh and method of the density of states; errors are the part of the modes in a wrong interval of frequency.
 
-    ``given``: all loads of the scene, SI. ``meshes``: points along a side of the meshes that are tried.
+    ``load``: all loads of the scene. ``meshes``: points along a side of the meshes that are tried.
     """
 
     name = "density of states"
 
     packing: Packing
-    kind: str
-    given: tuple[float, ...]
+    load: Load
     finite_overlap: bool
     meshes: tuple[int, ...] = (8, 16, 32, 64, 128, 256)
 
@@ -54,14 +54,12 @@ class MeshStudy(Study):
     @property
     def loads(self) -> tuple[float, ...]:
         """The greatest load: in the paper's limit the density of states has the same form at each."""
-        return self.given[-1:]
+        return self.load.values[-1:]
 
     @cached_property
     def state(self) -> ContactState:
         """State of the effective medium at the greatest load."""
-        medium = EffectiveMedium(self.packing)
-        state: ContactState = getattr(medium, f"at_{self.kind}")(self.loads[0], finite_overlap=self.finite_overlap)
-        return state
+        return EffectiveMedium(self.packing).at(self.load[-1], finite_overlap=self.finite_overlap)
 
     @property
     def lattice(self) -> ContactLattice:

@@ -11,6 +11,7 @@ Errors are of what a scene observes, velocities or frequencies, at its loads.
 from __future__ import annotations
 
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.tradeoffs.disorder import Disorder
@@ -26,8 +27,7 @@ __all__ = ["choose_studies"]
 
 def choose_studies(
     packing: Packing,
-    kind: str,
-    loads: tuple[float, ...],
+    load: Load,
     observe: tuple[str, ...],
     finite_overlap: bool = False,
     stopwatch: Stopwatch = SECONDS,
@@ -42,10 +42,10 @@ def choose_studies(
         spectra = bool({"bands", "dos"} & set(observe))
         asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
         quantities = tuple(name for name in QUANTITIES if asked[name])
-        disorder = Disorder(packing, kind, loads, quantities, stopwatch)
+        disorder = Disorder(packing, load, quantities, stopwatch)
         found += [MediaStudy(disorder), GridStudy(disorder), SolutionStudy(disorder)]
     if "dos" in observe:
-        found.append(MeshStudy(packing, kind, loads, finite_overlap))
+        found.append(MeshStudy(packing, load, finite_overlap))
     if not found:
         mend = "Give the packing a spread, or observe dos, whose mesh can be chosen"
         raise InputError(message("there is nothing to trade for equal balls", "All media are exact then, and as fast", mend))

@@ -29,6 +29,7 @@ import granphon as gp
 from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample
 from granphon.balls.diameters import Spread
+from granphon.balls.loads import Load
 from granphon.media.accuracy import coefficients_of_form
 from granphon.media.simulation import SimulatedState
 from granphon.tradeoffs.ensemble import observe
@@ -137,7 +138,7 @@ class Truth:
         # the statics are the same in reduced units, whatever the friction
         taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in self.state.samples)
         simulation = gp.DirectSimulation(balls, self.simulation.shape, self.simulation.seed, self.simulation.samples)
-        state = SimulatedState.of(simulation, taken, self.forces.shape, force=self.forces * unit(balls))
+        state = SimulatedState.of(simulation, taken, Load("force", self.forces * unit(balls)))
         moduli = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
         beside = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensors_beside))
         k, slope, overlap = (

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 
 import granphon as gp
-from granphon.array.equilibrium import Equilibrium, Load, equilibrate
+from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import bulk_and_shear
+from granphon.balls.loads import Load
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState
@@ -44,7 +45,7 @@ def seeds(first: int, count: int) -> range:
     return range(1000 * first, 1000 * first + count)
 
 
-def at_rest(length: int, seed: int, loads: Sequence[Load]) -> list[Equilibrium]:
+def at_rest(length: int, seed: int, loads: Sequence[Prescribed]) -> list[Equilibrium]:
     """One sample under some loads, each found from the one before."""
     x = gp.Uniform(1.0).sample((length, length), seed)
     x -= np.mean(x)
@@ -113,7 +114,9 @@ def scatter(repeats: int) -> list[Row]:
     """f* at given a* from one sample to another, relative."""
     rows = []
     for length, spacing, count, claimed in ((64, 1.0, 64, 7e-4), (64, 0.36, 64, 0.17), (128, 0.36, 24, 0.08)):
-        force = np.array([at_rest(length, seed, [Load(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)])
+        force = np.array(
+            [at_rest(length, seed, [Prescribed(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)]
+        )
         part = float(np.std(force, ddof=1) / np.mean(force))
         what = f"f* at a* = {spacing:g} of {length}x{length} balls: standard deviation of {count} samples, of the mean"
         rows += judged(what, part, part / math.sqrt(2.0 * count), claimed)
@@ -135,7 +138,7 @@ def threshold(repeats: int) -> list[Row]:
     spacing = np.arange(0.380, 0.3545, -0.0025)
     zeros = []
     for seed in seeds(128, 6):
-        states = at_rest(128, seed, [Load(overlap=0.0), *(Load(overlap=a - 0.5) for a in spacing.tolist())])[1:]
+        states = at_rest(128, seed, [Prescribed(overlap=0.0), *(Prescribed(overlap=a - 0.5) for a in spacing.tolist())])[1:]
         power = np.array([state.force for state in states]) ** (2.0 / 3.0)
         near = spacing < 0.3701
         zeros.append((zero_of(spacing, power, 2), zero_of(spacing[near], power[near], 1)))
@@ -151,7 +154,7 @@ def contacts(repeats: int) -> list[Row]:
     forces = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
     kept, at_no_load = [], []
     for seed in seeds(64, 40):
-        states = at_rest(64, seed, [Load(force=f) for f in forces.tolist()])
+        states = at_rest(64, seed, [Prescribed(force=f) for f in forces.tolist()])
         rows = [(state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)) for state in states]
         kept.append(rows)
         at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
@@ -211,7 +214,7 @@ def exponents(repeats: int) -> list[Row]:
         rows.append(Row(f"exponent at f* = {f:g}", value, note=bracketed(value, error)))
         samples, force = small[place].samples, np.array(small.force[place])
         found = [
-            SimulatedState.of(small.law.simulation, samples[first : first + EACH], (), force=force)
+            SimulatedState.of(small.law.simulation, samples[first : first + EACH], Load("force", force))
             for first in range(0, len(samples), EACH)
         ]
         # of what they share, a size that is not infinite, nothing is counted
@@ -238,7 +241,8 @@ def loads(repeats: int) -> list[Row]:
     """What lower loads add to the time of an equilibrium of 128 x 128 balls: medians of three samples."""
     seconds = {
         spacing: np.median([
-            processor_time(lambda seed=seed, y=spacing - 0.5: at_rest(128, seed, [Load(overlap=y)])) for seed in seeds(7, 3)
+            processor_time(lambda seed=seed, y=spacing - 0.5: at_rest(128, seed, [Prescribed(overlap=y)]))
+            for seed in seeds(7, 3)
         ])
         for spacing in (1.0, 0.5, THRESHOLD + 0.02)
     }  # fmt: skip

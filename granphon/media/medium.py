@@ -1,0 +1,82 @@
+"""What every medium offers: the state of a packing under a load, which is named in one of three ways."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Generic, Protocol, TypeVar, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.base.errors import InputError, message
+from granphon.media.state import ContactState
+
+__all__ = ["Loaded", "Medium", "untouched"]
+
+
+@runtime_checkable
+class Medium(Protocol):
+    """What every rung of the accuracy ladder offers: the state of a packing at a given load.
+
+    ``finite_overlap`` is said here and read from the state ever after; None leaves the terms of relative order delta/d out.
+    """
+
+    @property
+    def packing(self) -> Packing:
+        """The balls under load."""
+        ...
+
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at a load of any kind."""
+        ...
+
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at the mean contact force f, N."""
+        ...
+
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
+        ...
+
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
+        """State at the overlap delta = d - a, m."""
+        ...
+
+
+#: the kind of state that a medium gives
+StateT = TypeVar("StateT", bound=ContactState, covariant=True)
+
+
+class Loaded(ABC, Generic[StateT]):
+    """Base of the media: the three ways to name a load, all of them by way of :meth:`at`."""
+
+    @abstractmethod
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:
+        """State at a load, of the shape of its values."""
+
+    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
+        """State at the mean contact force f, N."""
+        return self.at(Load("force", force), finite_overlap=finite_overlap)
+
+    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
+        """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
+
+        With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
+        """
+        return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
+
+    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
+        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
+        return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
+
+
+def untouched(load: Load, largest: float) -> InputError:
+    """The error of an overlap at which all balls are apart, also the ``largest`` ones (m above the mean)."""
+    return InputError(
+        message(
+            f"{load}: no balls touch",
+            f"The largest are {largest:g} m wider than the mean",
+            f"Give an overlap above {-largest:g} m",
+        )
+    )
