@@ -56,6 +56,7 @@ from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
 from granphon.media.choice import MEDIA, OPTIONS
 from granphon.media.state import ContactState
+from granphon.observables.catalogue import CATALOGUE
 from granphon.scene import fields as rules
 from granphon.scene.result_files import RESULT_FILES
 from granphon.scene.schema import SceneFile
@@ -66,6 +67,9 @@ HERE = Path(__file__).parent
 PAGES = [HERE / "development.md", *(HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files"))]
 _REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
 _UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, *LOADS.values())}
+#: what the fields of all files mean, and their units
+MEANINGS = {name: one.meaning for name, one in CATALOGUE.items()} | FIELDS
+UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS
 
 _STEEL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 _ARRAY = "simulation: {shape: 8 8, samples: 2}"
@@ -324,12 +328,7 @@ class Results:
         data = folder / "data.csv"
         data.write_text("force (N),velocity (m/s)\n2,465\n5,603\n9,681\n18,774\n", encoding="utf-8")
         _do("fit", str(folder / "ema.yaml"), str(data), "-o", str(folder / "fit"), "--frequency", "6.5 kHz")
-        #: what the files of a sweep say of their variables
-        self.variables: dict[str, tuple[str, str]] = {}
         self.sweeps = [load_sweep(folder / name / "sweep.nc") for name in MANY]
-        for dataset in self.sweeps:
-            for name, one in dataset.variables.items():
-                self.variables[str(name)] = (one.attrs.get("long_name", ""), one.attrs.get("units", ""))
 
     def yaml(self, name: str, file: str) -> Any:
         """A whole file, read."""
@@ -338,11 +337,9 @@ class Results:
     def row(
         self, name: str, value: Any, units: Mapping[str, str] | None = None, words: Mapping[str, str] | None = None
     ) -> list[str]:
-        """Field, unit, kind, meaning: by ``words``, by those of all files, or by what a sweep says."""
-        units, words = units or {}, FIELDS | dict(words or {})
-        said, unit = self.variables.get(name, ("", ""))
-        unit = units.get(name, FIELD_UNITS.get(name, unit))
-        said = meaning(words, name) if name in words or not said else said
+        """Field, unit, kind, meaning: by ``units`` and ``words``, or by those of all files."""
+        unit = (units or {}).get(name, UNITS.get(name, ""))
+        said = meaning(MEANINGS | dict(words or {}), name)
         return [f"`{name}`", "" if isinstance(value, str | bool) else unit, kind(value), said]
 
 
@@ -409,7 +406,7 @@ def sweep_fields(results: Results) -> str:
     rows = []
     for name in in_order(*(dataset.variables for dataset in results.sweeps)):
         (one, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
-        said, unit = results.variables[name]
+        said, unit = one.attrs.get("long_name", ""), one.attrs.get("units", "")
         axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in one.dims)
         shown = f"`{name}`" + (", or another parameter" if name in PARAMETERS else "")
         rows.append([shown, unit, axes, "yes" if name in heads else "", said or meaning(SWEPT, name)])
@@ -440,7 +437,7 @@ def dos_fields(results: Results) -> str:
     """Columns of dos.csv."""
     text = (results.folder / "all" / "dos.csv").read_text(encoding="utf-8")
     head = next(line for line in text.splitlines() if not line.startswith("#"))
-    rows = [[f"`{name}`", "Hz" if name == "frequency_Hz" else "1/Hz", meaning(FIELDS, name)] for name in head.split(",")]
+    rows = [[f"`{name}`", "Hz" if name == "frequency_Hz" else "1/Hz", meaning(MEANINGS, name)] for name in head.split(",")]
     return table(("column", "unit", "what it is"), rows)
 
 
@@ -451,18 +448,18 @@ def sample_fields(results: Results) -> str:
     names = [(name, int(count)) for name, _, count in zip(columns[::3], columns[1::3], columns[2::3], strict=True)]
     rows = []
     for name, count in names:
-        said, unit = SAMPLE.get(name, (FIELDS.get(name), FIELD_UNITS.get(name, "")))
+        said, unit = SAMPLE.get(name, (MEANINGS.get(name), UNITS.get(name, "")))
         rows.append(
             [
                 f"`{name}`",
                 unit,
                 f"{count} for each ball" if count > 1 else "one for each ball",
-                said or meaning(FIELDS, name),
+                said or meaning(MEANINGS, name),
             ]
         )
     for name in re.findall(r" (\w+)=(?!\")", head):
         if name not in ("Lattice", "Properties", "pbc"):
-            rows.append([f"`{name}`", FIELD_UNITS.get(name, ""), "of the sample", meaning(FIELDS, name)])
+            rows.append([f"`{name}`", UNITS.get(name, ""), "of the sample", meaning(MEANINGS, name)])
     return table(("array or number", "unit", "how many", "what it is"), rows)
 
 
@@ -476,7 +473,7 @@ def fit_columns(results: Results) -> str:
     """Columns of fit.csv."""
     with (results.folder / "fit" / "fit.csv").open(encoding="utf-8") as stream:
         heads = [head.rstrip(")").split(" (") for head in next(csv.reader(stream))]
-    return table(("column", "unit", "what it is"), ([f"`{n}`", unit, meaning(FIELDS, n)] for n, unit in heads))
+    return table(("column", "unit", "what it is"), ([f"`{n}`", unit, meaning(MEANINGS, n)] for n, unit in heads))
 
 
 def tradeoff_columns(results: Results) -> str:
@@ -485,7 +482,7 @@ def tradeoff_columns(results: Results) -> str:
     rows = []
     for head in next(csv.reader(StringIO(empty.csv()))):
         name, _, unit = head.rstrip(")").partition(" (")
-        rows.append([f"`{name}`", unit or results.variables.get(name, ("", ""))[1], meaning(MEASURED, name)])
+        rows.append([f"`{name}`", unit or UNITS.get(name, ""), meaning(MEASURED, name)])
     return table(("column", "unit", "what it is"), rows)
 
 

@@ -1,4 +1,7 @@
-"""What keys, options and fields mean, in the words of the reference; ``_generate.py`` has everything else about them."""
+"""What keys, options and fields mean, in the words of the reference; ``_generate.py`` has everything else about them.
+
+Observables are not here: the catalogue of granphon/observables says what they mean.
+"""
 
 from __future__ import annotations
 
@@ -105,7 +108,7 @@ FILES = {
     "tradeoff.csv": ("`granphon tradeoff`", "errors and costs, see [below](#tradeoffcsv)"),
     "tradeoff.png": ("`granphon tradeoff`", "error over time, a diagram for each study"),
 }  # fmt: skip
-#: fields of output files whose files do not say it themselves
+#: fields of output files that are not observables
 FIELDS = {
     "schema": "version of the file's format",
     "versions": "of granphon, and of the packages that the computation took",
@@ -113,19 +116,7 @@ FIELDS = {
     "observe": "what was asked for",
     "finite_overlap": "whether terms of relative order overlap/diameter were kept",
     "medium": "the medium, with its options",
-    "force": "mean contact force",
-    "overlap": "d - a, mean overlap: the state variable",
-    "pressure": "force per length of boundary",
-    "overlap_error": "standard error over samples of the overlap, at a given force or pressure",
-    "force_error": "standard error over samples of the force, at a given overlap",
-    "width": "W, √12 times the standard deviation of the diameters",
-    "exponent": "d log v_L / d log P, see [below](#sweepnc-and-sweepcsv)",
-    "exponent_error": "standard error over samples of the exponent; 0 of media that sample nothing, nan of one sample",
-    "mindlin_ratio": "η, shear over normal stiffness; 0 without friction",
-    "mass": "of a ball of the mean diameter",
     "local_field": "α, β and Ξ of the effective medium",
-    "direction": "of propagation, Cartesian, where velocities depend on it",
-    "top_frequency": "the highest frequency of the bands",
     "ok": "whether all checks under `validity` are passed",
     "validity": "the limits of the model: name, meaning, value, limit, and whether it is kept",
     "warnings": "a sentence for each limit that is passed",
@@ -143,7 +134,6 @@ FIELDS = {
     "granphon_length_m": "unit of length, the mean diameter d",
     "granphon_stiffness_N_per_m": "unit of stiffness, the normal stiffness k",
     "granphon_mass_kg": "unit of mass, that of a ball, M",
-    "relative_overlap": "overlap over the mean diameter",
     "version": "of granphon",
     "force_constants_scale": "by what the stored force constants are multiplied, a power of two",
     "auxiliary_atom": "symbol of the [heavy atom](../explanation/rotations.md#the-auxiliary-atom)",
@@ -180,7 +170,7 @@ FIELDS = {
 #: the unit of fields whose files do not say it; one without a unit is "1"
 FIELD_UNITS = {
     "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
-    "relative_overlap": "1", "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
+    "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
     "diameter_deviations": "d", "displacements": "d", "slip_origin": "d", "rotations": "rad", "chi2": "1", "p": "1",
 }  # fmt: skip
 #: of fit.yaml

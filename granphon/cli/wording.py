@@ -103,18 +103,15 @@ def announced(cost: Cost) -> str:
 
 def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     """Rows of the chief numbers of a result."""
+    from granphon.observables.catalogue import CATALOGUE
+
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
-    rows += [("contact force", span(numbers["force"], "N")), ("overlap", span(numbers["overlap"], "m"))]
     along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
-    velocity, modulus = ("velocity", "m/s"), ("modulus", "Pa")
-    kinds = {"longitudinal": velocity, "transverse": velocity, "bulk": modulus, "shear": modulus}
-    for name, (kind, unit) in kinds.items():
-        if name in numbers:
-            error = f" +/- {human(numbers[f'{name}_error'], unit)}" if f"{name}_error" in numbers else ""
-            rows.append((f"{name} {kind}", span(numbers[name], unit) + error + (along if kind == "velocity" else "")))
-    if "top_frequency" in numbers:
-        rows.append(("top frequency", human(numbers["top_frequency"], "Hz")))
+    for name, one in CATALOGUE.items():
+        if one.told and name in numbers:
+            error = f" +/- {human(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
+            rows.append((one.label.lower(), span(numbers[name], one.unit) + error + (along if one.unit == "m/s" else "")))
     return rows
 
 

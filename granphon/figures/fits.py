@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from granphon.figures.style import COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION, readable_unit
 from granphon.fits.fit import WidthFit
+from granphon.observables.catalogue import axis_label
 
 __all__ = ["fit_figure", "plot_fit"]
 
@@ -44,9 +45,8 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     for axes in (ax, residual_ax):
         scale_axis(axes, "x", fit.force)
     scale_axis(ax, "y", fit.velocity)
-    pulse = "Group velocity" if fit.waves.frequency is not None else f"{fit.waves.branch.capitalize()} velocity"
-    ax.set_ylabel(f"{pulse} (m/s)")
-    residual_ax.set(xlabel="Contact force (N)", ylabel="Residual / σ")
+    ax.set_ylabel(axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)")
+    residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
 

@@ -24,6 +24,7 @@ from matplotlib.lines import Line2D
 from granphon.base.errors import InputError, message
 from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, readable_unit
 from granphon.media.simulation import DirectSimulation
+from granphon.observables.catalogue import CATALOGUE, axis_label
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -32,12 +33,7 @@ __all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
-_NAMES = {
-    "force": "Contact force", "pressure": "Pressure", "overlap": "Overlap", "longitudinal": "Longitudinal velocity",
-    "transverse": "Transverse velocity", "exponent": "d log $v_L$ / d log $P$", "reduced_force": "Force f*",
-    "normal_stiffness": "Normal stiffness", "contact_fraction": "Fraction of contacts", "bulk": "Bulk modulus",
-    "shear": "Shear modulus", "force_fluctuation": "Force fluctuation Δf/f", "stiffness_ratio": "k over the ideal lattice's",
-}  # fmt: skip
+#: media as legends call them
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
 
 
@@ -83,7 +79,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
     for which, values, name in (("x", along, x), ("y", across, variable)):
         scale_axis(ax, which, np.asarray(values))
-        ax.set(**{f"{which}label": _label(dataset, name)})
+        ax.set(**{f"{which}label": axis_label(name, dataset[name].attrs.get("units", ""))})
     if legend:
         ax.legend(handles=_legend(dataset))
     return ax
@@ -176,12 +172,6 @@ def _legend(dataset: Dataset) -> list[Line2D]:
     return lines
 
 
-def _label(dataset: Dataset, name: str) -> str:
-    words = _NAMES.get(name, name.replace("_", " ").capitalize())
-    unit = dataset[name].attrs.get("units", "")
-    return words if unit in ("", "1") else f"{words} ({unit})"
-
-
 def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
@@ -235,4 +225,4 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
         ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
         ax.annotate(name, np.max(ends, axis=0), xytext=(4, 0), textcoords="offset points", va="center")
     scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
-    ax.set_ylabel("Sound velocity (m/s)")
+    ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")

@@ -38,10 +38,11 @@ from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
+from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
 from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
-from granphon.sweeps.jobs import LATTICE_BANDS, exponents, has_pressure, packages, sampling_errors
+from granphon.sweeps.jobs import LATTICE_BANDS, packages
 from granphon.sweeps.tasks import kept
 
 if TYPE_CHECKING:
@@ -55,11 +56,8 @@ if TYPE_CHECKING:
 __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 
 SCHEMA = 1
-_UNITS = {
-    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "force_error": "N", "overlap_error": "m", "width": "m",
-    "expected_error": "1", "mindlin_ratio": "1", "mass": "kg", "exponent": "1", "exponent_error": "1",
-    "direction": "1", "top_frequency": "Hz",
-}  # fmt: skip
+#: of the states of a sweep, whose least and greatest values the summary has
+_EXTENTS = ("force", "overlap", "longitudinal", "transverse")
 
 
 @dataclass(frozen=True)
@@ -91,37 +89,29 @@ class RunResult:
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit that is passed, for what is not known or left out, and for figures that failed."""
         spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
-        return self.validity.warnings + self._exponents[1] + ((LATTICE_BANDS,) if spectra else ()) + self.failures
+        left_out = (LATTICE_BANDS,) if spectra else ()
+        return self.validity.warnings + missing_error(self._exponents) + left_out + self.failures
 
     @cached_property
-    def _exponents(self) -> tuple[dict[str, Any], tuple[str, ...]]:
+    def _analysis(self) -> Analysis:
+        return Analysis(self.state, self.velocities, self.moduli)
+
+    @cached_property
+    def _exponents(self) -> dict[str, Any]:
         """Those of a simulation take equilibria of their own: with the velocities only."""
         asked = self.velocities is not None or not isinstance(self.state, SimulatedState)
-        return exponents(self.state) if asked and not self.state.finite_overlap else ({}, ())
+        return find_all(self._analysis, ("exponent",)) if asked else {}
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data, under the names of the library's attributes."""
-        state, packing = self.state, self.state.packing
         out: dict[str, Any] = {"medium": self.medium}
         if self.rung is not None:
             out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
-        left_out = set() if has_pressure(packing) else {"pressure"}
-        out |= {name: getattr(state, name) for name in (*state.units, "regime") if name not in left_out}
-        if isinstance(state, SimulatedState) and state.n_samples > 1:
-            found = "force" if self.load == "overlap" else "overlap"
-            out[f"{found}_error"] = state.standard_error(found)
-        out |= self._exponents[0]
-        out |= {"width": packing.width, "mindlin_ratio": packing.mindlin_ratio, "mass": packing.mass}
+        out |= find_all(self._analysis, ("state",)) | self._exponents | find_all(self._analysis, ("packing",))
         if self.local_field is not None:
             out["local_field"] = {name: getattr(self.local_field, name) for name in ("alpha", "beta", "xi")}
-        if self.velocities is not None and self.moduli is not None:
-            out |= {"longitudinal": self.velocities.longitudinal, "transverse": self.velocities.transverse}
-            if self.moduli.isotropic:
-                out |= {"bulk": self.moduli.bulk, "shear": self.moduli.shear}
-            else:
-                out["direction"] = self.velocities.direction
-            out["tensor"] = self.moduli.tensor
-            out |= sampling_errors(self.velocities, self.moduli)
+        if self.velocities is not None:
+            out |= find_all(self._analysis, ("velocities",))
         if self.bands is not None:
             out["top_frequency"] = float(self.bands.frequencies.max())
         return out
@@ -182,7 +172,7 @@ class SweepResult:
         data = self.dataset
         sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
         out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
-        for name in ("force", "overlap", "longitudinal", "transverse"):
+        for name in _EXTENTS:
             out[name] = [float(data[name].min()), float(data[name].max())]
         return out | {"valid": bool(data["valid"].all())}
 
@@ -383,7 +373,7 @@ def _summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, s
             **limits,
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
-            "units": {name: unit for name, unit in _UNITS.items() if name in numbers},
+            "units": {name: CATALOGUE[name].unit for name in numbers if name in CATALOGUE and CATALOGUE[name].unit},
         }
     )
 

@@ -15,12 +15,13 @@ import numpy as np
 
 from granphon.base.digests import damaged, digest, warn_unverified
 from granphon.base.errors import InputError, message
+from granphon.base.quantities import LOADS
 from granphon.base.reading import read_bytes
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["FORMAT", "LOADS", "SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
+__all__ = ["FORMAT", "SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
 
 FORMAT, SCHEMA = "granphon sweep", 1
 #: the attribute with the digest of the numbers
@@ -44,10 +45,8 @@ print("good")
 #: what ends a file, before the digest of all that stands before it
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
 _TRAILER_BYTES = len(_TRAILER) + 64
-#: kinds of load, and their names in words; one of them is a coordinate
-LOADS = {"force": "mean contact force", "pressure": "force per length of boundary", "overlap": "d - a"}
-#: what figures draw
-_NEEDED = {"force", "longitudinal", "transverse", "valid", "medium"}
+#: variables without which a sweep is damaged: figures draw them
+_REQUIRED = {"force", "longitudinal", "transverse", "valid", "medium"}
 
 
 def file_names(path: Path) -> list[str]:
@@ -140,7 +139,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if number > SCHEMA:
         what = f"{path} is of schema {number}, newer than this granphon knows ({SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
-    if number < 1 or _NEEDED - set(dataset.variables):
+    if number < 1 or _REQUIRED - set(dataset.variables):
         raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest(dataset):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from operator import attrgetter
@@ -28,27 +27,19 @@ from granphon.media.choice import MediumChoice, Rung
 from granphon.media.simulation import DirectSimulation, SimulatedState, in_order
 from granphon.media.state import ContactState
 from granphon.observables.acoustics import contact_lattice
+from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity
-from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 from granphon.sweeps.archive import SCHEMA
 from granphon.sweeps.tasks import Part
 
-__all__ = [
-    "ERRORS", "LATTICE_BANDS", "Job", "exponents", "has_pressure", "packages", "sampling_errors", "to_json", "told",
-]  # fmt: skip
+__all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "told"]
 
 Array = NDArray[Any]
-#: of propagation, Cartesian; on an isotropic lattice any other gives the same
-_DIRECTION = (1.0, 0.0)
-#: standard errors over the samples of a simulation; of other media zero
-ERRORS = ("longitudinal_error", "transverse_error", "bulk_error", "shear_error")
 #: what is said of the bands of a simulation
 LATTICE_BANDS = (
     "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
     "the disorder of the contacts is in the velocities and moduli only"
 )
-#: what is said of the exponent of one sample
-_LONE_EXPONENT = "the standard error of the exponent is not known (nan) from one sample: take two or more"
 
 
 def to_json(data: Any) -> str:
@@ -170,18 +161,9 @@ class Job:
 
     def observed(self, state: ContactState) -> Part:
         """What is found of a state."""
-        velocities, constants = sound_velocities(state, _DIRECTION), moduli(state)
-        names = [name for name in state.units if name != "pressure" or has_pressure(self.packing)]
-        out = {name: getattr(state, name) for name in (*names, "regime")}
-        out |= {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse, "tensor": constants.tensor}
-        if constants.isotropic:
-            out |= {"bulk": constants.bulk, "shear": constants.shear}
-        out |= sampling_errors(velocities, constants)
+        out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
-        if not state.finite_overlap:
-            found, doubts = exponents(state)
-            out |= found
-            notes += doubts
+        notes += missing_error(out)
         if self.qpoints is not None:
             out["frequencies"] = _frequencies(state, self.qpoints)
             notes += [LATTICE_BANDS] if isinstance(state, SimulatedState) else []
@@ -214,18 +196,6 @@ def told(part: Part) -> list[str]:
     return [sentence for sentence in sentences if sentence is not None]
 
 
-def sampling_errors(velocities: SoundVelocities, constants: Moduli) -> dict[str, Any]:
-    """Those of :data:`ERRORS` that there are: none of a medium, or a single sample."""
-    found = {name: getattr(one, name) for one in (velocities, constants) for name in ERRORS if name in one.units}
-    return {name: error for name, error in found.items() if error is not None}
-
-
-def exponents(state: ContactState) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The local exponent and its standard error, and a warning if that is not known."""
-    error = state.exponent_error
-    return {"exponent": local_exponent(state), "exponent_error": error}, (_LONE_EXPONENT,) * bool(np.any(np.isnan(error)))
-
-
 def _located(job: Job, error: GranphonError) -> GranphonError:
     """``error``, or that of the first load which alone gives one, with the task and the load before it.
 
@@ -250,13 +220,6 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
 def _named(job: Job, error: GranphonError) -> GranphonError:
     """``error`` with the task before it."""
     return type(error)(f"{job.where}: {error}")
-
-
-def has_pressure(packing: Packing) -> bool:
-    """Whether the stress of the lattice is a pressure."""
-    with suppress(InputError):
-        return packing.structure.pressure_factor > 0.0
-    return False
 
 
 def _frequencies(state: ContactState, qpoints: Array) -> Array:

@@ -24,16 +24,16 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis, combinations
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
+from granphon.base.quantities import LOADS
 from granphon.base.results import restore
 from granphon.base.staging import files_written, is_written, opened
 from granphon.base.text import versions
 from granphon.base.validation import ruled, truth
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.media.simulation import SimulatedState
-from granphon.observables.velocities import Moduli, SoundVelocities
+from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points
-from granphon.sweeps.archive import FORMAT, LOADS, SCHEMA, file_names, load_sweep, write_sweep
-from granphon.sweeps.jobs import ERRORS, Job, packages, to_json, told
+from granphon.sweeps.archive import FORMAT, SCHEMA, file_names, load_sweep, write_sweep
+from granphon.sweeps.jobs import Job, packages, to_json, told
 from granphon.sweeps.tasks import Part, Store, kept, solve_all
 
 if TYPE_CHECKING:
@@ -42,51 +42,8 @@ if TYPE_CHECKING:
 __all__ = ["sweep", "swept_packing"]
 
 Array = NDArray[Any]
-_UNITS = {
-    **SimulatedState.units, **SoundVelocities.units, **Moduli.units, "exponent": "1", "exponent_error": "1",
-    "frequencies": "Hz", "expected_error": "1",
-    **{name: unit for name, unit in PARAMETERS.items() if unit is not None},
-}  # fmt: skip
-_LONG_NAMES = {
-    **LOADS,
-    "relative_overlap": "overlap over the mean diameter",
-    "normal_stiffness": "normal stiffness of a contact",
-    "shear_stiffness": "shear stiffness of a contact",
-    "effective_density": "density of the layer taken one diameter thick",
-    "reduced_force": "f*, force over that at an overlap of the width",
-    "reduced_spacing": "a*, (d + W/2 - a)/W",
-    "force_fluctuation": "rms over balls of the mean force of a ball's contacts, over the mean",
-    "contact_force_fluctuation": "rms difference of single contact forces from the mean, over the mean",
-    "contact_fraction": "fraction of contacts that carry load",
-    "stiffness_ratio": "normal stiffness over that of the ideal lattice at the same force",
-    "valid": "inside the medium's range",
-    "regime": "pressure regime of Section III",
-    "longitudinal": "longitudinal sound velocity",
-    "transverse": "transverse sound velocity",
-    "bulk": "bulk modulus of the layer taken one diameter thick",
-    "shear": "shear modulus of the layer taken one diameter thick",
-    "tensor": "elastic tensor of the layer taken one diameter thick, Voigt order",
-    "longitudinal_error": "standard error over samples of the longitudinal sound velocity",
-    "transverse_error": "standard error over samples of the transverse sound velocity",
-    "bulk_error": "standard error over samples of the bulk modulus",
-    "shear_error": "standard error over samples of the shear modulus",
-    "exponent": "d log v / d log P",
-    "exponent_error": "standard error over samples of the exponent",
-    "choice": "medium that an automatic one chose",
-    "expected_error": "expected relative error of velocities and frequencies",
-    "frequencies": "frequencies of the branches, ascending",
-    "young_modulus": "Young modulus of the material",
-    "poisson_ratio": "Poisson ratio of the material",
-    "density": "density of the material",
-    "diameter": "mean diameter",
-    "width": "W, width of the distribution of diameters",
-    "friction": "whether contacts resist shear",
-    "spread": "distribution of diameters",
-    "lattice": "lattice of the contacts",
-}
+#: labels of the rows and columns of an elastic tensor
 _VOIGT = ("xx", "yy", "xy")
-#: dimensions of a variable after load, medium and parameters
-_EXTRA = {"tensor": ("voigt_row", "voigt_column"), "frequencies": ("segment", "point", "branch")}
 
 
 # -- the sweep ------------------------------------------------------------------------------------------------------
@@ -254,11 +211,13 @@ def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way:
     """The data set before anything is computed: its coordinates, the path of the bands, and what it is made of."""
     from xarray import Dataset
 
-    coordinates: dict[str, Any] = {load.kind: ("load", load.array, _attrs(load.kind)), "medium": [m.label for m in media]}
+    loads = ("load", load.array, _attributes(load.kind, load.array))
+    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in media]}
     for axis in axes:
         # labels say less than the spread or the lattice itself
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
-        coordinates[axis.name] = (axis.name, np.array(axis.labels), _attrs(axis.name) | whole)
+        labels = np.array(axis.labels)
+        coordinates[axis.name] = (axis.name, labels, _attributes(axis.name, labels) | whole)
     attrs = {
         "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
@@ -285,7 +244,7 @@ def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Se
     load = jobs[0].load
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     # a medium that samples nothing has no error
-    exact = {name: np.zeros(load.size) for name in ERRORS if any(name in part for part in parts)}
+    exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
     if any(job.medium.is_automatic for job in jobs):
         parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
@@ -298,16 +257,18 @@ def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Se
         stack = np.array([part[name] for part in parts])
         stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        variables[name] = ((*dims, *_EXTRA.get(name, ())), stack, _attrs(name))
+        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _attributes(name, stack))
     if "tensor" in names:
-        frame = frame.assign_coords({dim: list(_VOIGT) for dim in _EXTRA["tensor"]})
+        frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
     warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
     path = dict(frame.data_vars)  # after what is found along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 
 
-def _attrs(name: str) -> dict[str, str]:
-    return {"long_name": _LONG_NAMES[name]} | ({"units": _UNITS[name]} if name in _UNITS and name != "valid" else {})
+def _attributes(name: str, values: Array) -> dict[str, str]:
+    """What a variable says of itself: its meaning, and the unit of its numbers."""
+    unit = CATALOGUE[name].unit
+    return {"long_name": CATALOGUE[name].title} | ({"units": unit} if unit and values.dtype.kind != "b" else {})
 
 
 def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:

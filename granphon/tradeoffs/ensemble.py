@@ -77,8 +77,8 @@ class Ensemble(Result):
 class Moments:
     """Collects samples: :meth:`add` some, a few at a time, and ask for the :meth:`ensemble`.
 
-    All samples have the same ``packing`` on the triangular lattice, applied ``load`` (n_loads,) and ``shape`` (L1, L2); their
-    seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
+    All samples have the same ``packing`` on the triangular lattice, applied ``load`` (n_loads,) and ``shape`` (L1, L2);
+    their seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
     def __init__(self, packing: Packing, load: Load, shape: tuple[int, int], seed: int = 0) -> None:

@@ -1,0 +1,253 @@
+"""The catalogue of observables: each quantity's name, SI unit and words, and the function that finds it in a state.
+
+Sweeps, summaries, figures, the command line and the reference read it, so that an observable is one entry here and its
+function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import PARAMETERS
+from granphon.base.errors import InputError
+from granphon.media.simulation import SimulatedState
+from granphon.media.state import ContactState
+from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
+
+__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "missing_error"]
+
+#: what an observable takes: nothing but the packing; the state itself; its long waves; its long waves at neighbouring loads,
+#: for which a simulation solves two more equilibria; or bands, whose path somebody gives
+Cost = Literal["packing", "state", "velocities", "exponent", "bands"]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A state, with the results that several observables are read from, each found once and only if it is needed.
+
+    ``given_velocities`` and ``given_moduli`` are those of the state, where they are known already.
+    """
+
+    state: ContactState
+    given_velocities: SoundVelocities | None = field(default=None, repr=False)
+    given_moduli: Moduli | None = field(default=None, repr=False)
+
+    @cached_property
+    def velocities(self) -> SoundVelocities:
+        """Sound velocities along (1, 0), a row of touching balls."""
+        return self.given_velocities or sound_velocities(self.state, (1.0, 0.0))
+
+    @cached_property
+    def moduli(self) -> Moduli:
+        """Elastic moduli."""
+        return self.given_moduli or moduli(self.state)
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A quantity, as files, tables and figures know it.
+
+    Attributes
+    ----------
+    name : in files, data sets and summaries.
+    unit : SI; "1" for a plain number, "" for what is no number.
+    title : what it is, in a phrase; ``long_name`` in data sets.
+    label : its name on an axis and in the terminal, without the unit; by default the name in words.
+    meaning : what the reference says of it; by default the title.
+    find : its value, of the shape of the load and then of ``dims``; None where a state has none. Left out where it is not
+        found in a state alone.
+    cost : what finding it takes.
+    dims : names of its dimensions besides those of loads, media and parameters.
+    swept : whether sweeps hold it.
+    sampled : whether it is a standard error over samples, which is zero for a medium that samples nothing.
+    told : whether the command line tells it.
+    """
+
+    name: str
+    unit: str
+    title: str
+    label: str = ""
+    meaning: str = ""
+    find: Callable[[Analysis], Any] | None = None
+    cost: Cost = "state"
+    dims: tuple[str, ...] = ()
+    swept: bool = True
+    sampled: bool = False
+    told: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.label:
+            object.__setattr__(self, "label", _words(self.name))
+        if not self.meaning:
+            object.__setattr__(self, "meaning", self.title)
+
+
+def _words(name: str) -> str:
+    """A name as an axis has it: words, of which the first begins with a capital."""
+    return name.replace("_", " ").capitalize()
+
+
+# -- what finds them ------------------------------------------------------------------------------------------------
+
+
+def _pressure(of: Analysis) -> Any:
+    """P; None where the stress of the lattice is no pressure."""
+    with suppress(InputError):
+        return of.state.pressure
+    return None
+
+
+def _direction(of: Analysis) -> Any:
+    """The direction of the velocities; None where any other gives the same."""
+    return None if of.moduli.isotropic else of.velocities.direction
+
+
+def _exponent(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
+    """A function of the state; None with the terms of finite overlap, of whose limit the exponent is."""
+    return lambda of: None if of.state.finite_overlap else find(of.state)
+
+
+# -- the entries ----------------------------------------------------------------------------------------------------
+
+
+def _of_packing(name: str, unit: str, title: str, find: Callable[[Packing], float], **more: Any) -> Observable:
+    return Observable(name, unit, title, find=lambda of: find(of.state.packing), cost="packing", swept=False, **more)
+
+
+def _of_state(name: str, title: str, **more: Any) -> Observable:
+    """An attribute of the state; those of simulated states alone are None elsewhere."""
+    return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
+
+
+def _of_velocities(name: str, title: str, **more: Any) -> Observable:
+    """An attribute of the sound velocities."""
+    unit = SoundVelocities.units[name]
+    return Observable(name, unit, title, find=lambda of: getattr(of.velocities, name), cost="velocities", **more)
+
+
+def _of_moduli(name: str, title: str, **more: Any) -> Observable:
+    """An attribute of the moduli; the two that only an isotropic lattice has are None elsewhere."""
+
+    def find(of: Analysis) -> Any:
+        return getattr(of.moduli, name) if of.moduli.isotropic or name not in ("bulk", "shear") else None
+
+    return Observable(name, Moduli.units[name], title, find=find, cost="velocities", **more)
+
+
+def _of_load(name: str, title: str) -> Observable:
+    """Standard error of the force or the overlap; None of the one that samples have in common, and of one sample."""
+
+    def find(of: Analysis) -> Any:
+        state = of.state
+        if not isinstance(state, SimulatedState) or state.n_samples < 2 or state.spaced != (name == "force"):
+            return None
+        return state.standard_error(name)
+
+    return Observable(f"{name}_error", SimulatedState.units[name], title, find=find, swept=False)
+
+
+_OVER_SAMPLES = "standard error over samples of the"
+_LAYER = "of the layer taken one diameter thick"
+#: what packings are swept over, which is given and not found
+_PARAMETERS = {
+    "young_modulus": "Young modulus of the material", "poisson_ratio": "Poisson ratio of the material",
+    "density": "density of the material", "diameter": "mean diameter", "friction": "whether contacts resist shear",
+    "spread": "distribution of diameters", "lattice": "lattice of the contacts",
+}  # fmt: skip
+_OBSERVABLES = (
+    _of_state("force", "mean contact force", label="Contact force", told=True),
+    _of_state("overlap", "d - a", meaning="d - a, mean overlap: the state variable", told=True),
+    _of_state("normal_stiffness", "normal stiffness of a contact"),
+    _of_state("shear_stiffness", "shear stiffness of a contact"),
+    Observable("pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_pressure),
+    _of_state("relative_overlap", "overlap over the mean diameter"),
+    _of_state("effective_density", f"density {_LAYER}"),
+    _of_state("reduced_force", "f*, force over that at an overlap of the width", label="Force f*"),
+    _of_state("reduced_spacing", "a*, (d + W/2 - a)/W"),
+    _of_state(
+        "force_fluctuation", "rms over balls of the mean force of a ball's contacts, over the mean",
+        label="Force fluctuation Δf/f",
+    ),
+    _of_state("contact_fraction", "fraction of contacts that carry load", label="Fraction of contacts"),
+    _of_state(
+        "stiffness_ratio", "normal stiffness over that of the ideal lattice at the same force",
+        label="k over the ideal lattice's",
+    ),
+    _of_state("valid", "inside the medium's range"),
+    _of_state("contact_force_fluctuation", "rms difference of single contact forces from the mean, over the mean"),
+    Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
+    _of_load("force", f"{_OVER_SAMPLES} force, at a given overlap"),
+    _of_load("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
+    _of_packing(
+        "width", "m", "W, width of the distribution of diameters", lambda packing: packing.width,
+        meaning="W, √12 times the standard deviation of the diameters",
+    ),
+    _of_packing(
+        "mindlin_ratio", "1", "η, shear over normal stiffness; 0 without friction", lambda packing: packing.mindlin_ratio
+    ),
+    _of_packing("mass", "kg", "of a ball of the mean diameter", lambda packing: packing.mass),
+    _of_velocities("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
+    _of_velocities("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
+    _of_moduli("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
+    _of_moduli("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
+    Observable(
+        "direction", "1", "of propagation, Cartesian, where velocities depend on it", find=_direction, cost="velocities",
+        swept=False,
+    ),
+    _of_moduli("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
+    _of_velocities("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),
+    _of_velocities("transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True),
+    _of_moduli("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
+    _of_moduli("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
+    Observable(
+        "exponent", "1", "d log v / d log P", "d log $v_L$ / d log $P$", "d log v_L / d log P", _exponent(local_exponent),
+        "exponent",
+    ),
+    Observable(
+        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exponent(lambda state: state.exponent_error),
+        cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 of media that sample nothing, nan of one sample",
+    ),
+    Observable("choice", "", "medium that an automatic one chose"),
+    Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
+    Observable(
+        "frequencies", "Hz", "frequencies of the branches, ascending", cost="bands", dims=("segment", "point", "branch")
+    ),
+    Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
+)  # fmt: skip
+#: all of them by name, in the order in which files have them
+CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
+    name: Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()
+}
+
+
+def find_all(of: Analysis, costs: Iterable[Cost], swept: bool = False) -> dict[str, Any]:
+    """The observables of these costs that the state has, group by group; of sweeps alone with ``swept``."""
+    found = {
+        one.name: one.find(of)
+        for cost in costs
+        for one in CATALOGUE.values()
+        if one.cost == cost and one.find is not None and (one.swept or not swept)
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def axis_label(name: str, unit: str | None = None) -> str:
+    """What an axis is labelled with: the quantity, and its unit in brackets; ``unit`` of a file that says it itself."""
+    entry = CATALOGUE.get(name)
+    label = _words(name) if entry is None else entry.label
+    said = (entry.unit if entry else "") if unit is None else unit
+    return label if said in ("", "1") else f"{label} ({said})"
+
+
+def missing_error(found: dict[str, Any]) -> tuple[str, ...]:
+    """A sentence if the standard error of the exponent, among what was ``found``, is not known; else nothing."""
+    if not np.any(np.isnan(found.get("exponent_error", 0.0))):
+        return ()
+    return ("the standard error of the exponent is not known (nan) from one sample: take two or more",)

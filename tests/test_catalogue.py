@@ -1,0 +1,81 @@
+"""The catalogue of observables: what is in it is in every file, table and figure."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from ruamel.yaml import YAML
+
+import granphon as gp
+from granphon.cli.wording import results
+from granphon.figures.sweeps import plot_sweep
+from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, axis_label, find_all
+from granphon.scene.scene import Load, Scene
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+
+
+@pytest.fixture
+def impedance(monkeypatch):
+    """A new observable, by its entry alone: density times longitudinal velocity."""
+    entry = Observable(
+        "impedance", "Pa s/m", "acoustic impedance of longitudinal waves", cost="velocities", told=True,
+        find=lambda of: of.state.effective_density * of.velocities.longitudinal,
+    )  # fmt: skip
+    monkeypatch.setitem(CATALOGUE, entry.name, entry)
+    return entry
+
+
+def expected(force):
+    state = gp.EffectiveMedium(PACKING).at_force(force)
+    return state.effective_density * gp.sound_velocities(state).longitudinal
+
+
+def test_an_entry_is_all_that_a_sweep_its_table_and_its_figure_need(impedance, tmp_path):
+    data = gp.sweep(PACKING, force=[2.0, 9.0], media=("ema",), path=tmp_path / "sweep.nc")
+    np.testing.assert_array_equal(data["impedance"].values[:, 0], expected([2.0, 9.0]))
+    assert data["impedance"].attrs == {"long_name": impedance.title, "units": "Pa s/m"}
+    again = gp.load_sweep(tmp_path / "sweep.nc")["impedance"]
+    assert (again.dims, again.attrs["units"]) == (("load", "medium"), "Pa s/m")
+    with (tmp_path / "sweep.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["impedance (Pa s/m)"]) for row in rows] == expected([2.0, 9.0]).tolist()
+    ax = plot_sweep(data, Figure().subplots(), "impedance")
+    assert ax.get_ylabel() == "Impedance (Pa s/m)"
+
+
+def test_an_entry_is_all_that_a_summary_and_the_command_line_need(impedance, tmp_path):
+    found = Scene(PACKING, Load("force", (9.0,)), media=("ema",)).run(tmp_path / "out", figures=False)
+    assert found.summary()["impedance"] == expected(9.0)
+    written = YAML(typ="safe").load((tmp_path / "out" / "summary.yaml").read_text(encoding="utf-8"))
+    assert (written["impedance"], written["units"]["impedance"]) == (expected(9.0), "Pa s/m")
+    assert dict(results(found))["impedance"] == f"{expected(9.0) / 1e6:.5g} MPa s/m"
+    bands = Scene(PACKING, Load("force", (9.0,)), media=("ema",), observe=("bands",)).run(tmp_path / "bands", figures=False)
+    assert "impedance" not in bands.summary()  # its cost is that of velocities, which nobody asked for
+
+
+def test_what_a_state_does_not_have_is_left_out():
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="square")).at_force(5.0, finite_overlap=True)
+    found = find_all(Analysis(state), ("state", "velocities", "exponent"))
+    assert not {"bulk", "shear", "longitudinal_error", "exponent", "contact_force_fluctuation", "force_error"} & set(found)
+    assert {"force", "pressure", "regime", "longitudinal", "direction", "tensor"} <= set(found)
+    assert "direction" not in find_all(Analysis(state), ("velocities",), swept=True)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_entry_has_a_title_and_numbers_have_a_unit(name):
+    one = CATALOGUE[name]
+    assert one.name == name
+    assert one.title
+    assert one.unit or name in ("regime", "choice", "friction", "spread", "lattice")
+
+
+def test_an_axis_says_what_and_in_which_unit():
+    assert axis_label("longitudinal") == "Longitudinal velocity (m/s)"
+    assert axis_label("reduced_force") == "Force f*"
+    assert axis_label("longitudinal", "km/s") == "Longitudinal velocity (km/s)"  # of a file that says so
+    assert axis_label("of_another_program", "K") == "Of another program (K)"
