@@ -3,41 +3,53 @@
 LAPACK's SVD is accurate relative to the largest singular value. Near Gamma the acoustic singular values are |q|d times
 smaller than the optical one, and the columns of C(q) are graded in just that way. Orthogonalising the columns by plane
 rotations keeps every digit of a graded matrix (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1204, 1992).
-LAPACK is several times faster, and serves every matrix of which it loses no digits.
+LAPACK is many times faster: it does all that it can do without the loss of a digit, and the rotations do the rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOST_COLUMNS", "cholesky_factor", "graded_svd", "jacobi_svd", "lapack_svd"]
+__all__ = ["cholesky_factor", "graded_eigh", "graded_svd", "jacobi_svd", "lapack_svd"]
 
-_EPS = float(np.finfo(np.float64).eps)
-_SWEEPS = 40
-_NOTHING = 1e-100
+#: rounding of a number of double precision, relative
+_EPSILON = float(np.finfo(np.float64).eps)
+#: sweeps of the Jacobi iteration, which needs 6 or fewer
+_MOST_SWEEPS = 40
+#: norm of a column, relative to the largest element, below which it is what rounding left of a dependent one
+_NO_COLUMN = 1e-100
 #: part of the trace of a singular matrix by which rounding may take an eigenvalue below zero
-_ROUNDING = 16.0 * _EPS
-#: columns up to which the iteration is as fast as LAPACK, and beyond which it, whose cost grows with their cube, is left out
-_FEW_COLUMNS, MOST_COLUMNS = 3, 36
-#: elements of matrices that are turned at a time
-_TOGETHER = 4096
-#: LAPACK's errors over rounding of the largest singular value (2.1 at most on lattices), and the relative error it may make
-_LAPACK, _TOLERANCE = 4.0, 1e-13
+_BELOW_ZERO = 16.0 * _EPSILON
+#: columns up to which the iteration is as fast as LAPACK
+_FEW_COLUMNS = 3
+#: errors of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (2.1 at most on lattices)
+_LAPACK_ERROR = 4.0
+#: relative error that a singular value of LAPACK may have
+_ACCEPTED_ERROR = 1e-13
 #: ratio of the norms of columns from which on the iteration can gain a digit
-_GRADED = 10.0
+_GRADED_RATIO = 10.0
+#: cosine between columns, and angle by which they are turned, whose square is rounding
+_FIRST_ORDER = 1e-8
+#: cosine between columns that are orthogonal but for rounding
+_STRAIGHT = 1e-14
+#: ratio of the norms of columns below which LAPACK would lose digits of the smaller, and QR leaves no coupling
+_COMPARABLE_RATIO = 1e-8
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Singular values and right singular vectors of a stack of matrices, accurate for graded columns as well.
+    """Singular values and right singular vectors of a stack of matrices A, accurate for graded columns as well.
 
-    LAPACK is asked first. Its errors are eps sigma_max, of the smallest value eps sigma_max / sigma_min of itself. Where
-    that may be above 1e-13, :func:`jacobi_svd` does the matrix again, if its columns are graded: its errors are
-    eps kappa, kappa the condition of the columns scaled to length 1, and sigma_max / sigma_min is at most kappa times
-    the ratio of the lengths. What a matrix gets does not depend on the others in the stack.
+    LAPACK's eigenvectors V of A^H A come first. They are accepted where the columns of A V are so nearly orthogonal that
+    a rotation of first order makes them so to rounding. Elsewhere LAPACK's SVD follows, whose errors are eps sigma_max.
+    Where these may be above 1e-13 of sigma_min, and the columns of A are graded, they are brought into an order in which
+    LAPACK keeps the digits of each; :func:`jacobi_svd` finishes what a rotation of first order does not. The errors are
+    then eps kappa, kappa the condition of the columns scaled to length 1: sigma_max / sigma_min is at most kappa times the
+    ratio of the lengths. What a matrix gets does not depend on the others in the stack.
 
     Parameters
     ----------
@@ -46,39 +58,95 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     Returns
     -------
     values : (n_matrices, n), ascending, never negative; zero for each column of zeros.
-    right : (n_matrices, n, n), unitary; its columns are the right singular vectors. With more than ``MOST_COLUMNS``
-        columns all are LAPACK's.
+    right : (n_matrices, n, n), unitary; its columns are the right singular vectors.
     """
-    n = matrices.shape[2]
+    m, n = matrices.shape[1:]
     if n <= _FEW_COLUMNS:
         return jacobi_svd(matrices)
+    if m <= n:  # contacts that are just enough to hold the balls leave soft motions at most wave vectors
+        return _svd_or_jacobi(matrices)
+    _, right = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
+    values, right, good = _straighten(matrices @ right, right)
+    rest = np.flatnonzero(~good)
+    if rest.size:
+        values[rest], right[rest] = _svd_or_jacobi(matrices[rest])
+    return values, right
+
+
+def graded_eigh(
+    matrices: NDArray[Any], factor: Callable[[NDArray[Any]], NDArray[Any]]
+) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    """Square roots of the eigenvalues, and eigenvectors, of a stack of matrices A^H A; as :func:`graded_svd` of A.
+
+    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is asked for those alone of
+    which LAPACK's eigenvalues may be wrong by more than 1e-13 of the smallest root, negative ones included.
+    """
+    if matrices.shape[2] <= _FEW_COLUMNS:
+        return jacobi_svd(factor(matrices))
+    squares, right = np.linalg.eigh(matrices)
+    # a root has half the relative error of its square
+    rest = np.flatnonzero(squares[:, 0] <= 0.5 * _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR * squares[:, -1])
+    values = np.sqrt(np.maximum(squares, 0.0))
+    if rest.size:
+        values[rest], right[rest] = graded_svd(factor(matrices[rest]))
+    return values, right
+
+
+def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
+    """Make columns that are nearly orthogonal so, by a rotation of first order.
+
+    Parameters
+    ----------
+    turned : (n_matrices, m, n), A V.
+    right : (n_matrices, n, n), V, unitary.
+
+    Returns
+    -------
+    values, right : singular values of A and right singular vectors.
+    good : (n_matrices,), where what is left, of second order, is rounding.
+    """
+    products = turned.conj().swapaxes(1, 2) @ turned
+    squares = np.einsum("qii->qi", products).real.copy()
+    values = np.sqrt(squares)
+    np.einsum("qii->qi", products)[...] = 0.0
+    size, lengths = np.abs(products), values[:, :, None] * values[:, None]
+    gap = squares[:, None] - squares[:, :, None]
+    small = size <= _FIRST_ORDER * np.abs(gap)
+    straight = size <= _STRAIGHT * lengths
+    good = np.all(straight | (small & (size <= _FIRST_ORDER * lengths)), axis=(1, 2))
+    turn = np.divide(products, gap, out=np.zeros_like(products), where=small & (gap != 0.0))
+    order = np.argsort(values, axis=1, kind="stable")
+    turn = 0.5 * (turn - turn.conj().swapaxes(1, 2))  # skew to rounding, as a rotation of first order must be
+    right = np.take_along_axis(right + right @ turn, order[:, None], 2)
+    return np.take_along_axis(values, order, 1), right, good
+
+
+def _svd_or_jacobi(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    """LAPACK's SVD, or the Jacobi iteration where that loses digits of graded columns."""
     values, right = lapack_svd(matrices)
-    if n <= MOST_COLUMNS:
-        again = _loses_digits(matrices, values)
-        if again.size:
-            # Householder's triangle has errors relative to each column alone, and fewer rows to turn
-            triangles = np.linalg.qr(matrices[again], mode="r")
-            # as many at a time as stay in the cache
-            for some in np.array_split(np.arange(again.size), max(1, again.size * n * n // _TOGETHER)):
-                values[again[some]], right[again[some]] = jacobi_svd(triangles[some])
+    again = _find_lost_digits(matrices, values)
+    if again.size:
+        turned, nearly = _precondition(matrices[again])
+        values[again], right[again], good = _straighten(turned, nearly)
+        if not np.all(good):
+            rest = again[~good]
+            values[rest], rotation = jacobi_svd(turned[~good])
+            right[rest] = nearly[~good] @ rotation
     return values, right
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """The same by LAPACK alone, accurate to rounding of the largest singular value."""
-    # fewer rows than columns leave free motions: a row of zeros for each
-    lacking = max(0, matrices.shape[2] - matrices.shape[1])
-    padded = np.pad(matrices, ((0, 0), (0, lacking), (0, 0))) if lacking else matrices
-    _, values, adjoint = np.linalg.svd(padded, full_matrices=False)
+    _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
 
-def _loses_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
+def _find_lost_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
     """Which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has; zeros are made exact.
 
     A column of zeros is a singular value of zero, and no reason to doubt the others.
     """
-    limit = _LAPACK * _EPS / _TOLERANCE
+    limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
     doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
     # the largest element stands for the length of a column: its square might underflow
     size = np.max(np.abs(matrices[doubtful]), axis=1)
@@ -87,9 +155,53 @@ def _loses_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArra
         zeros = np.count_nonzero(lengths == 0.0)
         values[place, :zeros] = 0.0
         rest = lengths[lengths > 0.0]
-        if rest.size and values[place, zeros] <= limit * values[place, -1] and _GRADED * rest.min() < rest.max():
+        if rest.size and values[place, zeros] <= limit * values[place, -1] and _GRADED_RATIO * rest.min() < rest.max():
             found.append(place)
     return np.array(found, np.intp)
+
+
+def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Make the columns of a stack of graded matrices nearly orthogonal, so that :func:`jacobi_svd` has little left to do.
+
+    Two factorisations, A = Q R with columns in descending order and R^H = Q' R', leave R Q' = R'^H, whose columns are
+    coupled to second order in the ratio of their norms only. LAPACK's singular vectors of its diagonal blocks, columns of
+    much smaller norm apart, do the rest. So each column keeps its digits (compare Z. Drmac and K. Veselic, SIAM J. Matrix
+    Anal. Appl. 29, 1322, 2008).
+
+    Returns
+    -------
+    turned : (n_matrices, n, n), with the singular values and right singular vectors of A V.
+    right : (n_matrices, n, n), V, unitary.
+    """
+    size = np.max(np.abs(matrices), axis=1)
+    order = np.argsort(-size, axis=1, kind="stable")
+    triangles = np.linalg.qr(_pad_rows(np.take_along_axis(matrices, order[:, None], 2)), mode="r")
+    right, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
+    within = np.zeros_like(right)
+    blocks = _number_blocks(np.take_along_axis(size, order, 1))
+    for kind in np.unique(blocks, axis=0):
+        same = np.flatnonzero(np.all(blocks == kind, axis=1))
+        for block in range(kind[-1] + 1):
+            part = np.ix_(same, np.flatnonzero(kind == block), np.flatnonzero(kind == block))
+            within[part] = lapack_svd(upper.swapaxes(1, 2).conj()[part])[1]
+    right = right @ within
+    return triangles @ right, np.take_along_axis(right, np.argsort(order, axis=1)[:, :, None], 1)
+
+
+def _number_blocks(size: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Blocks 0, 1, ... of columns, (n_matrices, n), from their norms in descending order: in each, norms are comparable."""
+    blocks, first = np.zeros(size.shape, np.intp), size[:, 0].copy()
+    for column in range(1, size.shape[1]):
+        smaller = size[:, column] < _COMPARABLE_RATIO * first
+        first[smaller] = size[smaller, column]
+        blocks[:, column] = blocks[:, column - 1] + smaller
+    return blocks
+
+
+def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
+    """At least as many rows as columns: fewer leave free motions, and each gets a row of zeros."""
+    lacking = max(0, matrices.shape[2] - matrices.shape[1])
+    return np.pad(matrices, ((0, 0), (0, lacking), (0, 0))) if lacking else matrices
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -113,7 +225,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     columns = np.zeros((n, m + n, a.shape[-1]), np.result_type(matrices.dtype, np.float64))
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
-    for _ in range(_SWEEPS):
+    for _ in range(_MOST_SWEEPS):
         converged = True
         for p, r in _rounds(n):
             converged &= _rotate(columns, m, p, r)
@@ -152,8 +264,8 @@ def _rotate(columns: NDArray[Any], m: int, p: Any, r: Any) -> bool:
     beta = np.einsum("pmb,pmb->pb", second[:, :m].conj(), second[:, :m]).real
     gamma = np.einsum("pmb,pmb->pb", adjoint, second[:, :m])
     size = np.abs(gamma)
-    # a column below _NOTHING is what rounding left of a dependent one: zero, and never to be orthogonal
-    active = (size > 4.0 * _EPS * np.sqrt(alpha) * np.sqrt(beta)) & (np.minimum(alpha, beta) > _NOTHING**2)
+    # a column below _NO_COLUMN is what rounding left of a dependent one: zero, and never to be orthogonal
+    active = (size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)) & (np.minimum(alpha, beta) > _NO_COLUMN**2)
     if not np.any(active):
         return True
     safe = np.where(active, size, 1.0)
@@ -193,6 +305,6 @@ def _lower(matrices: NDArray[Any]) -> NDArray[Any]:
         if matrices.ndim > 2:  # what the others get does not depend on the singular one
             return np.stack([_lower(matrix) for matrix in matrices])
         values, vectors = np.linalg.eigh(matrices)
-        if values[0] < -_ROUNDING * len(values):
+        if values[0] < -_BELOW_ZERO * len(values):
             raise
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

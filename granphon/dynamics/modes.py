@@ -19,7 +19,7 @@ from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.compatibility import as_wavevectors
-from granphon.dynamics.linalg import MOST_COLUMNS, cholesky_factor, graded_svd, lapack_svd
+from granphon.dynamics.linalg import cholesky_factor, graded_eigh, graded_svd, lapack_svd
 from granphon.dynamics.long_waves import LongWaves
 
 __all__ = ["ContactLattice", "Modes"]
@@ -27,12 +27,12 @@ __all__ = ["ContactLattice", "Modes"]
 Array = NDArray[np.float64]
 #: branches nearer than this part of their frequency are treated as one degenerate set
 _DEGENERATE = 1e-9
-#: |q|d at which limits at Gamma are taken: as near as the iteration likes, and as LAPACK, which needs a gap, can
-_NEAR_GAMMA, _NEAR_GAMMA_LAPACK = 1e-30, 1e-6
-#: |q|d below which acoustic columns are so small that the iteration might take them for rounding
+#: |q|d at which limits at Gamma are taken
+_NEAR_GAMMA = 1e-30
+#: |q|d below which acoustic columns are so small that they might be taken for rounding
 _FAINT = 1e-80
 #: |dq|d at which branches that touch with one slope are told apart
-_STEP = 1e-3
+_STEP_BESIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,8 +112,8 @@ class ContactLattice(LongWaves):
 
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
-        q, _ = self._folded(wavevectors)
-        values = np.concatenate([self._solve(q[part])[0] for part in self._blocks(len(q))])
+        q, _ = self._fold(wavevectors)
+        values = np.concatenate([self._solve(q[part])[0] for part in self._split(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
             # sound, whose modes are the first of the frame, the displacements of the centre of mass, is linear in q there
@@ -133,7 +133,7 @@ class ContactLattice(LongWaves):
         grid = np.stack(np.meshgrid(fractions, fractions), axis=-1).reshape(-1, 2)
         return float(self.frequencies(self.wavevectors(grid)).max())
 
-    def _folded(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
+    def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
         """Wave vectors (n_q, 2) near Gamma, and the reciprocal vectors that were taken off them.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
@@ -171,15 +171,14 @@ class ContactLattice(LongWaves):
             raise InputError(
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
             )
-        q, taken = self._folded(asked)
+        q, taken = self._fold(asked)
         # at Gamma itself everything is its limit along the direction, and very near it the limit along q
         at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
         limit = at_gamma | faint
-        small = _NEAR_GAMMA if self.n_branches <= MOST_COLUMNS else _NEAR_GAMMA_LAPACK
-        near = np.where(at_gamma[:, None], small * along, q)
+        near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
-            near[faint] = small * as_direction(q[faint])
-        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._blocks(len(q))]
+            near[faint] = _NEAR_GAMMA * as_direction(q[faint])
+        parts = [self._solve_with_velocities(near[part], along[part]) for part in self._split(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         if np.any(limit):
             values[limit] = self.frequencies(q[limit])
@@ -194,19 +193,18 @@ class ContactLattice(LongWaves):
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
 
-    def _solve(self, wavevectors: ArrayLike) -> tuple[Array, NDArray[Any]]:
-        """Frequencies and eigenvectors in the frame."""
-        return graded_svd(self._factor(wavevectors))
+    def _solve(self, wavevectors: Array, waves: NDArray[Any] | None = None) -> tuple[Array, NDArray[Any]]:
+        """Frequencies and eigenvectors in the frame; from K^1/2 C M^-1/2, ``waves``, but for the prestress."""
+        if self.is_prestressed:
+            return graded_eigh(self._frame_matrix(wavevectors), self._factor)
+        return graded_svd(self._waves(wavevectors) if waves is None else waves)
 
-    def _factor(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """K^1/2 C M^-1/2, in real numbers if possible; or, where prestress makes K indefinite, L^H of D = L L^H."""
-        if not self.is_prestressed:
-            return self._waves(wavevectors)
-        matrix = self._frame_matrix(wavevectors)
+    def _factor(self, matrices: NDArray[Any]) -> NDArray[Any]:
+        """L^H of D = L L^H; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative."""
         try:
-            return cholesky_factor(matrix)
+            return cholesky_factor(matrices)
         except np.linalg.LinAlgError:
-            lowest = float(np.linalg.eigvalsh(matrix).min())
+            lowest = float(np.linalg.eigvalsh(matrices).min())
             raise InstabilityError(
                 message(
                     f"a squared frequency is negative ({lowest:.3g} k/M)",
@@ -217,20 +215,21 @@ class ContactLattice(LongWaves):
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
-        factor = self._factor(q)
-        values, vectors = graded_svd(factor)
-        slopes = self._slopes(q, factor)
+        waves = self._waves(q)
+        values, vectors = self._solve(q, waves)
+        slopes = self._slopes(q, waves)
         alike: list[tuple[int, slice]] = []
-        for point, start, stop in _runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
+        for point, start, stop in _find_runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
             block = vectors[point][:, start:stop]
             slope, turn = np.linalg.eigh(np.einsum("abc,a->bc", slopes(point, block), along[point]))
             vectors[point][:, start:stop] = block @ turn
-            alike += [(point, slice(start + a, start + b)) for _, a, b in _runs((np.diff(slope) <= 1e-9)[None])]
+            alike += [(point, slice(start + a, start + b)) for _, a, b in _find_runs((np.diff(slope) <= 1e-9)[None])]
         if alike:
             # branches of one slope part at second order only: take what they are a step further on, where the length of
             # the step, and not LAPACK, limits what is known of them
             points, place = np.unique([point for point, _ in alike], return_inverse=True)
-            _, further = lapack_svd(self._factor(q[points] + _STEP * along[points]))
+            near = q[points] + _STEP_BESIDE * along[points]
+            _, further = lapack_svd(self._factor(self._frame_matrix(near)) if self.is_prestressed else self._waves(near))
             for (point, part), there in zip(alike, place.tolist(), strict=True):
                 u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[there][:, part])
                 vectors[point][:, part] = vectors[point][:, part] @ u @ vh
@@ -239,11 +238,11 @@ class ContactLattice(LongWaves):
         diagonal = slopes(slice(None), vectors, diagonal=True)
         return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
 
-    def _slopes(self, q: Array, factor: NDArray[Any]) -> Callable[..., NDArray[Any]]:
+    def _slopes(self, q: Array, waves: NDArray[Any]) -> Callable[..., NDArray[Any]]:
         """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too; less that of prestress."""
         kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
         for prestress in (False, True)[: 1 + self.is_prestressed]:
-            rows = self._waves(q, prestress=prestress) if self.is_prestressed else factor
+            rows = self._waves(q, prestress=True) if prestress else waves
             half = self._wave_half_vectors(rows)
             if prestress:
                 half = -self._push_signs(rows) * half
@@ -262,7 +261,7 @@ class ContactLattice(LongWaves):
 
         return slopes
 
-    def _blocks(self, count: int) -> list[slice]:
+    def _split(self, count: int) -> list[slice]:
         """Parts of ``count`` wave vectors small enough for the memory (about 64 MB an array)."""
         size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
         return [slice(start, start + size) for start in range(0, max(count, 1), size)]
@@ -274,7 +273,7 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
     return np.asarray((size > 0.0) & (size < _FAINT))
 
 
-def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     """(row, start, stop) of each run of neighbours: ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
     found = []
     for row in np.flatnonzero(joined.any(axis=1)):
