@@ -12,6 +12,7 @@ import numpy as np
 import phonopy
 import pytest
 from ruamel.yaml import YAML
+from warm import Warm
 
 import granphon as gp
 from granphon.base.errors import InputError, UnsupportedError
@@ -48,24 +49,45 @@ CASES = {
 }
 
 
-def run(folder, *command, status=0):
-    """Run a tool in ``folder`` with nothing in its environment that could help it; its standard output."""
-    done = subprocess.run(
-        [str(part) for part in command],
-        cwd=folder,
-        env={**os.environ, "MPLBACKEND": "Agg", "HOME": str(folder), "MPLCONFIGDIR": str(folder / ".matplotlib")},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == status, done.stdout + done.stderr
-    return done.stdout
+@pytest.fixture(scope="module", autouse=True)
+def tools(tmp_path_factory):
+    """What runs programs, each in a process of its own that does not have to load phonopy and Euphonic first."""
+    warm = Warm("phonopy", "phonopy.scripts.phonopy", "matplotlib.pyplot", "euphonic") if hasattr(os, "fork") else None
+    scratch = tmp_path_factory.mktemp("scratch")
+
+    def carry_out(folder, *arguments, code="", cold=False):
+        # with nothing in its environment that could help it
+        environment = {"MPLBACKEND": "Agg", "HOME": str(folder), "MPLCONFIGDIR": str(folder / ".matplotlib")}
+        if warm is not None and not cold:
+            return warm.run(scratch, folder, arguments, code, environment)
+        done = subprocess.run(
+            [sys.executable, *arguments, *([code] if code else [])], cwd=folder, env={**os.environ, **environment},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        return done.returncode, done.stdout, done.stderr
+
+    _TOOLS.append(carry_out)
+    yield
+    _TOOLS.clear()
+    if warm is not None:
+        warm.close()
+
+
+_TOOLS = []
+
+
+def run(folder, tool, *arguments, status=0, cold=False):
+    """Run a tool in ``folder``, if cold as a shell does; its standard output."""
+    code, out, err = _TOOLS[0](folder, str(TOOLS / tool), *map(str, arguments), cold=cold)
+    assert code == status, out + err
+    return out
 
 
 def script(folder, text):
     """Run a Python script in ``folder``; what it prints, from JSON."""
-    return json.loads(run(folder, sys.executable, "-c", text).splitlines()[-1])
+    code, out, err = _TOOLS[0](folder, "-c", code=text)
+    assert code == 0, out + err
+    return json.loads(out.splitlines()[-1])
 
 
 def head(path):
@@ -88,7 +110,7 @@ def test_the_phonopy_command_without_options(case, tmp_path):
     ph = CASES[case]()
     ph.save(tmp_path / "phonopy_params.yaml")
     assert [p.name for p in tmp_path.iterdir()] == ["phonopy_params.yaml"]
-    run(tmp_path, TOOLS / "phonopy", "phonopy_params.yaml", "--band", PATH)
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--band", PATH, cold=case == "rough")
     own = head(tmp_path / "phonopy_params.yaml")
     assert gp.Units.from_info(own) == ph.scales
     assert HertzPrefix.named(own["frequency_unit"]).hertz == own["hertz"]
@@ -126,7 +148,7 @@ def test_phonopy_mesh_and_density_of_states(tmp_path):
     # the command's own mesh and density of states: three branches, and three flat ones at zero
     ph = CASES["rough"]()
     ph.save(tmp_path / "phonopy_params.yaml")
-    run(tmp_path, TOOLS / "phonopy", "phonopy_params.yaml", "--mesh", "16", "16", "1", "--gc", "--dos", "--fmin", "1")
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--mesh", "16", "16", "1", "--gc", "--dos", "--fmin", "1")
     own = head(tmp_path / "phonopy_params.yaml")
     frequency, total = np.loadtxt(tmp_path / "total_dos.dat").T
     top = ph.frequencies([[0, 0]]).max() / own["hertz"]
@@ -137,7 +159,7 @@ def test_phonopy_mesh_and_density_of_states(tmp_path):
 @pytest.mark.parametrize("case", ["rough", "smooth"])
 def test_phonopy_bandplot_draws_our_bands(case, tmp_path):
     CASES[case]().bands("GKMG", npoints=21, labels=None).write(tmp_path / "band.yaml")
-    run(tmp_path, TOOLS / "phonopy-bandplot", "band.yaml", "-o", "x.png")
+    run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "x.png").stat().st_size > 5000
 
@@ -147,7 +169,7 @@ def test_phonopy_bandplot_prints_our_numbers(tmp_path):
     bands = CASES["rough"]().bands("GK,MG", npoints=11)
     bands.write(tmp_path / "band.yaml")
     # having printed them, phonopy-bandplot ends with status 1
-    text = run(tmp_path, TOOLS / "phonopy-bandplot", "--gnuplot", "band.yaml", status=1)
+    text = run(tmp_path, "phonopy-bandplot", "--gnuplot", "band.yaml", status=1)
     rows = np.array([[float(x) for x in line.split()] for line in text.splitlines() if line.strip() and line[0] != "#"])
     kilohertz = bands.frequencies.transpose(2, 0, 1).ravel() / 1e3
     np.testing.assert_allclose(rows[:, 0], np.tile(bands.distances.ravel(), 3), atol=1e-6)
@@ -201,7 +223,7 @@ def test_phonopys_own_file_would_not_do(tmp_path):
     bare.unit_conversion_factor = 1.0
     bare.force_constants = ph.phonopy.force_constants
     bare.save(tmp_path / "phonopy_params.yaml", settings={"force_constants": True})
-    run(tmp_path, TOOLS / "phonopy", "phonopy_params.yaml", "--band", PATH)
+    run(tmp_path, "phonopy", "phonopy_params.yaml", "--band", PATH)
     out = YAML(typ="safe").load((tmp_path / "band.yaml").read_text())
     at_gamma = np.array([mode["frequency"] for mode in out["phonon"][0]["band"]])
     assert np.abs(at_gamma).max() < 1e-3, "the rotational branch has fallen to zero"
