@@ -18,7 +18,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import cmath
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import mpmath
@@ -36,6 +36,13 @@ def pytest_configure() -> None:
     """A suite that runs in the background of a shell ignores SIGINT, and so would the commands that tests interrupt."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def only(quick: Iterable[Any], cases: Iterable[Any]) -> list[Any]:
+    """Cases of ``parametrize``, of which the default selection has those of ``quick``; the others are exhaustive."""
+    kept, cases = list(quick), list(cases)
+    assert all(case in cases for case in kept), "a quick case that is none"
+    return [case if case in kept else pytest.param(case, marks=pytest.mark.exhaustive) for case in cases]
 
 
 #: one neighbour: ball i, ball j, unit normal from i to j
