@@ -39,12 +39,16 @@ D = 8e-3
 
 @dataclass(frozen=True)
 class Case:
-    """The worst relative error that ``measure`` finds over ``reach`` is not above ``claim``."""
+    """The worst relative error that ``measure`` finds over ``reach`` is not above ``claim``.
+
+    ``slow``: it takes seconds, and a test beside it shows the like; the default selection of the suite leaves it out.
+    """
 
     name: str
     reach: str
     claim: float
     measure: Callable[[], float]
+    slow: bool = False
 
 
 def off(found: Any, exact: Any) -> float:
@@ -817,6 +821,7 @@ CASES = [
         "f* from 1e-4 (2e-3 with a tail of large balls) to 100, η from 0 to 4/3",
         1e-8,
         effective_curves,
+        slow=True,
     ),
     Case(
         "effective medium, uniform: force by (36) of the stiffness",
@@ -867,12 +872,14 @@ CASES = [
         "32 × 32 and 61 × 37 balls, a* of 0.345 and 0.35",
         1e-9,
         samples_near_the_threshold,
+        slow=True,
     ),
     Case(
         "simulation near the rigidity threshold: balance of every ball",
         "64 × 64 balls, a* of 0.345 and 0.35",
         1e-9,
         large_samples_near_the_threshold,
+        slow=True,
     ),
     Case(
         "simulation of skewed lists: contact forces and elastic tensor, against sparse matrices",
@@ -880,6 +887,7 @@ CASES = [
         "31 × 29 balls, f* from 1e-3 to 1e3, η of 0, 0.84 and 4/3",
         1e-9,
         skewed_samples,
+        slow=True,
     ),
     Case("simulation: bulk modulus without friction", "the same cells, f* from 0.01 to 1e11", 1e-12, bulk_moduli),
     Case("sweeps up, down, with repeated and shuffled loads", "all media, against each load alone", 1e-10, sweeps),
