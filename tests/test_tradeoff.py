@@ -645,7 +645,8 @@ def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, cl
 
     def study(count):
         d = 8e-3 + 1e-6 * rng.standard_normal(count)
-        return Disorder(gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist()))), "force", (1.0,), (), clock)
+        packing = gp.Packing(steel, float(np.mean(d)), gp.Measured(tuple(d.tolist())))
+        return Disorder(packing, Load("force", (1.0,)), (), clock)
 
     assert study(4).solving == 0.0
     assert not lists
