@@ -22,7 +22,6 @@ from importlib import import_module
 from inspect import Parameter, cleandoc, signature
 from io import StringIO
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, get_args, get_type_hints
 
 from _meanings import (
@@ -43,12 +42,14 @@ from _meanings import (
     SPREADS,
     SWEPT,
 )  # fmt: skip
-from pydantic import BaseModel
 from typer.models import OptionInfo
 
 from granphon.balls.diameters import Normal
+from granphon.balls.material import Material
+from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Refused
+from granphon.base.errors import Refused
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH
 from granphon.base.results import Result
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import app
@@ -59,7 +60,8 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.scene import fields as rules
 from granphon.scene.result_files import RESULT_FILES
-from granphon.scene.schema import SceneFile
+from granphon.scene.scene import Scene
+from granphon.scene.schema import REQUIRED, scene_rules
 from granphon.sweeps.archive import load_sweep
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
@@ -152,33 +154,26 @@ def result_units() -> str:
 # -- the scene ------------------------------------------------------------------------------------------------------
 
 
-def keys(model: type[BaseModel] = SceneFile, prefix: str = "") -> Iterable[tuple[str, Any]]:
-    """Every key of the schema with its pydantic field, blocks written out."""
-    for name, info in model.model_fields.items():
-        key = prefix + (info.alias or name)
-        kind = info.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            yield from keys(kind, f"{key}.")
-        else:
-            yield key, info
+def keys() -> Iterable[tuple[str, Any]]:
+    """Every key of a scene file with its rule, blocks written out."""
+    for name, rule in scene_rules(HERE).items():
+        yield from ((f"{name}.{key}", one) for key, one in rule.items()) if isinstance(rule, dict) else [(name, rule)]
 
 
 def scene_keys() -> str:
     """Key, meaning, what is allowed, SI unit, default."""
     rows = []
-    context = SimpleNamespace(context={"folder": HERE})
-    for key, info in keys():
-        (rule,) = (one.func for one in info.metadata if hasattr(one, "func"))
-        needed = [one for one in signature(rule).parameters.values() if one.default is one.empty]
-        given = (object(), context)[: len(needed)]
-        allowed = told(partial(rule, *given))
+    made = {name: one.default for kind in (Material, Packing, Scene) for name, one in signature(kind).parameters.items()}
+    for key, rule in keys():
+        allowed = told(partial(rule, object()))
         several = "; or a list of these, or a [range](#ranges)" if getattr(rule, "func", None) is rules.values else ""
-        if info.is_required():
+        block, _, name = key.rpartition(".")
+        if name in REQUIRED.get(block, ()):
             default = "required"
-        elif key.startswith("load."):
-            default = "one load is required" if key != "load.balls_per_side" else "required with `side_force`"
+        elif block == "load":
+            default = "one load is required" if name != "balls_per_side" else "required with `side_force`"
         else:
-            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, info.default)
+            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, {"schema": rules.SCHEMA, **made}[name])
         rows.append([f"`{key}`", meaning(KEYS, key), allowed + several, _UNITS.get(allowed, ""), default])
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
 

@@ -160,7 +160,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "one of many loads crushes": ("18.446 N", "[1 N, 1 TN, 2 N]", 11, "load.force.1", "'1 TN'", "balls can carry", "Lower the load"),
     "load without a kind": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "without the kind of load", ONE, "'force:'"),
     "range without points": (
-        "18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force.points", "nothing, and it has no default", "from, to, points, scale", "",
+        "18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force.points", "nothing, and it has no default", "a whole number", "",
     ),
     "misspelt key in a range": (
         "18.446 N", "{from: 1 N, too: 9 N, points: 3}", 11, "load.force.too", "an unknown key", "from, to, points", "Did you mean 'to'?",
@@ -245,7 +245,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "friction: true", "spread: {uniform: 17 mm}", 9, "packing.spread.uniform", "'17 mm'", "all above zero", "smaller spread",
     ),
     "normal without a width": (
-        "friction: true", "spread: {normal: {cutoff: 3}}", 9, "packing.spread.normal.std", "nothing", "std, cutoff", "",
+        "friction: true", "spread: {normal: {cutoff: 3}}", 9, "packing.spread.normal.std", "nothing", "a length, zero or above", "",
     ),
     "cutoff with a unit": (
         "friction: true", "spread: {normal: {std: 1 um, cutoff: 3 um}}", 9, "packing.spread.normal.cutoff", "'3 um'", "plain number", "unit",
@@ -255,7 +255,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "discrete without fractions": (
         "friction: true", "spread: {discrete: {diameters: [8 mm]}}", 9, "packing.spread.discrete.fractions", "nothing",
-        "diameters, fractions", "",
+        "one or more fractions", "",
     ),
     "one diameter for a list": (
         "friction: true", "spread: {measured: {diameters: 8 mm}}", 9, "packing.spread.measured.diameters", "'8 mm'", "a list of", "",

@@ -7,6 +7,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from collections import Counter
 from functools import reduce
 from pathlib import Path
 from types import ModuleType
@@ -172,6 +173,39 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
 
 
 @pytest.mark.claim("exponent-cost")
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize("medium", ["ema", "auto"])
+def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tmp_path, monkeypatch, capsys):
+    from granphon.cli import main
+    from granphon.media.choice import MediumChoice
+    from granphon.observables import validity
+
+    calls: Counter[str] = Counter()
+
+    def count(owner: Any, name: str, label: str) -> None:
+        find = getattr(owner, name)
+
+        def counted(*arguments: Any, **options: Any) -> Any:
+            calls[label] += 1
+            return find(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    count(MediumChoice, "rungs", "choice")
+    for one in (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium):
+        count(one, "at", "state")
+    count(validity, "Validity", "validity")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.28, density: 7840 kg/m^3}\n"
+        "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\n"
+        f"load: {{force: 18 N}}\nmedium: {medium}\nobserve: [velocities, bands]\nphonopy: {{band_points: 3}}\n",
+        encoding="utf-8",
+    )
+    assert main([command, str(scene), *(["-o", str(tmp_path / "out"), "--no-figures"] if command == "run" else [])]) == 0
+    assert calls == {"choice": 1, "state": 1, "validity": 1}
+
+
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
     from granphon.array import sample as samples
     from granphon.media import simulation

@@ -14,8 +14,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.base.errors import InputError, OutputError, PrecisionError, SceneError
-from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity, Refused
+from granphon.base.errors import InputError, OutputError, PrecisionError, Refused, SceneError
+from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
 from granphon.scene.fields import SCALES, spaced

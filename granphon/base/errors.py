@@ -21,6 +21,7 @@ __all__ = [
     "MissingSceneError",
     "OutputError",
     "PrecisionError",
+    "Refused",
     "SceneError",
     "UnreachableFrequencyError",
     "UnsupportedError",
@@ -41,6 +42,25 @@ class GranphonError(Exception):
 
 class InputError(GranphonError, ValueError):
     """A value that cannot be: of the wrong kind, out of range, or inconsistent with another."""
+
+
+class Refused(InputError):
+    """A value that a rule of :mod:`granphon.base.validation` does not take.
+
+    ``found`` is the value, ``allowed`` what the rule takes, ``mend`` the likely intention. ``path`` are the keys and places
+    in lists that lead from the value which the rule was given to the one that it refuses.
+    """
+
+    def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
+        super().__init__(f"found {found}; allowed: {allowed}." + (f" {mend}" if mend else ""))
+        self.found, self.allowed, self.mend, self.path = found, allowed, mend, path
+
+    def __reduce__(self) -> tuple[type[Refused], tuple[object, ...]]:
+        return Refused, (self.found, self.allowed, self.mend, self.path)  # it comes back from worker processes too
+
+    def under(self, *keys: str | int) -> Refused:
+        """The same refusal of a value that stands at ``keys``."""
+        return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
 
 
 class SceneError(InputError):

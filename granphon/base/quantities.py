@@ -1,8 +1,8 @@
 """Quantities with their units, as people write them: "8 mm" is 0.008.
 
 A :class:`Quantity` is a rule: it takes what stood in a file or on the command line and returns SI, or raises
-:class:`Refused`, which says what was found, what is allowed, and the likely intention. Units are read here and on no other
-occasion; inside, everything is SI floats.
+:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and the likely intention. Units are read
+here and nowhere else; inside, everything is SI floats.
 """
 
 from __future__ import annotations
@@ -16,24 +16,14 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
+from granphon.base.errors import Refused
 from granphon.base.text import closest, shown
 
-__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "Refused"]
+__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity"]
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-
-class Refused(ValueError):
-    """A value that a rule does not take: what was found, what is allowed, and the likely intention.
-
-    ``path`` are the keys and places in lists that lead to it, from the value that the rule was given.
-    """
-
-    def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
-        super().__init__(f"found {found}; allowed: {allowed}." + (f" {mend}" if mend else ""))
-        self.path = path
 
 
 #: the units that a scene knows; small and exact, so that "8 mm" is the float nearest to 0.008
@@ -91,7 +81,8 @@ class Quantity:
         return f"a {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
 
     def read(self, value: Any) -> float:
-        """The SI value of a text such as "8 mm", the float nearest to it; raises :class:`Refused`."""
+        """The SI value of a text such as "8 mm", the float nearest to it; raises
+        :class:`~granphon.base.errors.Refused`."""
         tip = f"Write the unit too, such as '{self.example}'."
         if isinstance(value, int | float) and not isinstance(value, bool):
             if isinstance(value, float) and not math.isfinite(value):

@@ -1,7 +1,7 @@
 """Blocks of keys, lists and plain values, as a scene has them: the rules that know nothing of balls.
 
 Each rule takes what stood in the file, or the value itself, and returns the value; or it raises
-:class:`~granphon.base.quantities.Refused`.
+:class:`~granphon.base.errors.Refused`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from granphon.base.errors import InputError
-from granphon.base.quantities import Refused
+from granphon.base.errors import InputError, Refused
 from granphon.base.text import closest, shown
 
 __all__ = ["Rule", "block", "choice", "each", "grid", "inside", "number", "ruled", "text", "truth", "unknown_key", "whole"]
@@ -24,8 +23,7 @@ def inside(key: str | int, rule: Rule, value: Any) -> Any:
     try:
         return rule(value)
     except Refused as refused:
-        refused.path = (key, *refused.path)
-        raise
+        raise refused.under(key) from None
 
 
 def ruled(name: str, rule: Rule, value: Any) -> Any:
@@ -52,10 +50,20 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
     for key in value:
         if key not in rules:
             raise unknown_key(key, rules)
+    read = {key: inside(key, rules[key], item) for key, item in value.items()}
     for key in needed:
         if key not in value:
-            raise Refused("nothing, and it has no default", allowed, path=(key,))
-    return {key: inside(key, rules[key], item) for key, item in value.items()}
+            raise Refused("nothing, and it has no default", _allowed(rules[key]), path=(key,))
+    return read
+
+
+def _allowed(rule: Rule) -> str:
+    """What a rule that does not take None allows, in words."""
+    try:
+        rule(None)
+    except Refused as refused:
+        return refused.allowed
+    return "a value"
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, Self
+from functools import cached_property
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,6 +70,8 @@ class ContactLaw(Protocol):
         ...
 
 
+#: what a function finds of a state
+Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 #: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
 _MUCH = math.sqrt(10.0)
@@ -110,6 +114,16 @@ class ContactState(Result):
         """The state at some of the loads, as arrays are indexed."""
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+
+    def once(self, find: Callable[[Self], Found]) -> Found:
+        """``find`` of this state, called the first time that it is asked for."""
+        if find not in self._found:
+            self._found[find] = find(self)
+        return self._found[find]  # type: ignore[no-any-return]
+
+    @cached_property
+    def _found(self) -> dict[Any, Any]:
+        return {}
 
     @property
     def shear_stiffness(self) -> Values:

@@ -158,7 +158,10 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
 
     The keyword ``finite_overlap`` is deprecated: the state has it.
     """
-    state = with_keyword(state, finite_overlap)
+    return with_keyword(state, finite_overlap).once(_validity)
+
+
+def _validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = ideal_lattice(state.packing)
     v = long_waves(state, (1.0, 0.0))

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
 from granphon.base.arguments import real_array, texts
-from granphon.base.errors import InputError, brief, message
-from granphon.base.quantities import NUMBER, Refused
+from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.quantities import NUMBER
 from granphon.base.text import shown
 from granphon.base.validation import ruled
 

@@ -15,8 +15,8 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, lattice_named
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, message
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH, Refused
+from granphon.base.errors import InputError, Refused, message
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH
 from granphon.base.text import shown
 from granphon.base.validation import Rule, block, choice, each, grid, number, text, truth, whole
 from granphon.media.choice import MEDIA, MediumChoice, medium

@@ -1,72 +1,290 @@
-"""What a scene goes over: every medium at every combination of parameters, and the loads; counted before any is made."""
+"""The plan of a scene: which cases it has, what serves their loads, their states, and what all of it costs.
+
+It is made once from a scene. Reading, checking, running and costing ask the same plan, so that nothing is found twice.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, combinations
-from granphon.media.choice import MediumChoice
-from granphon.media.cost import Cost, estimate
+from granphon.balls.parameters import Axis, changed, combinations, counted
+from granphon.base.errors import GranphonError, InputError, message
+from granphon.dynamics.modes import ContactLattice
+from granphon.media import cost as costs
+from granphon.media.choice import MediumChoice, Rung
+from granphon.media.cost import Cost
+from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
+from granphon.media.state import ContactState
+from granphon.observables.acoustics import contact_lattice
+from granphon.scene.reader import Origin
 
-__all__ = ["Plan"]
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
 
+__all__ = ["Case", "Plan"]
+
+#: what takes something: where the scene file asks for it, how it could be less, and what it takes
+Part = tuple[tuple[str, ...], str, Cost]
 #: as many cases are looked at one by one; of more, those at the ends of the axes
 MOST_CASES = 100
+#: as many states are looked at one by one
+MOST_STATES = 20_000
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The ``axes`` of a ``packing``, the ``media``, and the applied ``load``."""
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One medium on one packing, at all loads of a scene.
 
+    ``where`` are the parameters of the packing in words, empty if none is swept. ``load`` is what the contacts bear,
+    ``written`` the kind of load that the scene has.
+    """
+
+    where: str
     packing: Packing
+    medium: MediumChoice
+    load: Load
+    written: str
+    finite_overlap: bool
+    origin: Origin
+
+    @property
+    def label(self) -> str:
+        """Medium and parameters in words, as sweeps call them."""
+        return ", ".join(filter(None, (self.medium.label, self.where)))
+
+    @cached_property
+    def rungs(self) -> list[Rung]:
+        """What serves which of the loads: the medium itself, or those that an automatic one chooses.
+
+        :class:`~granphon.base.errors.InputError` if none can be chosen.
+        """
+        with self.origin.at_medium(self.medium.label, "a tolerance that is met at every load"):
+            return self.medium.rungs(self.packing, self.load)
+
+    @cached_property
+    def state(self) -> ContactState:
+        """The contacts under the first load, which is the only one of a scene that is no sweep."""
+        return self._state_at(0)
+
+    def states(self, wanted: Callable[[Rung], bool]) -> Iterator[tuple[str, ContactState]]:
+        """In words what serves the loads, and its contacts at them: (n_loads,), or () if there is one load alone."""
+        for rung in filter(wanted, self.rungs):
+            label = f"{self.label}: {rung.medium.label}" if self.medium.is_automatic else self.label
+            yield label, self.state if self.load.size == 1 else self._solve(rung, rung.load)
+
+    def require(self) -> None:
+        """Raise if the packing is not rigid, has no such medium, or cannot carry the loads: the least and the greatest.
+
+        A simulation is not solved for this, nor the effective medium of a long list of diameters.
+        """
+        _ = self._is_carried
+
+    @cached_property
+    def _is_carried(self) -> bool:
+        for index in dict.fromkeys((int(np.argmin(self.load.array)), int(np.argmax(self.load.array)))):
+            rung = next(rung for rung in self.rungs if index in rung.loads)
+            if not (rung.is_quick or rung.medium.simulates):
+                continue
+            with self.at_load(index, f"{self.label}: "):
+                medium = rung.medium.of(self.packing)
+                if isinstance(medium, DirectSimulation):
+                    medium.require(self._at(index))
+                    continue
+                contact_lattice(self._state_at(index) if index else self.state)
+        return True
+
+    def at_load(self, index: int, before: str = "") -> Any:
+        """Errors of the block are those of the load number ``index``, at its place in the scene file."""
+        return self.origin.at_load(self.written, index, before)
+
+    def _state_at(self, index: int) -> ContactState:
+        rung = next(rung for rung in self.rungs if index in rung.loads)
+        state = self._solve(rung, self._at(index))
+        if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
+            raise InputError(message("the frequencies or velocities are beyond double precision"))
+        return state
+
+    def _at(self, index: int) -> Load:
+        """One of the loads, without an axis."""
+        return self.load.flat[index]
+
+    def _solve(self, rung: Rung, load: Load) -> ContactState:
+        with np.errstate(all="ignore"):
+            # left out, nobody has said it
+            state = rung.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap or None)
+        return replace(state, chosen=rung.chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a ``scene`` goes over: the ``axes`` of its packing, its media, and its ``load``, counted before any is made."""
+
+    scene: Scene
+    origin: Origin
     axes: tuple[Axis, ...]
-    media: tuple[MediumChoice, ...]
     load: Load
 
-    @property
-    def cases(self) -> int:
-        """How many: a medium at a combination of parameters each."""
-        return len(self.media) * math.prod(len(axis.values) for axis in self.axes)
+    @classmethod
+    def of(cls, scene: Scene, origin: Origin) -> Plan:
+        """The plan of all that the scene has."""
+        return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
 
     @property
-    def states(self) -> int:
-        """How many: a case at a load each."""
-        return self.cases * self.load.size
-
-    def __iter__(self) -> Iterator[tuple[str, Packing, MediumChoice]]:
-        """The cases: in words as sweeps call them, the packing, and the medium."""
-        for where, packing in combinations(self.packing, self.axes):
-            for choice in self.media:
-                yield ", ".join(filter(None, (choice.label, where))), packing, choice
+    def n_cases(self) -> int:
+        """The number of cases: a medium at a combination of parameters each."""
+        return len(self.scene.media) * math.prod(len(axis.values) for axis in self.axes)
 
     @property
-    def ends(self) -> Plan:
-        """The least and the greatest of each axis: what a packing can be, it is between them if it is at all of them."""
+    def n_states(self) -> int:
+        """The number of states: a case at a load each."""
+        return self.n_cases * self.load.size
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """Every medium at every combination of parameters."""
+        load = self.load.applied
+        return tuple(
+            Case(where, packing, medium, load, self.load.kind, self.scene.finite_overlap, self.origin)
+            for where, packing in combinations(self.scene.packing, self.axes)
+            for medium in self.scene.media
+        )
+
+    @property
+    def case(self) -> Case:
+        """The case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
+        if self.scene.is_sweep:
+            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+        return self.cases[0]
+
+    @cached_property
+    def few(self) -> tuple[Case, ...]:
+        """The cases, or if they are too many to be looked at one by one, those at the ends of the axes.
+
+        What a packing can be, it is between two values of a parameter if it is at both.
+        """
+        return self.cases if self.n_cases <= MOST_CASES else self._at_ends.cases
+
+    @cached_property
+    def _at_ends(self) -> Plan:
         return replace(self, axes=tuple(axis.ends for axis in self.axes))
 
-    @property
-    def few(self) -> Plan:
-        """The plan itself, or its :attr:`ends` if it has too many cases to be looked at one by one."""
-        return self if self.cases <= MOST_CASES else self.ends
+    # -- what can be carried out ----------------------------------------------------------------------------------------
 
-    def simulations(self, exponents: bool) -> Cost:
-        """Of all of them, one after the other, with their local ``exponents`` if these are asked for.
+    def require(self) -> None:
+        """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load."""
+        self._require_values()
+        lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
+        with self.origin.at("sweep"):
+            counted(self.axes)
+            cases = self.few
+        for case in cases:
+            packing = case.packing
+            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
+            with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
+                ContactLattice.of(packing.structure, packing.mindlin_ratio)
+            with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
+                case.medium.of(packing)
+            # every list of diameters is solved anew, and a sweep solves it in its own processes
+            listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
+            if not (self.scene.is_sweep and listed):
+                case.require()
 
-        Of very many cases, of as many as the dearest at the ends of the axes.
+    def _require_values(self) -> None:
+        """Raise at the first value of a parameter that the packing cannot have."""
+        packing = self.scene.packing
+        for axis in self.axes:
+            with suppress(GranphonError, ArithmeticError):
+                for value in axis.ends.values:
+                    changed(packing, {axis.name: value})
+                continue
+            for index, value in enumerate(axis.values):
+                with self.origin.at_value(axis.name, index):
+                    changed(packing, {axis.name: value})
+
+    # -- states ---------------------------------------------------------------------------------------------------------
+
+    def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
+        """See :meth:`granphon.scene.scene.Scene.states`."""
+        for case in self.cases:
+            if not case.medium.simulates:
+                case.require()
+            yield from case.states(lambda rung: rung.is_quick or (simulations if rung.medium.simulates else lists))
+
+    def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
+        """The states that are found in a moment, and what is left out, in words, empty if nothing is.
+
+        Neither simulations nor effective media of long lists of diameters; of very many states, those of the least and the
+        greatest load and value of each parameter.
         """
-        few = self.few
-        found = [
-            estimate(medium, rung.load, exponents=exponents)
-            for _, packing, choice in few
-            if choice.simulates or choice.is_automatic
-            for rung in choice.rungs(packing, self.load)
-            if isinstance(medium := rung.medium.of(packing), DirectSimulation)
+        few, left = self, []
+        if self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
+            ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
+            few = replace(self._at_ends, load=replace(self.load, array=ends))
+            left.append(f"all but the ends of {self.n_states:,} states")
+        if any(not (rung.is_quick or rung.medium.simulates) for case in few.cases for rung in case.rungs):
+            left.append("the effective medium of long lists of diameters")
+        return few.states(simulations=False, lists=False), " and ".join(left)
+
+    # -- cost -----------------------------------------------------------------------------------------------------------
+
+    def cost(self) -> Cost | None:
+        """Memory and time of all of it, one part after the other; None if that is next to nothing.
+
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now.
+        """
+        parts = [part for part in self.parts if part[2].tells]
+        total = sum((cost for _, _, cost in parts), Cost())
+        if parts and total.memory > (free := costs.available_memory()):
+            path, mend, _ = max(parts, key=lambda part: part[2].memory)
+            with self.origin.at(*path):
+                what = f"{total.text}, and this machine has {free / 1e9:.3g} GB of memory available"
+                raise InputError(message(what, mend=mend))
+        return total if parts else None
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """What takes something of memory or time, with its place in the scene file."""
+        scene = self.scene
+        structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
+        out: list[Part] = [
+            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._simulations())
         ]
-        if few is not self and found:
-            return max(found, key=lambda cost: cost.work).times(len(found) * self.cases / few.cases)
+        branches = structure.n_balls * (3 if scene.packing.friction else 2)
+        points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
+        if scene.is_sweep:
+            path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
+            mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
+            return [*out, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
+        if "bands" in seen:
+            out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
+        if "dos" in seen:
+            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.mesh, branches)))
+        if seen and scene.dim is not None:
+            mend = "Take a smaller supercell: bands and densities of states do not depend on it"
+            out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
+        return out
+
+    def _simulations(self) -> Cost:
+        """The cost of all simulations, one after the other; of very many cases, as if each were the dearest one seen."""
+        exponents = self.scene.is_sweep or "velocities" in self.scene.observe
+        found = [
+            costs.estimate(medium, rung.load, exponents=exponents)
+            for case in self.few
+            if case.medium.simulates or case.medium.is_automatic
+            for rung in case.rungs
+            if isinstance(medium := rung.medium.of(case.packing), DirectSimulation)
+        ]
+        if len(self.few) < self.n_cases and found:
+            return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))
         return sum(found, Cost())

@@ -41,6 +41,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
+from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
 from granphon.sweeps.jobs import LATTICE_BANDS, packages
 from granphon.sweeps.tasks import kept
@@ -302,7 +303,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
         return False
     try:
         made = parse_yaml(read_text(target / "summary.yaml"), "summary.yaml").data["versions"]
-        if type(scene).from_yaml(target / "scene.yaml") != scene or made != made | packages():
+        if type(scene)(**Origin.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False

@@ -1,0 +1,133 @@
+"""Reading a scene file: from a document to what a scene is made of, and every error with its place in the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from granphon.balls.loads import Load
+from granphon.balls.material import Material
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError
+from granphon.base.text import Document, parse_yaml, read_text, shown
+from granphon.phonons.paths import BandPath
+from granphon.scene.fields import table_named
+from granphon.scene.schema import read_blocks
+
+__all__ = ["Origin"]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a scene was read from: a document, and the file that holds it. A scene made in Python has neither.
+
+    Its context managers turn errors of the library into those of the document, which name file, line and key.
+    """
+
+    document: Document | None = None
+    path: Path | None = None
+
+    @classmethod
+    def of_file(cls, path: str | os.PathLike[str]) -> Origin:
+        """The document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not YAML."""
+        return cls(parse_yaml(read_text(path), str(path)), Path(path))
+
+    @classmethod
+    def of_text(cls, text: str, name: str) -> Origin:
+        """The document that a text is, which messages call ``name``."""
+        return cls(parse_yaml(text, name))
+
+    @property
+    def folder(self) -> Path:
+        """Where files that the scene names are looked for."""
+        return self.path.parent if self.path else Path()
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files that were read: the scene's own, and the tables of measured diameters that it names."""
+        if self.document is None:
+            return ()
+        data = self.document.data
+        spreads = [data["packing"].get("spread"), *data.get("sweep", {}).get("spread", [])]
+        own = () if self.path is None else (self.path,)
+        return (*own, *(self.folder / name for spread in spreads if (name := table_named(spread)) is not None))
+
+    # -- places in the file ---------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def at(self, *path: str | int, before: str = "") -> Iterator[None]:
+        """Errors of the block belong to the key at ``path``, or to the one that a rule refused; ``before`` opens them."""
+        try:
+            yield
+        except (GranphonError, ArithmeticError) as error:
+            if self.document is None:
+                raise
+            place = path or getattr(error, "path", ())
+            raise self.document.error(place, f"{before}{error}") from None
+
+    def at_medium(self, label: str, allowed: str) -> Any:
+        """Errors of the block belong to the medium."""
+        return self.at("medium", before=f"found {label!r}; allowed: {allowed}. ")
+
+    def at_load(self, kind: str, index: int, before: str = "") -> Any:
+        """Errors of the block belong to the load number ``index``."""
+        path, given = self._place("load", kind, index)
+        return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry. {before}")
+
+    def at_value(self, parameter: str, index: int) -> Any:
+        """Errors of the block belong to the value number ``index`` of a parameter that is swept."""
+        path, given = self._place("sweep", parameter, index)
+        return self.at(*path, before=f"found {given}; allowed: a value that the packing can have. ")
+
+    def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
+        """Where one value of a key stands, and what stands there: the one value, one of a list, or an end of a range."""
+        if self.document is None:
+            return (block, key), ""
+        given = self.document.data[block][key]
+        if isinstance(given, list):
+            return (block, key, index), shown(given[index])
+        if isinstance(given, dict):
+            end = "to" if index else "from"
+            return (block, key, end), shown(given[end])
+        return (block, key), shown(given)
+
+    # -- what a scene is made of ----------------------------------------------------------------------------------------
+
+    def read(self) -> dict[str, Any]:
+        """The arguments of a scene, as far as the document has them; SceneError names its first mistake."""
+        if self.document is None:
+            raise ValueError("there is no document")
+        given = read_blocks(self.document, self.folder)
+        packing, drawing = self._packing(given["material"], given["packing"]), given.get("phonopy", {})
+        out: dict[str, Any] = {"packing": packing, "load": self._load(given["load"]), "source": self.path}
+        if "band" in drawing or "band_labels" in drawing:
+            with self.at("phonopy", "band_labels"):
+                paths = drawing["band"] if "band" in drawing else BandPath.default(packing.structure).paths
+                out["band"] = BandPath(paths, drawing.get("band_labels"))
+        named = {"medium": "media", "sweep": "parameters", "observe": "observe"}
+        out |= {argument: given[key] for key, argument in named.items() if key in given}
+        out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
+        return out | {key: given["packing"][key] for key in ("finite_overlap",) if key in given["packing"]}
+
+    def _load(self, given: dict[str, Any]) -> Load:
+        balls = given.get("balls_per_side")
+        kind = next(key for key in given if key != "balls_per_side")
+        with self.at("load", kind):
+            return Load(kind, given[kind], balls)
+
+    def _packing(self, material: dict[str, Any], given: dict[str, Any]) -> Packing:
+        written: Any = self.document.data["packing"] if self.document else {}
+        size = f"found {shown(written['diameter'])}; allowed: a ball that double precision can hold. "
+        with self.at("packing", "diameter", before=size):
+            names = [name for name in ("diameter", "lattice", "friction") if name in given]
+            packing = Packing(Material(**material), **{name: given[name] for name in names})
+        if "spread" not in given:
+            return packing
+        ((kind, value),) = written["spread"].items()
+        found = f"found {shown(value)}; allowed: diameters about the packing's, all above zero. "
+        with self.at("packing", "spread", kind, before=found):
+            return replace(packing, spread=given["spread"])
