@@ -9,7 +9,6 @@ things *mean* is written here, and what has no meaning yet is an error.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import re
 import sys
@@ -51,6 +50,7 @@ from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH
 from granphon.base.results import Result
+from granphon.base.tables import Table
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
@@ -381,6 +381,12 @@ def in_order(*parts: Mapping[str, Any]) -> list[str]:
     return names
 
 
+def columns(of: Table, words: Mapping[str, str]) -> str:
+    """The columns of a table, with the units of their headings or those of all files."""
+    rows = ([f"`{one.name}`", one.unit or UNITS.get(one.name, ""), meaning(words, one.name)] for one in of.headings)
+    return table(("column", "unit", "what it is"), rows)
+
+
 def summary(results: Results) -> str:
     """Fields of summary.yaml, of all scenes of one state and of many."""
     ones = [results.yaml(name, "summary.yaml") for name in ONE]
@@ -396,8 +402,7 @@ def sweep_fields(results: Results) -> str:
     """Variables of sweep.nc, and which of them are columns of sweep.csv."""
     heads = set()
     for name in MANY:
-        with (results.folder / name / "sweep.csv").open(encoding="utf-8") as stream:
-            heads |= {head.split(" (")[0] for head in next(csv.reader(stream))}
+        heads |= {heading.name for heading in Table.read(results.folder / name / "sweep.csv").headings}
     rows = []
     for name in in_order(*(dataset.variables for dataset in results.sweeps)):
         (one, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
@@ -430,10 +435,7 @@ def phonopy_fields(results: Results) -> str:
 
 def dos_fields(results: Results) -> str:
     """Columns of dos.csv."""
-    text = (results.folder / "all" / "dos.csv").read_text(encoding="utf-8")
-    head = next(line for line in text.splitlines() if not line.startswith("#"))
-    rows = [[f"`{name}`", "Hz" if name == "frequency_Hz" else "1/Hz", meaning(MEANINGS, name)] for name in head.split(",")]
-    return table(("column", "unit", "what it is"), rows)
+    return columns(Table.read(results.folder / "all" / "dos.csv"), MEANINGS)
 
 
 def sample_fields(results: Results) -> str:
@@ -466,19 +468,13 @@ def fit_fields(results: Results) -> str:
 
 def fit_columns(results: Results) -> str:
     """Columns of fit.csv."""
-    with (results.folder / "fit" / "fit.csv").open(encoding="utf-8") as stream:
-        heads = [head.rstrip(")").split(" (") for head in next(csv.reader(stream))]
-    return table(("column", "unit", "what it is"), ([f"`{n}`", unit, meaning(MEANINGS, n)] for n, unit in heads))
+    return columns(Table.read(results.folder / "fit" / "fit.csv"), MEANINGS)
 
 
 def tradeoff_columns(results: Results) -> str:
     """Columns of tradeoff.csv."""
     empty = TradeOff((), "force", (), {}, {}, 1, 0.0, 0.0)
-    rows = []
-    for head in next(csv.reader(StringIO(empty.csv()))):
-        name, _, unit = head.rstrip(")").partition(" (")
-        rows.append([f"`{name}`", unit or UNITS.get(name, ""), meaning(MEASURED, name)])
-    return table(("column", "unit", "what it is"), rows)
+    return columns(Table.parse("tradeoff.csv", empty.csv().encode()), MEASURED)
 
 
 # -- the packages ---------------------------------------------------------------------------------------------------

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import granphon as gp
 from granphon.base import quantities
 from granphon.base.errors import InputError
 from granphon.base.quantities import LENGTH, LOADS, Quantity
-from granphon.base.tables import Heading, Table
+from granphon.base.tables import Heading, Table, table_text
 
 FORCE, SPEED = LOADS["force"], Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 
@@ -35,6 +36,9 @@ def table(tmp_path, text):
         ("f()", "f", ""),
         ("", "", ""),
         ("(N)", "", "N"),
+        ("frequency_Hz", "frequency_Hz", "Hz"),
+        ("total_per_Hz", "total_per_Hz", "1/Hz"),
+        ("total_per_Hz (s)", "total_per_Hz", "s"),
     ],
 )
 def test_headings(text, name, unit):
@@ -263,3 +267,31 @@ def test_a_table_of_quantities_is_quoted_wherever_it_was_named():
     table = Table.parse("lot.csv", b"ball,diameter (mm)\n1,wide\n", quoted=False)
     with pytest.raises(InputError, match=r"lot\.csv:2: diameter: found 'wide', where a number is needed"):
         table.column("diameter", LENGTH)
+
+
+@given(st.lists(st.tuples(st.floats(), st.text("ab, \"';µ", max_size=8)), min_size=1, max_size=8))
+def test_what_is_written_is_read_again(rows):
+    text = table_text([Heading("value", "m/s"), "note"], rows, ["a comment, with a comma", "nan"])
+    found = Table.parse("table.csv", text.encode())
+    assert found.headings == (Heading("value", "m/s"), Heading("note", ""))
+    np.testing.assert_array_equal(found.numbers("value"), [value for value, _ in rows])
+    assert found.columns[1] == tuple(note.strip() for _, note in rows)
+    assert text.splitlines()[1:3] == ["# a comment, with a comma", "# nan"]
+
+
+def test_every_table_that_granphon_writes_is_read_by_the_one_reader(tmp_path):
+    steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
+    data = gp.sweep(packing, force=[2.0, 9.0], media=("ala", {"ema": {"local_field": "paper"}}), path=tmp_path / "sweep.nc")
+    swept = Table.read(tmp_path / "sweep.csv")
+    np.testing.assert_array_equal(swept.numbers("longitudinal"), data["longitudinal"].values.ravel())
+    assert swept.column("bulk", quantities.MODULUS).tolist() == data["bulk"].values.ravel().tolist()
+    dos = gp.Phonons(gp.AveragedLattice(packing).at_force(2.0)).dos((4, 4), points=31)
+    dos.write_csv(tmp_path / "dos.csv")
+    there = Table.read(tmp_path / "dos.csv")
+    hertz = Quantity("frequency", "Hz", "1 Hz", "Hz", "zero or above")
+    np.testing.assert_array_equal(there.column("frequency_Hz", hertz), dos.frequencies)
+    np.testing.assert_array_equal(there.numbers("total_per_Hz"), dos.total)
+    assert there.unit("total_per_Hz") == "1/Hz"
+    with pytest.raises(KeyError):
+        there.numbers("absent")

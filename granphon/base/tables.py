@@ -1,7 +1,8 @@
-"""Tables of measured numbers: columns of a text file, with their units, as arrays in SI.
+"""Tables as text files: the one reader of those that are given, and the one writer of all that granphon makes.
 
 The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
-tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped.
+tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped. What granphon writes
+is parted by commas, with cells in quotes where they hold one, and numbers with all digits.
 
 A table that the caller has named may be quoted in errors. One that a scene has named is quoted only where it is a table of
 quantities, with the column that is wanted and a unit for it: a scene, which others may have written, can name any file.
@@ -12,9 +13,10 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from io import StringIO
+from typing import Any, Self, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +26,12 @@ from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import read_bytes
 from granphon.base.text import closest
 
-__all__ = ["Heading", "Table", "decoded"]
+__all__ = ["Heading", "Table", "decoded", "table_text", "write_table"]
 
 
 _POINT = "Write decimals with a point"
-#: letters of a cell that csv reads
-_LONGEST = csv.field_size_limit()
+#: longest cell that csv reads, in letters
+_LONGEST_CELL = csv.field_size_limit()
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,14 @@ class Heading:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """From ``name``, ``name (unit)`` or ``name [unit]``."""
+        """From ``name``, ``name (unit)`` or ``name [unit]``; ``frequency_Hz`` and ``total_per_Hz`` of dos.csv say theirs."""
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
+        if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
+            return cls(match[1], "1/Hz" if told[1] else "Hz")
         return cls(match[1], match[2] or "") if match else cls(text, "")
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
     def key(self) -> str:
@@ -138,6 +145,15 @@ class Table:
             )
         return values
 
+    def numbers(self, name: str) -> NDArray[np.float64]:
+        """The column called ``name`` as it stands, (rows,), in the unit of its heading; nan and inf are numbers too.
+
+        KeyError if there is no such column, ValueError if a cell is no number.
+        """
+        for place in self._places(name):
+            return np.array([float(cell) for cell in self.columns[place]])
+        raise KeyError(name)
+
     def unit(self, name: str) -> str:
         """The unit of the column called ``name``, which may carry it itself; empty if there is none, or no such column."""
         return Heading.parse(name).unit or next((self.headings[place].unit for place in self._places(name)), "")
@@ -155,6 +171,23 @@ class Table:
             return kind.read(f"{cell} {unit}")
         except ValueError as refused:
             raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
+
+
+def write_table(
+    stream: TextIO, headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()
+) -> None:
+    """Write a table into a text file that is open; ``comments`` stand below the headings, each in a line from #."""
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow([str(heading) for heading in headings])
+    stream.writelines(f"# {comment}\n" for comment in comments)
+    table.writerows(rows)
+
+
+def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()) -> str:
+    """The text of a table, as :func:`write_table` writes it."""
+    stream = StringIO(newline="")
+    write_table(stream, headings, rows, comments)
+    return stream.getvalue()
 
 
 def decoded(name: str, raw: bytes) -> str:
@@ -180,14 +213,14 @@ def decoded(name: str, raw: bytes) -> str:
 
 def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int) -> tuple[tuple[str, ...], ...]:
     """The cells below each of ``count`` headings; errors name the line."""
-    if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST for text in texts):
+    if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for text in texts):
         return (tuple(map(str.strip, texts)),)  # a long list: no tuple for each of its rows
     rows = [_fitted(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)]
     return tuple(zip(*rows, strict=True)) or ((),) * count
 
 
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    if '"' not in line and len(line) < _LONGEST:  # as csv parts it, at a tenth of the cost
+    if '"' not in line and len(line) < _LONGEST_CELL:  # as csv parts it, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))

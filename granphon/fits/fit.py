@@ -22,6 +22,7 @@ from granphon.balls.parameters import PARAMETERS
 from granphon.base.arguments import real_array, texts
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
+from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
 from granphon.fits.goodness import Goodness, compute_leverages, compute_probability
 from granphon.fits.least_squares import FitProblem, explain_undetermined, find_best, find_covariance
@@ -172,8 +173,8 @@ class WidthFit(Result):
         }  # fmt: skip
         if self.waves.frequency is not None:
             columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
-        rows = [",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=1).tolist()]
-        (Path(folder) / "fit.csv").write_text("\n".join([",".join(columns), *rows, ""]), encoding="utf-8")
+        text = table_text(columns, np.stack(list(columns.values()), axis=1).tolist())
+        (Path(folder) / "fit.csv").write_text(text, encoding="utf-8")
 
 
 #: files of a fit: those of :meth:`WidthFit.write`, and its figure

@@ -13,12 +13,14 @@ from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
+from granphon.base.tables import Table, table_text
 
 __all__ = ["DensityOfStates"]
 
 Array = NDArray[np.float64]
-_DOS_COLUMNS = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz"
-_DOS_SCHEMA = "# granphon density of states, schema {}, per ball"
+_DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
+#: the first comment of dos.csv
+_DOS_SCHEMA = "granphon density of states, schema {}, per ball"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,41 +66,35 @@ class DensityOfStates(Result):
         the names from it; below it are comments with the digest of the file, the method, the mesh and the warnings.
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
-        lines = [
-            _DOS_COLUMNS,
+        comments = (
             _DOS_SCHEMA.format(2),
-            f"# method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
-            *(f"# warning: {warning}" for warning in self.warnings),
-            *(",".join(repr(float(x)) for x in row) for row in zip(*columns, strict=True)),
-        ]
-        write_text(path, sealed(lines, 1))
+            f"method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
+            *(f"warning: {warning}" for warning in self.warnings),
+        )
+        text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
+        write_text(path, sealed(text.split("\n")[:-1], 1))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
         """Read what :meth:`write_csv` wrote; errors and warning as :meth:`Bands.read`."""
         text, verified = read_sealed(path)
         with own_file(path, "density of states"):
-            head, comments, rows = "", [], []
-            for line in text.split("\n"):
-                if line.startswith("#"):
-                    comments.append(line)
-                elif not head:
-                    head = line
-                elif line:
-                    rows.append([float(x) for x in line.split(",")])
+            table = Table.parse(str(path), text.encode())
+            comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
             what, how = comments[:2]
-            words = re.fullmatch(r"# method (\w+), mesh (\d+) (\d+)", how)
+            words = re.fullmatch(r"method (\w+), mesh (\d+) (\d+)", how)
             # of schema 1, the heading stood below the comments
-            if head != _DOS_COLUMNS or what not in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2)) or words is None:
+            known = what in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2))
+            if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or not known or words is None:
                 raise InputError("its head is not that of one")
-            warnings = [line.removeprefix("# warning: ") for line in comments[2:] if line.startswith("# warning: ")]
+            warnings = [line.removeprefix("warning: ") for line in comments[2:] if line.startswith("warning: ")]
             if len(warnings) != len(comments) - 2:
                 raise InputError("it has a comment that granphon does not write")
-            table = np.array(rows)
+            frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
             mesh = int(words[2]), int(words[3])
-            found = cls(table[:, 0], table[:, 2], table[:, 3], words[1], mesh, tuple(warnings))
+            found = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
             found.check()
-            if table.shape[1] != 4 or not np.array_equal(found.total, table[:, 1]):
+            if not np.array_equal(found.total, total):
                 raise InputError("the total is not the sum of its parts")
         if not verified:
             warn_unverified(path)

@@ -17,6 +17,7 @@ from granphon.balls.lattices import LATTICES, Lattice, lattice_named
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH
+from granphon.base.tables import Heading, table_text
 from granphon.base.text import shown
 from granphon.base.validation import Rule, block, choice, each, grid, number, text, truth, whole
 from granphon.media.choice import MEDIA, MediumChoice, medium
@@ -161,7 +162,7 @@ def diameters_table(given: Any) -> str | None:
     """The text of a table of the measured diameters, if they are more than a scene holds; else None."""
     if not _is_long(given):
         return None
-    return "diameter (m)\n" + "".join(f"{diameter!r}\n" for diameter in given.diameters)
+    return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
 
 
 # -- media, and what a sweep goes over ------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import os
@@ -17,6 +16,7 @@ from granphon.base.digests import damaged, digest, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import LOADS
 from granphon.base.reading import read_bytes
+from granphon.base.tables import Heading, write_table
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -103,12 +103,10 @@ def _write_table(dataset: Dataset, path: Path) -> None:
     dims = dataset["longitudinal"].dims
     load = next(name for name in LOADS if name in dataset.coords)
     names = [load, *dims[1:], *(name for name, data in dataset.data_vars.items() if data.dims == dims)]
-    units = [dataset[name].attrs.get("units") for name in names]
+    headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
     columns = [dataset[name].broadcast_like(dataset["longitudinal"]).transpose(*dims).values.ravel() for name in names]
     with path.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow([name if unit is None else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)])
-        table.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:

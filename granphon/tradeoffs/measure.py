@@ -6,8 +6,6 @@ a study is run several times, all warm, and its error is that of the quantities 
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import statistics
 import tracemalloc
@@ -24,6 +22,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
+from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, ruled, truth, whole
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
@@ -150,25 +149,24 @@ class TradeOff(Result):
 
     def csv(self) -> str:
         """One row for each point, load and observed quantity; a point that was not run has one row, with the reason."""
-        out = io.StringIO()
-        table = csv.writer(out, lineterminator="\n")
-        table.writerow([
+        headings = (
             "study", "method", "knob", self.kind, "observed", "error (1)", "reference_error (1)", "resolved", "seconds (s)",
             "spread (s)", "setup (s)", "memory (B)", "floor (1)", "failure",
-        ])  # fmt: skip
+        )  # fmt: skip
+        rows: list[list[Any]] = []
         for point in self.points:
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.study, point.method, point.knob]
             if point.failure:
-                table.writerow([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
+                rows.append([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
             # a density of states is that at the greatest load alone
             loads = self.loads[-len(point.errors) :]
             for load, errors, known in zip(loads, point.errors, point.reference_errors, strict=True):
                 for name, error, limit in zip(self.observed[point.study], errors, known, strict=True):
                     resolved = bool(error >= BETTER * limit)
-                    table.writerow([*head, repr(load), name, float(error), float(limit), resolved, *cost])
-        return out.getvalue()
+                    rows.append([*head, load, name, float(error), float(limit), resolved, *cost])
+        return table_text(headings, rows)
 
 
 def tradeoff(
