@@ -175,7 +175,7 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """
     size = np.max(np.abs(matrices), axis=1)
     order = np.argsort(-size, axis=1, kind="stable")
-    triangles = np.linalg.qr(_pad_rows(np.take_along_axis(matrices, order[:, None], 2)), mode="r")
+    triangles = np.asarray(np.linalg.qr(_pad_rows(np.take_along_axis(matrices, order[:, None], 2)), mode="r"))
     right, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
     within = np.zeros_like(right)
     blocks = _number_blocks(np.take_along_axis(size, order, 1))

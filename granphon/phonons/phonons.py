@@ -1,4 +1,4 @@
-"""Phonons of balls in contact: force constants from the calculator into phonopy, bands and densities of states out of it."""
+"""Phonons of balls in contact: bands and densities of states from C(q), and the force constants as an object of phonopy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from phonopy.structure.atoms import PhonopyAtoms
 from granphon.balls.contact_table import contacts_apart
 from granphon.balls.lattices import BALL
 from granphon.base.arguments import positive, real_array
-from granphon.base.errors import InputError, InstabilityError, brief, message
+from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.state import ContactState, with_keyword
@@ -36,8 +36,8 @@ __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonop
 
 Array = NDArray[np.float64]
 
-#: part of the top frequency below which phonopy's eigenvalues have lost digits that C(q) still has
-_RESOLVED = 1e-3
+#: points of a mesh of which eigenvectors are held at a time
+_MESH_POINTS = 4096
 #: bytes of tetrahedron weights that are held at a time
 _WEIGHTS = 2**26
 
@@ -94,7 +94,6 @@ class Phonons:
                 message("no two of these balls touch", "They fly, or are turned against the lattice of the state")
             )
         self.dim = self._dim(dim)
-        self._xyw = np.arange(3 * len(self.atoms)).reshape(-1, 3)[:, : self.lattice.dofs_per_ball].ravel()
 
     def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
         contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
@@ -165,32 +164,6 @@ class Phonons:
             np.add.at(constants, (one, where[other, cell[:, 0], cell[:, 1]]), blocks[:, row, column])
         return constants
 
-    def _eigen(self, qpoints: Array, vectors: bool = False) -> tuple[Array, NDArray[Any] | None]:
-        """Reduced frequencies, and eigenvectors if wanted, of phonopy's dynamical matrices."""
-        run = self.phonopy.run_qpoints(qpoints, with_dynamical_matrices=True)
-        matrices = np.asarray(run.dynamical_matrices)[:, self._xyw[:, None], self._xyw[None, :]]
-        if vectors:
-            squared, modes = np.linalg.eigh(matrices)
-        else:
-            squared, modes = np.linalg.eigvalsh(matrices), None
-        # judged against the top of all branches, not of those asked for: a frequency does not depend on its company
-        if squared.min() < -1e-12 * self.lattice.top_frequency**2:
-            raise InstabilityError(
-                message(
-                    f"a squared frequency is negative ({squared.min():.3g} k/M)",
-                    "The state is no minimum of the energy",
-                    "Lower the load, or leave finite_overlap off",
-                )
-            )
-        values = np.sqrt(np.maximum(squared, 0.0))
-        # an eigenvalue is exact to rounding of the largest; C(q) keeps the digits that phonopy's D(q) has lost
-        faint = values < _RESOLVED * self.lattice.top_frequency
-        rows = np.flatnonzero(faint.any(axis=1))
-        if rows.size:
-            exact = self.lattice.frequencies(self.lattice.wavevectors(qpoints[rows]))
-            values[rows] = np.where(faint[rows], exact, values[rows])
-        return values, modes
-
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
         return validity(self.state).warnings
@@ -202,7 +175,7 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        return self._eigen(_qpoints(qpoints))[0] * self.scales.frequency
+        return self.lattice.frequencies(self.lattice.wavevectors(_qpoints(qpoints))) * self.scales.frequency
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
@@ -239,13 +212,12 @@ class Phonons:
         steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
         distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
-        values, _ = self._eigen(segments.reshape(-1, 3))
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
         along[p - 1 :: p] *= -1.0  # the last point of a segment is reached from behind
         modes = self.lattice.modes(q.reshape(-1, 2), along)
         b = self.lattice.n_branches
         return Bands(
-            segments, distances, values.reshape(s, p, b) * self.scales.frequency,
+            segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
             modes.group_velocities.reshape(s, p, b, 2) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
             self.scales, self._warnings,
@@ -272,11 +244,11 @@ class Phonons:
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12)
         grid = self._mesh(numbers)
-        values, vectors = self._eigen(grid.qpoints, vectors=True)
-        motion = np.abs(np.asarray(vectors)) ** 2
-        per_ball = motion.reshape(len(values), len(self.atoms), self.lattice.dofs_per_ball, -1)
-        rotation = per_ball[:, :, 2].sum(axis=1) if self.lattice.rotates else np.zeros_like(values)
-        parts = np.stack([per_ball[:, :, :2].sum(axis=(1, 2)), rotation])  # (2, n_q, n_branches)
+        q = self.lattice.wavevectors(grid.qpoints)
+        # any direction: the fractions of a degenerate set add up to the same
+        modes = (self.lattice.modes(some, (1.0, 0.0)) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
+        values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
+        parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
