@@ -202,13 +202,13 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
 @pytest.mark.parametrize(
     ("lattice", "friction", "load", "observe", "phonopy"),
     [
-        ("triangular", "true", "5 N", "bands", "band_points: 600"),
+        pytest.param("triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive),
         ("triangular", "false", "5 N", "bands", "band_points: 600"),
-        ("kagome", "true", "5 N", "bands", "band_points: 150"),
+        pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
         ("triangular", "true", "5 N", "dos", "mesh: 200 200 1"),
-        ("triangular", "true", "5 N", "dos", "mesh: 60 61 1"),
+        pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
         ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
-        ("triangular", "true", RANGE, "velocities", ""),
+        pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
         ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
     ],
 )
