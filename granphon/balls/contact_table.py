@@ -52,7 +52,7 @@ class ContactTable:
     @cached_property
     def tangent(self) -> Array:
         """(n_c, 2): t = z x n, of contacts in the plane."""
-        return read_only(contact_frames(self.normal)[1, :, :2])
+        return read_only(np.stack(contact_frames(self.normal)[1][:2], axis=1))
 
     def scaled(self, factor: float) -> ContactTable:
         """The same contacts with every length multiplied by ``factor``."""
@@ -62,23 +62,19 @@ class ContactTable:
         )  # fmt: skip
 
 
-def contact_frames(normal: Array) -> Array:
-    """(3, n_c, 3): the normal n of each contact and its tangents t and n x t, right-handed unit vectors in space.
+def contact_frames(normal: Array) -> list[list[Array]]:
+    """The normal n of each contact and its tangents t and n x t, right-handed unit vectors in space, by their components.
 
-    In the plane, where ``normal`` is (n_c, 2), and for every normal in space that is not nearly upright, t is along z x n.
-    The tangents of -n are -t and n x t.
+    Three lists of the components along x, y and z, each (n_c,). In the plane, where ``normal`` is (n_c, 2), and for every
+    normal in space that is not nearly upright, t is along z x n. The tangents of -n are -t and n x t.
     """
-    count = len(normal)
     if normal.shape[1] == 2:
-        frames = np.zeros((3, count, 3))
-        frames[0, :, :2] = normal
-        frames[1, :, 0], frames[1, :, 1] = -normal[:, 1], normal[:, 0]
-        frames[2, :, 2] = 1.0
-        return frames
+        (x, y), zero = normal.T, np.zeros(len(normal))
+        return [[x, y, zero], [-y, x, zero], [zero, zero, np.ones(len(normal))]]
     axis = np.where((np.abs(normal[:, 2]) > _UPRIGHT)[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     across = np.cross(axis, normal)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.stack([normal, across, np.cross(normal, across)])
+    return [list(vectors.T) for vectors in (normal, across, np.cross(normal, across))]
 
 
 def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:

@@ -195,12 +195,11 @@ class Compatibility:
     @cached_property
     def rows(self) -> list[Row]:
         """The deformations of the contacts, as coefficients of the motions of their two balls, w instead of rotations."""
-        table, motions = self.contacts, self.motions
-        in_radians = contact_rows(
-            table.normal, table.arm_i, table.arm_j, motions, slip=self.mindlin_ratio, twist=self.torsion, roll=self.bending
-        )
-        at_i, at_j = (np.where(motions.is_rotation, self.gyration[ball][:, None], 1.0) for ball in (table.i, table.j))
-        return [row._replace(head=row.head / at_j, tail=row.tail / at_i) for row in in_radians]
+        table = self.contacts
+        return contact_rows(
+            table.normal, table.arm_i, table.arm_j, self.motions, slip=self.mindlin_ratio, twist=self.torsion,
+            roll=self.bending, gyration_i=self.gyration[table.i], gyration_j=self.gyration[table.j],
+        )  # fmt: skip
 
     def _weighted_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Rows, and the roots (kinds, n_c) of their stiffness; with ``prestress`` rows across contacts, and of |f/a|."""

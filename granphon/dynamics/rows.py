@@ -14,7 +14,6 @@ these rows: C(q), force constants, strains, the stencils of an array.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ class Row(NamedTuple):
     ----------
     kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
     stiffness : over that of elongation: of slip eta, of twist and roll in units of d^2; a number, or one for each contact.
-    head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i; rotations in radians.
+    head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
     """
 
     kind: str
@@ -50,47 +49,45 @@ def contact_rows(
     arm_j: Array,
     motions: Motions,
     *,
+    elongation: ArrayLike = 1.0,
     slip: ArrayLike = 0.0,
     twist: ArrayLike = 0.0,
     roll: ArrayLike = 0.0,
+    gyration_i: ArrayLike = 1.0,
+    gyration_j: ArrayLike = 1.0,
 ) -> list[Row]:
-    """The deformations of contacts that are resisted, elongation first.
+    """The deformations of contacts that are resisted and can be made: elongation, slip, twist and roll, in this order.
 
     Parameters
     ----------
     normal : (n_c, 2) or (n_c, 3) unit vectors from ball i to ball j.
     arm_i, arm_j : (n_c,) distances from the centres to the contact.
     motions : of each ball. Deformations that none of them makes in any contact are left out.
-    slip, twist, roll : stiffness over that of elongation, each a number or (n_c,); kinds without stiffness are left out.
+    elongation, slip, twist, roll : relative stiffness, each a number or (n_c,); kinds without stiffness are left out.
+    gyration_i, gyration_j : radii of gyration R_g, (n_c,), for coefficients of w = R_g phi; by default those of phi.
     """
     n, t, b = contact_frames(normal)
-    at_i, at_j = arm_i[:, None], arm_j[:, None]
-
-    def deformations() -> Iterator[tuple[str, ArrayLike, Array | None, Array | None, Array | None]]:
-        # kind, stiffness, coefficients of u_j - u_i, of phi_j, and of -phi_i. As b = n x t, (phi x n).t is phi.b
-        yield "elongation", 1.0, n, None, None
-        if np.any(slip):
-            yield "slip", slip, t, -at_j * b, at_i * b
-            yield "slip", slip, b, at_j * t, -at_i * t
-        if np.any(twist):
-            yield "twist", twist, None, n, n
-        if np.any(roll):
-            yield "roll", roll, None, t, t
-            yield "roll", roll, None, b, b
-
-    rows = (
-        Row(kind, stiffness, _project(moving, turning_j, motions), _project(moving, turning_i, motions))
-        for kind, stiffness, moving, turning_j, turning_i in deformations()
-    )
-    # without contacts nothing can be told of them
-    return [row for row in rows if not len(normal) or np.any(row.head) or np.any(row.tail)]
+    none = [np.zeros(len(normal))] * 3
+    one_i, one_j = 1.0 / np.asarray(gyration_i), 1.0 / np.asarray(gyration_j)
+    at_i, at_j = arm_i * one_i, arm_j * one_j
+    # along which axis u moves the contact and about which phi turns it, times what. As b = n x t, (phi x n).t is phi.b,
+    # and (phi x n).b is -phi.t
+    return _resisted(
+        [
+            ("elongation", elongation, n, none, one_j, one_i),
+            ("slip", slip, t, b, -at_j, at_i), ("slip", slip, b, t, at_j, -at_i),
+            ("twist", twist, none, n, one_j, one_i),
+            ("roll", roll, none, t, one_j, one_i), ("roll", roll, none, b, one_j, one_i),
+        ],
+        motions,
+    )  # fmt: skip
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """The displacements of ball j against ball i across each contact, along its tangents: what a static force acts on."""
     _, t, b = contact_frames(normal)
-    across = (_project(tangent, None, motions) for tangent in (t, b))
-    return [Row("push", 1.0, axis, axis) for axis in across if np.any(axis)]
+    none = [np.zeros(len(normal))] * 3
+    return _resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
@@ -101,14 +98,22 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
 
-def _project(moving: Array | None, turning: Array | None, motions: Motions) -> Array:
-    """(n_c, motions): coefficients of the motions, from those of u and of phi (n_c, 3)."""
-    found = moving if moving is not None else turning
-    assert found is not None
-    out = np.zeros((len(found), motions.count))
-    for part, axes, which in (
-        (moving, motions.translations, motions.translating), (turning, motions.rotations, motions.turning)
-    ):  # fmt: skip
-        if part is not None:
-            out[:, which] = part[:, axes]
-    return out
+#: components along x, y and z, each (n_c,)
+_Axes = list[Array]
+
+
+def _resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, ArrayLike, ArrayLike]], motions: Motions) -> list[Row]:
+    """Rows ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions, but for those without effect.
+
+    These have no stiffness, or none of the motions makes them in any contact; without contacts nothing is said of that.
+    """
+    rows = []
+    for kind, stiffness, moved, turned, at_j, at_i in deformations:
+        if not (stiffness.any() if isinstance(stiffness, np.ndarray) else stiffness):
+            continue
+        moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
+        if any(part.any() or not len(part) for part in moves + turns):
+            # one motion after the other: contacts lie side by side
+            head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
+            rows.append(Row(kind, stiffness, head, tail))
+    return rows

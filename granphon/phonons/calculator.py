@@ -290,13 +290,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
             # stiffnesses are those of the reference: the energy is incremental
             stiffness = self._stiffness(law, rest.overlap)
-            _, *resisted = contact_rows(rest.axis, arm_i, arm_j, self._motions, slip=self._eta)
-            for row in resisted:
-                (x, y, turn_j), (*_, turn_i) = row.head.T, row.tail.T
+            for row in contact_rows(rest.axis, arm_i, arm_j, self._motions, elongation=0.0, slip=self._eta):
+                (x, y, turn_j), (_, _, turn_i) = row.head.T, row.tail.T
                 change = x * moved[:, 0] + y * moved[:, 1] + turn_j * angles[j] - turn_i * angles[i]
                 tension = row.stiffness * stiffness * change
                 energy = energy + 0.5 * tension * change
-                pull = pull - tension[:, None] * row.head[:, self._motions.translating]
+                pull[:, 0] -= tension * x
+                pull[:, 1] -= tension * y
                 torque_i, torque_j = torque_i + tension * turn_i, torque_j - tension * turn_j
         return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
@@ -405,11 +405,10 @@ def contact_blocks(lattice: ContactLattice) -> Array:
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     if lattice.is_prestressed:
         springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
-    entries = np.zeros((len(springs), len(lattice.contacts), 2, count))
+    entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
-        entry[:, 0, slots], entry[:, 1, slots] = -row.tail, row.head
-    entries = entries.reshape(*entries.shape[:2], 2 * count)
-    return np.asarray(np.einsum("rc,rca,rcb->cab", [weight for _, weight in springs], entries, entries))
+        entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T
+    return np.asarray(np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries))
 
 
 class _Deformations(NamedTuple):
