@@ -83,6 +83,11 @@ class Motions:
         first_turn = 3 * (self.atoms_per_ball - 1)
         return (*self.translations, *(first_turn + axis for axis in self.rotations))
 
+    @property
+    def still_slots(self) -> tuple[int, ...]:
+        """The coordinates of :attr:`slots` in which no motion stands."""
+        return tuple(sorted(set(range(3 * self.atoms_per_ball)) - set(self.slots)))
+
 
 #: motions in the plane: u_x, u_y, phi_z
 IN_PLANE = Motions("in_plane", (0, 1), (2,))

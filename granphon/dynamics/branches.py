@@ -193,8 +193,10 @@ class AcousticBranches:
         _, polarisations = lattice.sound_velocities(directions)
         start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
         # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
-        motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.dofs_per_ball, size)[:, :, :2]
-        drift = np.einsum("i,niab,nak->nkb", np.sqrt(lattice.masses), motion, polarisations)
+        motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.motions.count, size)
+        drift = np.einsum(
+            "i,niab,nak->nkb", np.sqrt(lattice.masses), motion[:, :, lattice.motions.translating], polarisations
+        )
         column, last = np.argmax(np.abs(drift), axis=2).T, start.eigenvectors
         going = np.arange(count)
         for first in range(0, _POINTS, _BLOCK):

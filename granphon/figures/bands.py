@@ -64,9 +64,8 @@ def plot_bands(
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _unit_of(bands) if unit is None else unit
-    rotates = bands.n_branches == 3 * len(bands.masses)
     part, colours, words = (
-        (bands.rotational_fraction, ROTATION, "Rotational") if rotates
+        (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
         else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
     )  # fmt: skip
     values, scale = bands.connected_frequencies / unit.hertz, Normalize(0.0, 1.0)
@@ -149,7 +148,7 @@ def plot_asymptotes(
         else:
             speeds = velocities.sound_velocities(way)[0]
         waves = {"longitudinal": speeds[0] * q, "transverse": speeds[1] * q}
-        if isinstance(velocities, ContactLattice) and velocities.rotates and velocities.n_balls == 1:
+        if isinstance(velocities, ContactLattice) and velocities.motions.rotate and velocities.n_balls == 1:
             squared, curvature = velocities.optical_branch(way)
             inside = 1.0 - curvature * q**2
             waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))

@@ -78,8 +78,8 @@ def plot_mode(
     radius = np.tile(phonons.atoms.arrays.get("radius", np.full(n, 0.5)), len(steps))
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radius, strict=True)]
     ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
-    if lattice.rotates:
-        _draw_spins(ax, centres, radius, now[:, 2] / np.tile(lattice.gyration, len(steps)))
+    if lattice.motions.rotate:
+        _draw_spins(ax, centres, radius, now[:, lattice.motions.turning][:, 0] / np.tile(lattice.gyration, len(steps)))
     ax.quiver(
         *centres.T, now[:, 0], now[:, 1], angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
         headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
@@ -90,7 +90,7 @@ def plot_mode(
     unit = HertzPrefix.for_top(hertz)
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.rotates else ""
+    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.motions.rotate else ""
     # of the highest, rounding leaves as much of one that is zero
     zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
     ax.set_title(f"q = ({fractions})\n{'zero frequency' if zero else f'{hertz / unit.hertz:.1f} {print_hertz(unit)}'}{part}")

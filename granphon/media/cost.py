@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
+from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
 from granphon.media.simulation import DirectSimulation
 
@@ -200,7 +201,7 @@ def estimate(
     """
     balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
     packing = simulation.packing
-    turning = moduli and packing.friction
+    turning = moduli and select_motions(packing.mindlin_ratio).rotate
     kept = _SAMPLE * (simulation.samples - 1) + _KEPT * (count - 1)
     memory = balls * ((_TURNING if turning else _WORKING) + kept)
     if not packing.width:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
+from granphon.balls.motions import IN_PLANE, TRANSLATIONS_IN_PLANE, Motions
 from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.reading import plain_yaml
@@ -81,7 +82,7 @@ class Bands(Result):
         """Also that there are two or three components of each ball, and that all numbers are finite."""
         super().check()
         balls = len(self.masses)
-        if self.eigenvectors.shape[2] not in (2 * balls, 3 * balls):
+        if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
             raise InputError(message(what, mend="There are two or three for each"))
         self.check_finite()
@@ -91,18 +92,21 @@ class Bands(Result):
         """3 for each ball with friction, 2 without."""
         return int(self.frequencies.shape[2])
 
+    @property
+    def motions(self) -> Motions:
+        """The motions of each ball, those of the plane: without rotation if eigenvectors have two components for each."""
+        return _motions_of(self.eigenvectors.shape[2], len(self.masses))
+
     @cached_property
     def _motion(self) -> NDArray[Any]:
         """(s, p, n_balls, dofs of a ball, b)."""
-        s, p, dofs, b = self.eigenvectors.shape
-        return self.eigenvectors.reshape(s, p, len(self.masses), dofs // len(self.masses), b)
+        s, p, _, b = self.eigenvectors.shape
+        return self.eigenvectors.reshape(s, p, len(self.masses), self.motions.count, b)
 
     @property
     def rotational_fraction(self) -> Array:
         """(s, p, b): the part of the kinetic energy that is rotation, 0 to 1."""
-        if self._motion.shape[3] == 2:
-            return np.zeros_like(self.frequencies)
-        return np.asarray(np.sum(np.abs(self._motion[:, :, :, 2]) ** 2, axis=2))
+        return np.asarray(np.sum(np.abs(self._motion[:, :, :, self.motions.turning]) ** 2, axis=(2, 3)))
 
     @property
     def longitudinal_fraction(self) -> Array:
@@ -111,7 +115,7 @@ class Bands(Result):
         ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        along = np.einsum("spiab,spa->spib", self._motion[:, :, :, :2], ahead)
+        along = np.einsum("spiab,spa->spib", self._motion[:, :, :, self.motions.translating], ahead)
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
     @cached_property
@@ -141,12 +145,14 @@ class Bands(Result):
         unit = HertzPrefix.for_top(top)
         s, p, b = self.frequencies.shape
         n = len(self.masses)
-        still = n if pad and self._motion.shape[3] == 2 else 0
+        slots, still_slots = list(self.motions.slots), list(self.motions.still_slots)
+        still = n * len(still_slots) if pad else 0
         frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0)))
         velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 1)))
         motion = np.zeros((s, p, n, 3, still + b), complex)
-        motion[:, :, :, : self._motion.shape[3], still:] = self._motion
-        motion[:, :, :, 2, :still] = np.eye(n, still)
+        motion[:, :, :, slots, still:] = self._motion
+        if still:
+            motion[:, :, :, still_slots, :still] = np.eye(still).reshape(n, -1, still)
         lines = [
             *file_header(unit, self.scales),
             *([f"  still_branches: {still}"] if still else []),
@@ -207,7 +213,7 @@ class Bands(Result):
             bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
             vectors = np.array([[mode["eigenvector"] for mode in q] for q in bands], float)
-            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., : 2 if b == 2 * n else 3]
+            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., list(_motions_of(b, n).slots)]
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
@@ -227,6 +233,10 @@ class Bands(Result):
         if not verified:
             warn_unverified(path)
         return found
+
+
+def _motions_of(components: int, balls: int) -> Motions:
+    return TRANSLATIONS_IN_PLANE if components == TRANSLATIONS_IN_PLANE.count * balls else IN_PLANE
 
 
 def _join_numbers(values: Any) -> str:

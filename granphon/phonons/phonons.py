@@ -328,7 +328,7 @@ class Phonons:
 
         :func:`load_phonopy` reads it back without the auxiliary atom.
         """
-        flat = 3 if self.lattice.rotates else 3 + len(self.atoms)
+        flat = 3 + len(self.atoms) * len(self.lattice.motions.still_slots)
         write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
 
 

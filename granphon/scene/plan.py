@@ -16,6 +16,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
+from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, changed, combinations, counted
 from granphon.base.errors import GranphonError, InputError, message
@@ -260,7 +261,7 @@ class Plan:
         out: list[Part] = [
             (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._simulations())
         ]
-        branches = structure.n_balls * (3 if scene.packing.friction else 2)
+        branches = structure.n_balls * select_motions(scene.packing.mindlin_ratio).count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
         if scene.is_sweep:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.loads import Load
+from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis, combinations
 from granphon.base.errors import InputError, message
@@ -168,7 +169,7 @@ class _Way:
     def of(cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
         """That of all packings; :class:`InputError` if they have no one path."""
         first = packings[0][1]
-        if any((one.structure, one.friction) != (first.structure, first.friction) for _, one in packings):
+        if len({(one.structure, select_motions(one.mindlin_ratio)) for _, one in packings}) > 1:
             raise InputError(
                 message(
                     "bands cannot be swept over friction or lattices",
