@@ -15,7 +15,7 @@ import numpy as np
 import granphon as gp
 from granphon.dynamics.branches import acoustic_branches
 from granphon.figures.style import LONGITUDINAL, STYLE, TRANSVERSE
-from granphon.observables.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice
 
 PULSE, ALONG = 6500.0, (1.0, 0.0)  # Hz, Gamma-K
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

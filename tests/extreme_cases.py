@@ -22,7 +22,7 @@ from mpmath import mpf
 import granphon as gp
 from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
-from granphon.observables.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 
 DIAMETERS, MODULI = (1e-9, 8e-3, 1e3), (1.0, 211.65e9, 1e13)

@@ -12,7 +12,7 @@ from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
 from granphon.base.errors import InputError, InstabilityError, MechanismError
-from granphon.observables.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice
 
 DIAMETER = 8e-3
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -15,7 +15,7 @@ from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.dynamics.modes import ContactLattice
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE
-from granphon.observables.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice
 from granphon.tradeoffs.references import count_modes, integrate_curve, integrate_local_field
 
 ROOT3 = math.sqrt(3.0)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from granphon.array.sample import Sample
 from granphon.balls.lattices import TRIANGULAR
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, PAGE_WIDTH, STYLE
-from granphon.media.simulation import SimulatedState
+from granphon.media.state import ContactState
 
 __all__ = ["forces_figure", "plot_force_distribution", "plot_forces"]
 
@@ -99,7 +99,7 @@ def _load_of(sample: Sample) -> str:
     return f"$f^*$ = {state.force:.3g}, $a^*$ = {state.overlap + 0.5:.4g}, {contacts}"
 
 
-def plot_force_distribution(state: SimulatedState, ax: Axes) -> Axes:
+def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """Draw the probability density of f/<f> over the contacts that carry load, mean over the samples, on a log scale.
 
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError` for several loads.
@@ -107,7 +107,7 @@ def plot_force_distribution(state: SimulatedState, ax: Axes) -> Axes:
     _ = state.scales  # one load only
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
     least, largest = min(float(np.min(one)) for one in forces), max(float(np.max(one)) for one in forces)
-    width = max(state.contact_force_fluctuation / 4.0, 1e-12)
+    width = max(float(np.mean([sample.contact_force_fluctuation for sample in state.samples])) / 4.0, 1e-12)
     bins = int(np.clip((largest - least) / width, 20, 400))
     margin = max((largest - least) / bins, 1e-12) / 2.0
     found = [sample.force_distribution(bins, largest + margin, max(least - margin, 0.0)) for sample in state.samples]
@@ -119,15 +119,15 @@ def plot_force_distribution(state: SimulatedState, ax: Axes) -> Axes:
     return ax
 
 
-def forces_figure(state: SimulatedState) -> Figure:
+def forces_figure(state: ContactState) -> Figure:
     """Force chains of the first sample, and beside them the distribution of forces in all; two columns wide.
 
     See :func:`plot_forces` and :func:`plot_force_distribution`. :class:`~granphon.base.errors.InputError` for several loads.
     """
     _ = state.scales  # one load only
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(PAGE_WIDTH, _height(state.sample)), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, _height(state.samples[0])), dpi=DPI, layout="constrained")
         left, right = figure.subplots(1, 2)
-        plot_forces(state.sample, left)
+        plot_forces(state.samples[0], left)
         plot_force_distribution(state, right)
     return figure

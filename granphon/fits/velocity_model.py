@@ -29,10 +29,10 @@ from granphon.base.results import Result
 from granphon.base.text import closest
 from granphon.base.validation import ruled, truth
 from granphon.dynamics.branches import acoustic_branches
+from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
-from granphon.observables.acoustics import contact_lattice
 from granphon.observables.pulses import pulse_velocities
 from granphon.observables.velocities import local_exponent, sound_velocities
 

@@ -23,12 +23,13 @@ from granphon.array.sample import STEP, Sample, jackknife, standard_error, unit_
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.lattices import TRIANGULAR, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arguments import is_whole, real_array
 from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.results import read_only
+from granphon.media.acoustics import over_directions, sample_scales, velocities_of_moduli
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import Loaded, untouched
 from granphon.media.state import ContactState, overlap_flag
@@ -228,6 +229,31 @@ class SimulatedState(ContactState):
         is then (3^(1/2)/2) k/d but for the square of their differences.
         """
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
+
+    @property
+    def is_isotropic(self) -> bool:
+        """True: a simulated sample is isotropic on average."""
+        return True
+
+    @property
+    def sampled_moduli(self) -> Array | None:
+        """(..., n_samples, 2) bulk and shear modulus of two samples or more, Pa; None of a single one."""
+        return self.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor)) if self.n_samples > 1 else None
+
+    @property
+    def mean_errors(self) -> dict[str, Any]:
+        """Standard error over samples of what they do not have in common, "force_error" (N) or "overlap_error" (m)."""
+        name = "force" if self.spaced else "overlap"
+        return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
+
+    def long_waves(self, direction: ArrayLike) -> Array:
+        """(..., 2) velocities that the mean bulk and shear modulus give, m/s; (..., n, 2) for directions (n, 2)."""
+        velocities = velocities_of_moduli(bulk_and_shear(self.elastic_tensor), self.effective_density)
+        return over_directions(velocities, as_direction(direction))
+
+    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+        """The scale with which each named branch of the ideal lattice has the long waves of the samples, m/s."""
+        return sample_scales(self, direction, names)
 
     @property
     def exponent(self) -> Any:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,10 @@ from granphon.base.scales import Units
 from granphon.base.validation import ruled, truth
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
+from granphon.media.acoustics import ideal_lattice, is_isotropic, lattice_scales, lattice_tensor, lattice_waves
+
+if TYPE_CHECKING:
+    from granphon.array.sample import Sample
 
 __all__ = ["ContactLaw", "ContactState", "Law", "given_state", "overlap_flag", "with_keyword"]
 
@@ -252,6 +256,42 @@ class ContactState(Result):
                 )
             )
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """The samples that the state is a mean of; none where the contacts follow from a law."""
+        return ()
+
+    @property
+    def elastic_tensor(self) -> Array:
+        """(..., 3, 3) Pa, Voigt order xx, yy, xy, of the layer taken one diameter thick: that of the lattice of contacts.
+
+        With finite overlap the coefficients between Cauchy stress and strain under the static pressure.
+        """
+        return lattice_tensor(self)
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether the elastic tensor is the same in all directions."""
+        return is_isotropic(ideal_lattice(self.packing))
+
+    @property
+    def sampled_moduli(self) -> Array | None:
+        """(..., n_samples, 2) bulk and shear modulus of two samples or more, Pa; None where there are not so many."""
+        return None
+
+    @property
+    def mean_errors(self) -> dict[str, Values]:
+        """Standard error over samples of what the load does not give, as "force_error" (N) or "overlap_error" (m)."""
+        return {}
+
+    def long_waves(self, direction: ArrayLike) -> Array:
+        """(..., 2) longitudinal and transverse velocity of long waves, m/s; (..., n, 2) for directions (n, 2)."""
+        return lattice_waves(self, direction)
+
+    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+        """d (k/M)^1/2 of each named branch, (...) or (..., n) for directions (n, 2), m/s: the scale of its velocities."""
+        return [lattice_scales(self, direction)] * len(names)
 
     def _constant(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value

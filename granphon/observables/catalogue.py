@@ -144,13 +144,8 @@ def _of_moduli(name: str, title: str, **more: Any) -> Observable:
 def _of_load(name: str, title: str) -> Observable:
     """Standard error of the force or the overlap; None of the one that samples have in common, and of one sample."""
 
-    def find(of: Analysis) -> Any:
-        state = of.state
-        if not isinstance(state, SimulatedState) or state.n_samples < 2 or state.spaced != (name == "force"):
-            return None
-        return state.standard_error(name)
-
-    return Observable(f"{name}_error", SimulatedState.units[name], title, find=find, swept=False)
+    error = f"{name}_error"
+    return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
 
 
 _OVER_SAMPLES = "standard error over samples of the"

@@ -15,8 +15,8 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
-from granphon.observables.acoustics import branch_scales, contact_lattice
 from granphon.observables.validity import validity
 
 __all__ = ["PulseVelocities", "pulse_velocities"]
@@ -93,7 +93,7 @@ def pulse_velocities(
     if unknown or not names:
         raise InputError(message(f"unknown branch {brief(unknown)}", mend="Use longitudinal, transverse or both"))
     d, along = state.packing.diameter, as_direction(direction)
-    scales = branch_scales(state, along, names)
+    scales = state.branch_scales(along, names)
     axes = along.ndim - 1
     try:
         shape = np.broadcast_shapes(hertz.shape, state.shape)

@@ -10,9 +10,8 @@ import numpy as np
 from granphon.balls.hertz import contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.base.results import Result
-from granphon.media.simulation import SimulatedState
+from granphon.media.acoustics import ideal_lattice, velocity_scale
 from granphon.media.state import ContactState, with_keyword
-from granphon.observables.acoustics import ideal_lattice, long_waves, velocity_scale
 
 __all__ = ["Check", "Tally", "Validity", "validity"]
 
@@ -139,7 +138,7 @@ _DEFICIT_WIDTH = 2.55e-4
 _DEFICIT_POWER = 0.31
 
 
-def _shear_deficit(state: SimulatedState) -> np.ndarray[Any, Any]:
+def _shear_deficit(state: ContactState) -> np.ndarray[Any, Any]:
     """Expected relative deficit of the shear modulus, at most one; beyond the a* that were seen, that at the nearest."""
     seen = np.exp(np.interp(state.reduced_spacing, list(_DEFICITS), np.log(list(_DEFICITS.values()))))
     width = state.packing.width / state.packing.diameter
@@ -164,7 +163,7 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
 def _validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = ideal_lattice(state.packing)
-    v = long_waves(state, (1.0, 0.0))
+    v = state.long_waves((1.0, 0.0))
     # of the mean force: where balls differ the mean overlap may be negative
     radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
     values = {
@@ -176,7 +175,7 @@ def _validity(state: ContactState) -> Validity:
     }
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    if isinstance(state, SimulatedState) and state.packing.width and state.packing.mindlin_ratio:
+    if state.samples and state.packing.width and state.packing.mindlin_ratio:
         values["shear"] = _shear_deficit(state)
     if material.yield_strength is not None:
         spot = radius * d / 2.0

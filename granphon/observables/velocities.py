@@ -13,16 +13,8 @@ from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
-from granphon.media.simulation import SimulatedState
+from granphon.media.acoustics import over_directions, velocities_of_moduli
 from granphon.media.state import ContactState, given_state, with_keyword
-from granphon.observables.acoustics import (
-    from_moduli,
-    ideal_lattice,
-    is_isotropic,
-    long_waves,
-    over_directions,
-    prestress,
-)
 from granphon.observables.validity import validity
 
 __all__ = [
@@ -94,7 +86,7 @@ def sound_velocities(
     """
     state = with_keyword(state, finite_overlap)
     if direction is None:
-        if not is_isotropic(ideal_lattice(state.packing)):
+        if not state.is_isotropic:
             raise InputError(
                 message(
                     f"the sound velocities of the {state.packing.structure.name} lattice depend on the direction",
@@ -103,13 +95,15 @@ def sound_velocities(
             )
         direction = (1.0, 0.0)
     along = as_direction(direction)
-    v = long_waves(state, along)
-    errors: tuple[Any, ...] = (None, None)
-    if isinstance(state, SimulatedState) and state.n_samples > 1:
-        every = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
-        velocities = from_moduli(every, np.asarray(state.effective_density)[..., None])
-        errors = tuple(np.moveaxis(over_directions(standard_error(velocities, -2), along), -1, 0))
-    return SoundVelocities(v[..., 0], v[..., 1], along, validity(state).warnings, *errors)
+    v, longitudinal_error, transverse_error = state.long_waves(along), None, None
+    if (every := state.sampled_moduli) is not None:
+        velocities = velocities_of_moduli(every, np.asarray(state.effective_density)[..., None])
+        errors = over_directions(standard_error(velocities, -2), along)
+        longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
+    return SoundVelocities(
+        longitudinal=v[..., 0], transverse=v[..., 1], direction=along, warnings=validity(state).warnings,
+        longitudinal_error=longitudinal_error, transverse_error=transverse_error,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,13 +157,10 @@ def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
     equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state has it.
     """
     state = with_keyword(state, finite_overlap)
-    if isinstance(state, SimulatedState):
-        errors: tuple[Any, ...] = (None, None)
-        if state.n_samples > 1:
-            every = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
-            errors = tuple(np.moveaxis(standard_error(every, -2), -1, 0))
-        return Moduli(state.elastic_tensor, True, validity(state).warnings, *errors)
-    lattice = ideal_lattice(state.packing)
-    tensor = lattice.elastic_tensor(prestress(state) if state.finite_overlap else np.zeros(state.shape))
-    scale = np.asarray(state.normal_stiffness / state.packing.diameter)
-    return Moduli(scale[..., None, None] * tensor, is_isotropic(lattice), validity(state).warnings)
+    bulk_error, shear_error = None, None
+    if (every := state.sampled_moduli) is not None:
+        bulk_error, shear_error = np.moveaxis(standard_error(every, -2), -1, 0)
+    return Moduli(
+        tensor=state.elastic_tensor, isotropic=state.is_isotropic, warnings=validity(state).warnings,
+        bulk_error=bulk_error, shear_error=shear_error,
+    )  # fmt: skip

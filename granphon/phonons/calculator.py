@@ -23,7 +23,6 @@ from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
-from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState, Law, with_keyword
 from granphon.phonons.neighbours import PairList, Pairs
 
@@ -192,10 +191,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def _law(self, balls: Atoms) -> Law:
         """The law of these balls' contacts; :class:`InputError` for balls that cannot be."""
-        if isinstance(self.state, SimulatedState) and self.state.n_samples > 1 and has_sampled(balls):
+        if len(self.state.samples) > 1 and has_sampled(balls):
             raise InputError(
                 message(
-                    f"the Atoms are of one sample, and the state is the mean over {self.state.n_samples}",
+                    f"the Atoms are of one sample, and the state is the mean over {len(self.state.samples)}",
                     "Each sample has an overlap and a stiffness of its own",
                     "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
                 )

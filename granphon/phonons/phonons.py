@@ -22,8 +22,8 @@ from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
-from granphon.observables.acoustics import contact_lattice
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks

@@ -22,12 +22,12 @@ from granphon.balls.parameters import Axis, changed, combinations, counted
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.media import cost as costs
+from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.cost import Cost
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.observables.acoustics import contact_lattice
 from granphon.scene.reader import Origin
 
 if TYPE_CHECKING:

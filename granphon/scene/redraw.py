@@ -8,7 +8,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import files_written, opened
-from granphon.observables.acoustics import contact_lattice, ideal_lattice
+from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.scene.result_files import figure_name
 from granphon.scene.scene import Scene
 

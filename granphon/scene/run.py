@@ -36,7 +36,6 @@ from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium
-from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, missing_error
 from granphon.observables.validity import Validity, validity
@@ -89,7 +88,7 @@ class RunResult:
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit that is passed, for what is not known or left out, and for figures that failed."""
-        spectra = self.phonons is not None and isinstance(self.state, SimulatedState)
+        spectra = self.phonons is not None and bool(self.state.samples)
         left_out = (LATTICE_BANDS,) if spectra else ()
         return self.validity.warnings + missing_error(self._exponents) + left_out + self.failures
 
@@ -100,7 +99,7 @@ class RunResult:
     @cached_property
     def _exponents(self) -> dict[str, Any]:
         """Those of a simulation take equilibria of their own: with the velocities only."""
-        asked = self.velocities is not None or not isinstance(self.state, SimulatedState)
+        asked = self.velocities is not None or not self.state.samples
         return find_all(self._analysis, ("exponent",)) if asked else {}
 
     def summary(self) -> dict[str, Any]:
@@ -122,12 +121,12 @@ class RunResult:
         """What the computation took, besides numpy and scipy."""
         if self.phonons is not None:
             return ("ase", "phonopy", "spglib")
-        return ("ase",) if isinstance(self.state, SimulatedState) else ()
+        return ("ase",) if self.state.samples else ()
 
     def write(self, place: Path, step: Step) -> None:
         """Write the files of the spectra, and of a sample, into a folder that is there."""
-        if isinstance(self.state, SimulatedState):
-            write_extxyz(place / "sample.extxyz", self.state.sample.atoms())
+        if self.state.samples:
+            write_extxyz(place / "sample.extxyz", self.state.samples[0].atoms())
             step.advance()
         if self.bands is not None and self.phonons is not None:
             self.bands.write(place / "band.yaml")
@@ -139,7 +138,7 @@ class RunResult:
 
     def figure(self, name: str) -> Any:
         """The matplotlib figure that is saved as ``name``."""
-        if isinstance(self.state, SimulatedState) and name == "forces.png":
+        if name == "forces.png":
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
@@ -330,7 +329,8 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     automatic = rung if scene.media[0].is_automatic else None
     label = scene.media[0].label
     return RunResult(
-        target, state, label, load, field, report, velocities, constants, phonons, bands, dos, (), automatic
+        folder=target, state=state, medium=label, load=load, local_field=field, validity=report, velocities=velocities,
+        moduli=constants, phonons=phonons, bands=bands, dos=dos, files=(), rung=automatic,
     )  # fmt: skip
 
 

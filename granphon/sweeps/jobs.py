@@ -23,10 +23,10 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import plain
 from granphon.base.text import versions
+from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.simulation import DirectSimulation, SimulatedState, in_order
 from granphon.media.state import ContactState
-from granphon.observables.acoustics import contact_lattice
 from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity
 from granphon.sweeps.archive import SCHEMA
@@ -166,7 +166,7 @@ class Job:
         notes += missing_error(out)
         if self.qpoints is not None:
             out["frequencies"] = _frequencies(state, self.qpoints)
-            notes += [LATTICE_BANDS] if isinstance(state, SimulatedState) else []
+            notes += [LATTICE_BANDS] if state.samples else []
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _written(notes)}
 
 
@@ -298,8 +298,7 @@ class _SampleJob(Job):
 
     def observed(self, state: ContactState) -> Part:
         """(n_loads, ...): every number of the sample that is averaged."""
-        samples: Sequence[Sample] = state.samples if isinstance(state, SimulatedState) else ()
-        rows = [_averaged_numbers(one) for one in samples]
+        rows = [_averaged_numbers(one) for one in state.samples]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

@@ -14,7 +14,7 @@ from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.media.simulation import DirectSimulation
 from granphon.tradeoffs.disorder import DisorderStudy
 from granphon.tradeoffs.ensemble import Moments, observe
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
@@ -131,7 +131,7 @@ class MediaStudy(DisorderStudy):
             raise GranphonError(f"the budget does not hold its samples: {_LEAST_SAMPLES} take some {least:.2g} s.")
         state = disorder.state(DirectSimulation(disorder.packing, (_CHECKED_SIDE, _CHECKED_SIDE), _REFERENCE_SEED))
         apart = []
-        for sample in state.samples if isinstance(state, SimulatedState) else ():
+        for sample in state.samples:
             other = SparseArray(sample.equilibrium.deviations)
             forces = other.forces(sample.equilibrium.overlap, check=deadline.check)
             tensor = other.elastic_tensor(forces, disorder.packing.mindlin_ratio)

@@ -14,9 +14,9 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.progress import Step
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.acoustics import contact_lattice
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
-from granphon.observables.acoustics import contact_lattice
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study
 
 __all__ = ["MeshStudy", "compare_counts"]

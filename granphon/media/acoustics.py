@@ -1,30 +1,23 @@
-"""The lattice of contacts in a state, and its long waves, in SI: what observables and limits of validity start from."""
+"""The lattice of contacts in a state, its elastic tensor and its long waves, in SI."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.response import bulk_and_shear
-from granphon.balls.lattices import as_direction
 from granphon.balls.packing import Packing
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.simulation import SimulatedState
-from granphon.media.state import ContactState
+
+if TYPE_CHECKING:
+    from granphon.media.state import ContactState
 
 __all__ = [
-    "branch_scales",
-    "contact_lattice",
-    "from_moduli",
-    "ideal_lattice",
-    "is_isotropic",
-    "long_waves",
-    "over_directions",
-    "prestress",
-    "velocity_scale",
-]
+    "contact_lattice", "ideal_lattice", "is_isotropic", "lattice_scales", "lattice_tensor", "lattice_waves",
+    "over_directions", "prestress", "sample_scales", "velocities_of_moduli", "velocity_scale",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: two elastic constants that should be equal differ by no more than this part
@@ -59,11 +52,9 @@ def velocity_scale(state: ContactState) -> Array:
     return np.asarray(state.packing.diameter * (np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)))
 
 
-def branch_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-    """d (k/M)^1/2 of each branch, (..., directions): of a simulation, such that long waves have its samples' velocities."""
-    found = long_waves(state, direction)
-    if not isinstance(state, SimulatedState):
-        return [np.broadcast_to(_over_directions(velocity_scale(state), direction)[..., 0], found.shape[:-1])] * len(names)
+def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+    """d (k/M)^1/2 of each branch, (..., directions), m/s, with which the ideal lattice has the long waves of the state."""
+    found = state.long_waves(direction)
     ideal, _ = ideal_lattice(state.packing).sound_velocities(direction)
     return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
 
@@ -75,23 +66,33 @@ def is_isotropic(lattice: ContactLattice) -> bool:
     return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
 
 
-def _over_directions(values: Array, direction: ArrayLike) -> Array:
-    """Values of each load, with an axis of length one for each of ``direction``: directions, if many, and branches."""
-    return values.reshape(*values.shape, *(1,) * np.ndim(direction))
+def lattice_tensor(state: ContactState) -> Array:
+    """(..., 3, 3) Pa, Voigt order xx, yy, xy, of the lattice of contacts, one diameter thick."""
+    terms = prestress(state) if state.finite_overlap else np.zeros(state.shape)
+    scale = np.asarray(state.normal_stiffness / state.packing.diameter)
+    return scale[..., None, None] * ideal_lattice(state.packing).elastic_tensor(terms)
 
 
-def long_waves(state: ContactState, direction: ArrayLike) -> Array:
-    """(..., 2) longitudinal and transverse, m/s; (..., n, 2) for directions (n, 2)."""
-    if isinstance(state, SimulatedState):
-        velocities = from_moduli(bulk_and_shear(state.elastic_tensor), state.effective_density)
-        return over_directions(velocities, as_direction(direction))
+def lattice_waves(state: ContactState, direction: ArrayLike) -> Array:
+    """(..., 2) longitudinal and transverse velocity of the lattice of contacts, m/s; (..., n, 2) for directions (n, 2)."""
     lattice, scale = ideal_lattice(state.packing), velocity_scale(state)
     if not state.finite_overlap:
         velocities, _ = lattice.sound_velocities(direction)
-        return _over_directions(scale, direction) * velocities
+        return _add_axes(scale, direction) * velocities
     # every length scales with the spacing; the prestress alone enters the shape of the tensor
     velocities, _ = lattice.sound_velocities(direction, prestress(state))
-    return _over_directions(scale * (1.0 - np.asarray(state.relative_overlap)), direction) * velocities
+    return _add_axes(scale * (1.0 - np.asarray(state.relative_overlap)), direction) * velocities
+
+
+def lattice_scales(state: ContactState, direction: ArrayLike) -> Array:
+    """d (k/M)^1/2 of each load and direction, (...) or (..., n), m/s."""
+    scale = velocity_scale(state)
+    return np.broadcast_to(_add_axes(scale, direction)[..., 0], scale.shape + np.shape(direction)[:-1])
+
+
+def _add_axes(values: Array, direction: ArrayLike) -> Array:
+    """Values of each load, with an axis of length one for each of ``direction``: directions, if many, and branches."""
+    return values.reshape(*values.shape, *(1,) * np.ndim(direction))
 
 
 def over_directions(velocities: Array, along: Array) -> Array:
@@ -101,7 +102,7 @@ def over_directions(velocities: Array, along: Array) -> Array:
     return np.repeat(velocities[..., None, :], len(along), axis=-2)
 
 
-def from_moduli(moduli: Array, density: ArrayLike) -> Array:
+def velocities_of_moduli(moduli: Array, density: ArrayLike) -> Array:
     """(..., 2) v_L and v_T, m/s, of K and G (equation 16)."""
     bulk, shear = np.moveaxis(moduli, -1, 0)
     return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))
