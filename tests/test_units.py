@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import granphon as gp
 from granphon.base.errors import InputError
-from granphon.base.scales import HertzPrefix, prefixed
+from granphon.base.scales import HertzPrefix, WidthUnits, prefixed
 
 
 @given(st.floats(1e-24, 9.99e26))
@@ -46,3 +48,15 @@ def test_a_unit_of_hertz_that_is_none():
 )  # fmt: skip
 def test_multiples_for_reading(value, size, name):
     assert prefixed(value, "m") == (size, name)
+
+
+@pytest.mark.parametrize("width", [1e-150, 1e-20, 2.04e-6, 1.0, 1e100])
+def test_units_of_the_width_are_those_of_hertz_at_an_overlap_of_it(width):
+    units, law = WidthUnits(3.7e9, width), gp.HertzLaw(3.7e9)
+    assert (0.4 * units.energy, units.force) == pytest.approx((law.energy(width), law.force(width)), rel=4e-15)
+    expected = law.stiffness(width), law.stiffness_slope(width)
+    assert (1.5 * units.stiffness, 0.75 * units.stiffness_slope) == pytest.approx(expected, rel=4e-15)
+    force, overlap = np.array([0.3, 2.0]) * units.force, np.array([-0.25, 2.0]) * width
+    np.testing.assert_allclose(units.reduced_force(force), [0.3, 2.0], rtol=1e-15)
+    np.testing.assert_allclose(units.reduced_overlap(overlap), [-0.25, 2.0], rtol=1e-15)
+    np.testing.assert_allclose(units.reduced_spacing(overlap), [0.25, 2.5], rtol=1e-15)

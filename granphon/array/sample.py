@@ -17,12 +17,12 @@ from granphon.array.response import elasticity
 from granphon.balls.lattices import BALL, TRIANGULAR
 from granphon.balls.packing import Packing
 from granphon.base.results import Result, read_only
-from granphon.base.scales import Units
+from granphon.base.scales import Units, WidthUnits
 
 if TYPE_CHECKING:
     from ase import Atoms
 
-__all__ = ["STEP", "Sample", "jackknife", "standard_error", "unit_of_length"]
+__all__ = ["STEP", "Sample", "jackknife", "standard_error"]
 
 Array = NDArray[np.float64]
 #: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
@@ -51,21 +51,13 @@ class Sample(Result):
     equilibrium: Equilibrium
 
     @property
-    def _length(self) -> float:
-        return unit_of_length(self.packing)
-
-    @property
-    def _force(self) -> float:
-        return float(self.packing.law.force(self._length))
-
-    @property
-    def _stiffness(self) -> float:
-        return self._force / self._length
+    def _units(self) -> WidthUnits:
+        return self.packing.width_units
 
     @property
     def diameters(self) -> Array:
         """(L1, L2) m; their mean is the packing's diameter."""
-        return np.asarray(self.packing.diameter + self._length * self.equilibrium.deviations)
+        return np.asarray(self.packing.diameter + self._units.width * self.equilibrium.deviations)
 
     @property
     def sites(self) -> Array:
@@ -78,42 +70,42 @@ class Sample(Result):
     def displacements(self) -> Array:
         """(L1, L2, 2) from the sites, m; balls that nothing holds are where the iteration left them."""
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
-        return self._length * np.moveaxis(reduced, 0, -1)
+        return self._units.width * np.moveaxis(reduced, 0, -1)
 
     @property
     def contact_overlaps(self) -> Array:
         """(L1, L2, 3) m, below zero where balls are apart."""
-        return self._length * np.moveaxis(self.equilibrium.overlaps, 0, -1)
+        return self._units.width * np.moveaxis(self.equilibrium.overlaps, 0, -1)
 
     @property
     def contact_forces(self) -> Array:
         """(L1, L2, 3) N, zero where balls are apart."""
-        return self._force * np.moveaxis(self.equilibrium.forces, 0, -1)
+        return self._units.force * np.moveaxis(self.equilibrium.forces, 0, -1)
 
     @property
     def overlap(self) -> float:
         """delta = d - a, m."""
-        return self._length * self.equilibrium.overlap
+        return self._units.width * self.equilibrium.overlap
 
     @property
     def force(self) -> float:
         """f, the mean over all contacts, N."""
-        return self._force * self.equilibrium.force
+        return self._units.force * self.equilibrium.force
 
     @property
     def normal_stiffness(self) -> float:
         """df/d(delta), N/m."""
-        return self._stiffness * self.equilibrium.stiffness
+        return self._units.stiffness * self.equilibrium.stiffness
 
     @property
     def stiffness_slope(self) -> float:
         """d^2f/d(delta)^2, N/m^2."""
-        return self._stiffness / self._length * self.equilibrium.stiffness_slope
+        return self._units.stiffness_slope * self.equilibrium.stiffness_slope
 
     @property
     def energy(self) -> float:
         """Mean energy of a contact, J."""
-        return self._force * self._length * self.equilibrium.energy
+        return self._units.energy * self.equilibrium.energy
 
     @property
     def residual(self) -> float:
@@ -162,7 +154,7 @@ class Sample(Result):
         return read_only([self._elastic_tensor(one) for one in found])
 
     def _elastic_tensor(self, equilibrium: Equilibrium) -> Array:
-        scale = self._stiffness / self.packing.diameter
+        scale = self._units.stiffness / self.packing.diameter
         return read_only(scale * elasticity(equilibrium, self.packing.mindlin_ratio))
 
     def atoms(self) -> Atoms:
@@ -184,7 +176,7 @@ class Sample(Result):
         sites[:, :2] = self.sites.reshape(-1, 2)
         balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=(True, True, False))
         own = {
-            "diameter_deviations": self._length / d * self.equilibrium.deviations.ravel(),
+            "diameter_deviations": self._units.width / d * self.equilibrium.deviations.ravel(),
             "displacements": moved, "slip_origin": moved.copy(),
         }  # fmt: skip
         take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own)
@@ -209,8 +201,3 @@ def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
     count = values.shape[-2]
     without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))
     return np.asarray(math.sqrt(count - 1) * np.std(without, axis=-1))
-
-
-def unit_of_length(packing: Packing) -> float:
-    """W; the diameter where balls are equal, and there is no other."""
-    return packing.width or packing.diameter

@@ -16,7 +16,12 @@ from granphon.balls.material import Material
 from granphon.base.arguments import positive, real_array
 from granphon.base.errors import InputError, message
 
-__all__ = ["HertzLaw", "contact_radius_ratio", "harmonic_diameter", "mindlin_reduction"]
+__all__ = [
+    "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter", "high_pressure_overlap", "mindlin_reduction",
+]  # fmt: skip
+
+#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much larger" is half a decade
+MUCH_LARGER = math.sqrt(10.0)
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
@@ -52,6 +57,11 @@ def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
     """Radius of the contact circle over the radius of equal balls, (delta/d)^(1/2)."""
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
+
+
+def high_pressure_overlap(width: float) -> float:
+    """The overlap, m, from which the pressure is high (Section III) for balls whose diameters have the ``width`` W, m."""
+    return MUCH_LARGER * width / math.sqrt(12.0)
 
 
 @dataclass(frozen=True)
@@ -131,3 +141,7 @@ class HertzLaw:
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """The part of the contacts that carries load."""
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
+
+    def least_valid_force(self, width: float) -> float:
+        """The force, N, from which the law serves for balls whose diameters have a ``width``, m: that of high pressure."""
+        return float(self.force(high_pressure_overlap(width)))

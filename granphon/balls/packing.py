@@ -13,11 +13,12 @@ from granphon.balls.lattices import Lattice, lattice_named
 from granphon.balls.material import Material
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
+from granphon.base.scales import WidthUnits
 
 __all__ = ["Packing"]
 
-#: the scales of a packing lie between this and its inverse, so that whatever is made of them is in the floating range
-_LEAST = 1e-280
+#: the scales of a packing, SI, lie between this and its inverse: whatever is made of them is in the floating range
+_LEAST_SCALE = 1e-280
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class Packing:
                 raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
             self.spread.check_mean(self.diameter)
             self.spread.check_sizes(self.diameter)
-        if not all(_LEAST <= scale <= 1.0 / _LEAST for scale in self._scales):
-            why = f"Their mass, density, contact forces or velocities are not between {_LEAST:g} and {1 / _LEAST:g}"
+        if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in self._scales):
+            why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
             raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision", why))
         if not isinstance(self.friction, bool):
             raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
@@ -71,6 +72,11 @@ class Packing:
     def width(self) -> float:
         """W = sqrt(12) Delta_rms, m, the width of the distribution of diameters; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width
+
+    @property
+    def width_units(self) -> WidthUnits:
+        """Reduced units of W; of the diameter where balls are equal, and there is no other length."""
+        return WidthUnits(self.law.coefficient, self.width or self.diameter)
 
     @property
     def mindlin_ratio(self) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 
-__all__ = ["HertzPrefix", "Units", "file_header", "prefixed", "read_header"]
+__all__ = ["HertzPrefix", "Units", "WidthUnits", "file_header", "prefixed", "read_header"]
 
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
 _INFO = {
@@ -137,6 +137,50 @@ class Units:
                 )
             )
         return cls(**{name: info[key] for name, key in _INFO.items()})
+
+
+@dataclass(frozen=True)
+class WidthUnits:
+    """Reduced units of balls that differ: the width W of the diameters, and the force of equal balls at an overlap of W.
+
+    ``coefficient`` c of Hertz's law, N/m^(3/2); ``width`` W, m. A number in these units times the property of its name is
+    the number in SI. Products are of roots of W, so that they are in the floating range wherever W is near its ends.
+    """
+
+    coefficient: float
+    width: float
+
+    @property
+    def energy(self) -> float:
+        """c W^(5/2), J."""
+        return self.coefficient * math.sqrt(self.width) ** 5
+
+    @property
+    def force(self) -> float:
+        """c W^(3/2), N."""
+        return self.coefficient * math.sqrt(self.width) ** 3
+
+    @property
+    def stiffness(self) -> float:
+        """c W^(1/2), N/m."""
+        return self.coefficient * math.sqrt(self.width)
+
+    @property
+    def stiffness_slope(self) -> float:
+        """c W^(-1/2), N/m^2."""
+        return self.coefficient / math.sqrt(self.width)
+
+    def reduced_force(self, force: Any) -> Any:
+        """f* of Section IV, of a force, N: a number or an array."""
+        return force / self.force
+
+    def reduced_overlap(self, overlap: Any) -> Any:
+        """y = (d - a)/W of an overlap, m: a number or an array."""
+        return overlap / self.width
+
+    def reduced_spacing(self, overlap: Any) -> Any:
+        """a* = (d + W/2 - a)/W of Section IV, of an overlap, m: a number or an array."""
+        return overlap / self.width + 0.5
 
 
 def file_header(unit: HertzPrefix, scales: Units) -> list[str]:

@@ -148,11 +148,11 @@ class _SampleCurve:
         if not nodes:
             return
         packing = self.medium.packing
-        state = self.medium.at_force(np.exp(_NODE_SPACING * np.array(nodes)) * packing.law.coefficient * packing.width**1.5)
+        state = self.medium.at_force(np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force)
         found = getattr(sound_velocities(state), self.branch)
         regular = getattr(sound_velocities(_make_regular(state, state.normal_stiffness)), self.branch)
         stiffness = state.normal_stiffness * (found / regular) ** 2
-        values = np.log(stiffness / (packing.law.coefficient * math.sqrt(packing.width)))
+        values = np.log(stiffness / packing.width_units.stiffness)
         self._known |= dict(zip(nodes, values.tolist(), strict=True))
 
 
@@ -256,7 +256,7 @@ class VelocityModel:
             return state, np.asarray(local_exponent(state))
         state = MediumChoice(AveragedLattice.name).of(packing).at_force(self.force)
         value, slope = self._curve(np.log(state.reduced_force))
-        return _make_regular(state, packing.law.coefficient * math.sqrt(packing.width) * np.exp(value)), 0.5 * slope
+        return _make_regular(state, packing.width_units.stiffness * np.exp(value)), 0.5 * slope
 
     @cached_property
     def _curve(self) -> _SampleCurve:

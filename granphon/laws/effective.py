@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError, message
+from granphon.base.scales import WidthUnits
 from granphon.laws.collocation import Averages, Block, solved
 from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
 from granphon.laws.listed import PointAverages
@@ -118,6 +119,10 @@ class EffectiveLaw(SpreadLaw):
     @property
     def _energy_offset(self) -> float:
         return self.curve.energy_offset
+
+    def least_valid_force(self, width: float) -> float:
+        """The force, N, from which Section IV states that the medium is valid, f* = 0.08, for the ``width`` W, m."""
+        return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def _near(self, y: Array, order: int) -> Array:
         closed, curve = y > -self.shape.bounds[1], self.curve

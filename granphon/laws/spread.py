@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.scales import WidthUnits
 
 __all__ = ["AveragedLaw", "Series", "SpreadLaw", "high_pressure_series"]
 
@@ -218,9 +219,13 @@ class SpreadLaw(ABC):
     # -- between SI and reduced -------------------------------------------------------------------------------------
 
     def _unit(self, order: int) -> float:
-        """c W^(5/2), c W^(3/2), c W^(1/2), c W^(-1/2); roots first, for widths near the ends of the floating range."""
-        root = math.sqrt(self.width)
-        return self.coefficient * root ** (5 - 2 * order) if order < 3 else self.coefficient / root
+        """Unit of energy, force, stiffness or slope of the stiffness."""
+        units = WidthUnits(self.coefficient, self.width)
+        return (units.energy, units.force, units.stiffness, units.stiffness_slope)[order]
+
+    def least_valid_force(self, width: float) -> float:
+        """The force, N, from which the law is valid for the ``width`` W, m, of its packing: that of high pressure."""
+        return float(self.force(high_pressure_overlap(width)))
 
     @property
     def _hertz(self) -> HertzLaw:

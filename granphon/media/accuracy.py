@@ -72,10 +72,10 @@ class Accuracy:
         values = load.array
         with np.errstate(all="ignore"):
             if load.kind == "overlap":
-                return np.asarray(values / packing.width + 0.5)
+                return np.asarray(packing.width_units.reduced_spacing(values))
             if load.kind == "pressure":
                 values = values * (packing.diameter / packing.structure.pressure_factor)
-            return np.asarray(values / packing.law.coefficient / math.sqrt(packing.width) ** 3)
+            return np.asarray(packing.width_units.reduced_force(values))
 
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
         """Expected relative error, of the shape of an applied load: of velocities and frequencies, the largest of them.

@@ -217,14 +217,13 @@ def estimate(
 def _reduced_force(packing: Packing, load: Load) -> Array:
     """f*, about, of an applied load."""
     loads = np.ravel(load.array)
-    unit = packing.law.coefficient * packing.width**1.5
     if load.kind == "overlap":
-        spacing = loads / packing.width + 0.5
+        spacing = packing.width_units.reduced_spacing(loads)
         near = np.exp(np.interp(np.log(np.maximum(spacing, _SPACING[0])), np.log(_SPACING), np.log(_FORCE)))
         return np.asarray(np.where(spacing > _SPACING[-1], np.maximum(spacing - 0.5, 0.0) ** 1.5, near))
     if load.kind == "pressure":
         loads = loads * packing.diameter / packing.structure.pressure_factor
-    return np.asarray(loads / unit)
+    return np.asarray(packing.width_units.reduced_force(loads))
 
 
 def _steps(force: ArrayLike) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Prescribed, equilibrate, too_small
 from granphon.array.response import bulk_and_shear
-from granphon.array.sample import STEP, Sample, jackknife, standard_error, unit_of_length
+from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
@@ -66,7 +66,7 @@ class SampleLaw:
     def least_overlap(self) -> float:
         """The overlap (m, below zero) up to which all balls are apart where they sit on their sites."""
         largest = max(float(np.max(self.simulation.deviations(index))) for index in range(self.simulation.samples))
-        return -largest * unit_of_length(self.simulation.packing)
+        return -largest * self.simulation.packing.width_units.width
 
     def _mean(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
@@ -112,6 +112,10 @@ class SampleLaw:
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """The part of the contacts that carries load."""
         return self._mean(overlap, lambda sample: sample.contact_fraction())
+
+    def least_valid_force(self, width: float) -> float:
+        """0: the simulation holds at every load at which it finds an equilibrium."""
+        return 0.0
 
     def overlap(self, force: ArrayLike) -> Any:
         """delta at a mean contact force, m."""
@@ -409,7 +413,7 @@ class DirectSimulation(Loaded[SimulatedState]):
         given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
         # twice: the mean of what is left is then zero to its own rounding
         off = given - np.mean(given)
-        return np.asarray((off - np.mean(off)) / unit_of_length(packing))
+        return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at a load of every sample; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` name its kind."""
@@ -434,11 +438,12 @@ class DirectSimulation(Loaded[SimulatedState]):
     def prescribed(self, load: Load) -> list[Prescribed]:
         """What each value of an applied load prescribes in reduced units, in C order; errors as :meth:`require`."""
         self.require(load)
+        units = self.packing.width_units
         if load.kind == "overlap":
-            return [Prescribed(overlap=one) for one in (load.array / unit_of_length(self.packing)).ravel().tolist()]
-        force = load.array / self._unit_of_force
+            return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
+        force = units.reduced_force(load.array)
         if load.kind == "pressure":
-            force = load.array / (TRIANGULAR.pressure_factor * self._unit_of_force) * self.packing.diameter
+            force = load.array / (TRIANGULAR.pressure_factor * units.force) * self.packing.diameter
         return [Prescribed(force=one) for one in force.ravel().tolist()]
 
     def sample(self, load: Prescribed, before: tuple[float, Array] | None = None) -> Sample:
@@ -458,9 +463,9 @@ class DirectSimulation(Loaded[SimulatedState]):
         Beyond the law of equal balls, or by a whole diameter, or, where balls differ, below f* = 1e-8 or without any
         touching.
         """
-        hertz = AveragedLattice(replace(self.packing, spread=None))
+        hertz, units = AveragedLattice(replace(self.packing, spread=None)), self.packing.width_units
         if load.kind != "overlap":
-            least = float(np.min(hertz.at(load).force)) / self._unit_of_force
+            least = units.reduced_force(float(np.min(hertz.at(load).force)))
             if self.packing.width and least < LEAST_FORCE:
                 raise too_small(least)
         elif not self.packing.width:
@@ -469,14 +474,10 @@ class DirectSimulation(Loaded[SimulatedState]):
             if np.max(load.array) > self.packing.width:
                 hertz.at(Load("overlap", np.max(load.array)))
             # given balls may differ by more than the spread that they are taken from
-            given = unit_of_length(self.packing) * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+            given = units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
             largest = max(given, self.packing.spread.largest if self.packing.spread else 0.0)
             if np.min(load.array) <= -largest:
                 raise untouched(load, largest)
-
-    @property
-    def _unit_of_force(self) -> float:
-        return float(self.packing.law.force(unit_of_length(self.packing)))
 
 
 def no_finite_overlap(medium: str) -> InputError:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import ruled, truth
-from granphon.laws.effective import VALID_FORCE, EffectiveLaw
+from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import ideal_lattice, is_isotropic, lattice_scales, lattice_tensor, lattice_waves
 
@@ -73,12 +73,14 @@ class ContactLaw(Protocol):
         """N_c / 6."""
         ...
 
+    def least_valid_force(self, width: float) -> float:
+        """The mean contact force, N, from which the law is valid for balls whose diameters have a width W, m."""
+        ...
+
 
 #: what a function finds of a state
 Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
-#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much" is half a decade
-_MUCH = math.sqrt(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,17 +162,16 @@ class ContactState(Result):
     @property
     def reduced_force(self) -> Values:
         """f* of Section IV, f in units of the force c W^(3/2) of equal balls at an overlap of W; +inf for equal balls."""
-        width = self.packing.width
-        if not width:
+        if not self.packing.width:
             return self._constant(np.inf)
         # W may be so small that its force is below the floating range: f* is then beyond it
         with np.errstate(over="ignore", divide="ignore"):
-            return _scalars(np.asarray(self.force) / (self.packing.law.coefficient * math.sqrt(width) ** 3))
+            return _scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
 
     @property
     def reduced_spacing(self) -> Values:
         """a* of Section IV, (d + W/2 - a)/W; +inf for equal balls."""
-        return self._per_width(self.overlap) + 0.5
+        return self._infinite_if_equal(self.packing.width_units.reduced_spacing)
 
     @property
     def force_fluctuation(self) -> Values:
@@ -214,9 +215,7 @@ class ContactState(Result):
         width = self.packing.width
         if not width or self.chosen:
             return 0.0
-        if isinstance(self.law, EffectiveLaw):
-            return VALID_FORCE * self.packing.law.coefficient * math.sqrt(width) ** 3
-        return float(self.law.force(_MUCH * width / math.sqrt(12.0)))
+        return self.law.least_valid_force(width)
 
     @property
     def regime(self) -> Values:
@@ -224,15 +223,16 @@ class ContactState(Result):
 
         Which of the overlap and Delta_rms is much larger, taken as sqrt(10) times or more.
         """
-        ratio = math.sqrt(12.0) * np.asarray(self._per_width(self.overlap))
-        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / _MUCH).astype(int) + (ratio >= _MUCH)]
+        ratio = math.sqrt(12.0) * np.asarray(self._infinite_if_equal(self.packing.width_units.reduced_overlap))
+        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)]
         return words if self.shape else str(words)
 
-    def _per_width(self, length: Values) -> Values:
+    def _infinite_if_equal(self, reduce: Callable[[Values], Values]) -> Values:
+        """A reduced overlap or spacing; +inf for equal balls."""
         if not self.packing.width:
             return self._constant(np.inf)
         with np.errstate(over="ignore"):
-            return length / self.packing.width
+            return reduce(self.overlap)
 
     @property
     def shape(self) -> tuple[int, ...]:
