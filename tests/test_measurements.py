@@ -107,7 +107,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             {"columns": {"x": "v"}},
             "Use force, side_force, pressure, velocity, time, distance",
         ),
-        ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance is -1.0"),
+        ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance: found -1.0"),
         ("force (N),time (s),distance (m)\n2,3,4\n", {"distance": 0.5}, "a distance column, and a distance is given too"),
         ("force (N),t (s),L (m)\n2,3,4\n", {"columns": {"time": "t", "distance": "L"}, "distance": 4.0}, "Leave it out"),
         ("force (N),velocity (m/s)\n2,3\n", {"distance": 0.5}, "has a velocity column, and a distance is given too"),

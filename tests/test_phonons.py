@@ -287,7 +287,7 @@ def test_dim():
         with pytest.raises(InputError, match=r"too small.*confused.*Use at least 3 x 3"):
             gp.Phonons(state, dim=small)
     for wrong in ((3, 3, 2), (3.5, 3), (0, 3), (3,), "33"):
-        with pytest.raises(InputError, match="Give two whole numbers above zero"):
+        with pytest.raises(InputError, match="allowed: two whole numbers from 1 to"):
             gp.Phonons(state, dim=wrong)
 
 

@@ -266,7 +266,7 @@ def test_a_law_keeps_no_more_than_the_last_samples(spread, monkeypatch):
 def test_seeds_end_where_64_bits_do(spread):
     last = 2**64 - 1
     assert gp.DirectSimulation(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
-    with pytest.raises(InputError, match=f"seed is {last}. It must be a whole number, from 0 to {last - 1}"):
+    with pytest.raises(InputError, match=f"seed: found {last}; allowed: a whole number from 0 to {last - 1}"):
         gp.DirectSimulation(spread, (2, 2), seed=last, samples=2)
 
 

@@ -626,14 +626,14 @@ def test_density_against_phonopys_own(rough):
 
 BAD_DENSITIES = {
     "method": ({"method": "gauss"}, "Use tetrahedron or smearing"),
-    "points": ({"points": 11}, "Give a whole number from 12 to"),
+    "points": ({"points": 11}, "a whole number from 12 to"),
     "sigma without smearing": ({"sigma": 1.0}, "belongs to the smearing method"),
     "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),
     "no sigma": ({"method": "smearing", "sigma": 0.0}, "finite number above zero"),
     "sigma not a number": ({"method": "smearing", "sigma": np.nan}, "finite number above zero"),
-    "third of the mesh": ({"mesh": (8, 8, 2)}, "Give two whole numbers above zero, and 1 as the third"),
-    "nothing of the mesh": ({"mesh": (0, 8)}, "Give two whole numbers above zero"),
-    "half a mesh": ({"mesh": (8,)}, "Give two whole numbers above zero"),
+    "third of the mesh": ({"mesh": (8, 8, 2)}, "whose third number is 2; allowed: two whole numbers"),
+    "nothing of the mesh": ({"mesh": (0, 8)}, "allowed: two whole numbers from 1 to"),
+    "half a mesh": ({"mesh": (8,)}, "allowed: two whole numbers from 1 to"),
 }
 
 

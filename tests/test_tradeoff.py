@@ -479,7 +479,7 @@ def test_fixed_grids_converge_to_the_local_field_with_their_order():
         uniform = [abs(local_field_on(n, eta, False) / right - 1.0) for n in (16, 32, 64)]
         orders = np.log2(np.array(uniform[:-1]) / uniform[1:])
         assert_allclose(orders, 4.0, atol=0.3)
-    with pytest.raises(InputError, match="points is 1"):
+    with pytest.raises(InputError, match="points: found 1"):
         local_field_on(1, 0.5, True)
     with pytest.raises(InputError, match="mindlin_ratio"):
         local_field_on(4, -0.5, True)

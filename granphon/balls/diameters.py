@@ -28,7 +28,7 @@ from granphon.balls.distributions import (
     merged,
     passed,
 )
-from granphon.base.arguments import is_whole, not_negative, positive, real_array
+from granphon.base.arguments import finite_list, not_negative, positive, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
@@ -54,15 +54,10 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     given: Any = shape
     given = given.tolist() if isinstance(given, np.ndarray) else given
     lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
-    if not lengths or not all(map(_is_count, lengths)) or math.prod(lengths) > _MOST_NUMBERS:
-        raise InputError(
-            message(
-                f"the shape of the sample is {brief(shape)}",
-                mend="Give whole numbers, none negative, of 2^48 balls or fewer",
-            )
-        )
-    if not _is_count(seed) or seed >= 2**64:
-        raise InputError(message(f"seed is {brief(seed)}", mend="Give a whole number from 0 to 2^64 - 1"))
+    lengths = tuple(whole_number("shape", length, 0) for length in lengths)
+    if not lengths or math.prod(lengths) > _MOST_NUMBERS:
+        raise InputError(message(f"shape is {brief(shape)}", mend="Give one length or more, of 2^48 balls or fewer"))
+    seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
         index: NDArray[np.uint64] = np.arange(1, int(length) + 1, dtype=np.uint64)
@@ -236,8 +231,8 @@ class Discrete(_Listed):
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
-        object.__setattr__(self, "fractions", _numbers("fractions", self.fractions, zero=True))
+        object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
+        object.__setattr__(self, "fractions", finite_list("fractions", self.fractions, low="zero or above"))
         if len(self.fractions) != len(self.diameters):
             what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
             raise InputError(message(what, mend="Give one fraction for each diameter"))
@@ -264,7 +259,7 @@ class Measured(_Listed):
     diameters: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "diameters", _numbers("diameters", self.diameters))
+        object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
@@ -278,17 +273,3 @@ class Measured(_Listed):
         if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):
             name = table.headings[0].name
         return cls(tuple(table.column(name, LENGTH).tolist()))
-
-
-def _is_count(value: Any) -> bool:
-    return is_whole(value) and value >= 0
-
-
-def _numbers(name: str, values: Any, zero: bool = False) -> tuple[float, ...]:
-    """A list of finite numbers above zero, or at least ``zero``; else :class:`InputError`."""
-    array = real_array(name, values)
-    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
-        raise InputError(message(f"{name}: {brief(values)}", "One or more finite numbers belong here"))
-    if np.min(array) < 0.0 or (np.min(array) == 0.0 and not zero):
-        raise InputError(message(f"{name}: {np.min(array):g}", f"It must be {'at least' if zero else 'above'} zero"))
-    return tuple(array.tolist())

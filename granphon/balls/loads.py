@@ -10,12 +10,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.parameters import numbers
-from granphon.base.arguments import real_array
+from granphon.base.arguments import finite_array, real_list
 from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import LOADS
 from granphon.base.results import read_only
-from granphon.base.validation import ruled, whole
+from granphon.base.validation import require, whole
 
 __all__ = ["Load", "balls_on_side", "force_of_frame", "require_compressive"]
 
@@ -59,13 +58,13 @@ class Load:
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in LOADS:
             raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
-        object.__setattr__(self, "array", read_only(_finite(self.kind, self.array)))
+        object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         if self.kind != "overlap":
             require_compressive(self.kind, self.array)
         if (self.kind == "side_force") != (self.balls_per_side is not None):
             raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
         if self.balls_per_side is not None:
-            ruled("balls_per_side", balls_on_side, self.balls_per_side)
+            require("balls_per_side", balls_on_side, self.balls_per_side)
 
     @classmethod
     def only(cls, **given: ArrayLike | None) -> Self:
@@ -77,7 +76,7 @@ class Load:
         if len(kinds) != 1:
             what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
             raise InputError(message(what, mend="Give one of " + ", ".join(given)))
-        return cls(kinds[0], np.array(numbers(kinds[0], given[kinds[0]])))
+        return cls(kinds[0], np.array(real_list(kinds[0], given[kinds[0]])))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Load):
@@ -131,13 +130,6 @@ class Load:
     def __str__(self) -> str:
         """As messages have it."""
         return f"{self.kind} = {brief(self.array.tolist())}"
-
-
-def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = real_array(name, values)
-    if array.size == 0 or not np.all(np.isfinite(array)):
-        raise InputError(message(f"{name} is {brief(values)}", "Every load must be a finite number"))
-    return array
 
 
 def require_compressive(name: str, values: NDArray[np.float64]) -> None:

@@ -14,6 +14,7 @@ from granphon.balls.material import Material
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
 from granphon.base.scales import WidthUnits
+from granphon.base.validation import require, truth
 
 __all__ = ["Packing"]
 
@@ -60,8 +61,7 @@ class Packing:
         if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in self._scales):
             why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
             raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision", why))
-        if not isinstance(self.friction, bool):
-            raise InputError(message(f"friction is {self.friction!r}", mend="Give True or False"))
+        object.__setattr__(self, "friction", require("friction", truth, self.friction))
 
     @property
     def structure(self) -> Lattice:

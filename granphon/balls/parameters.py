@@ -14,11 +14,11 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.lattices import lattice_named
 from granphon.balls.packing import Packing
-from granphon.base.arguments import real_array
-from granphon.base.errors import InputError, brief, message
+from granphon.base.arguments import real_list
+from granphon.base.errors import InputError, message
 from granphon.base.text import closest
 
-__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "counted", "numbers", "of_width"]
+__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "counted", "of_width"]
 
 #: more packings than this are taken for a mistake
 MOST_COMBINATIONS = 100_000
@@ -48,7 +48,7 @@ class Axis:
                     f"Did you mean {guess}?" if guess else "Use one of these",
                 )
             )
-        return cls(name, _choices(name, given) if PARAMETERS[name] is None else numbers(name, given))
+        return cls(name, _choices(name, given) if PARAMETERS[name] is None else real_list(name, given))
 
     @property
     def unit(self) -> str | None:
@@ -78,14 +78,6 @@ class Axis:
     def worded(self, label: Any) -> str:
         """A label with the name and the unit, such as "width = 2e-06 m"."""
         return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
-
-
-def numbers(name: str, given: Any) -> tuple[float, ...]:
-    """One number or a list of them, as floats; :class:`InputError`, which calls it ``name``, if it is neither."""
-    array = np.atleast_1d(real_array(name, given))
-    if array.ndim != 1 or not array.size:
-        raise InputError(message(f"{name} is {brief(given, 200)}", "It must be a real number or a list of them"))
-    return tuple(array.tolist())
 
 
 def _choices(name: str, given: Any) -> tuple[Any, ...]:

@@ -1,21 +1,33 @@
-"""Blocks of keys, lists and plain values, as a scene has them: the rules that know nothing of balls.
+"""Rules: functions that take a value of any kind and return it as it is meant, or raise what is wrong with it.
 
-Each rule takes what stood in the file, or the value itself, and returns the value; or it raises
-:class:`~granphon.base.errors.Refused`.
+Scenes, command lines and Python calls are checked by the same rules. A rule raises
+:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and the likely intention;
+:func:`require` adds the name of an argument, and a scene file the place of its key.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from decimal import Decimal
+from numbers import Real
 from typing import Any
 
-from granphon.base.errors import InputError, Refused
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import closest, shown
 
-__all__ = ["Rule", "block", "choice", "each", "grid", "inside", "number", "ruled", "text", "truth", "unknown_key", "whole"]
+__all__ = [
+    "Rule", "block", "choice", "each", "finite_numbers", "grid", "inside", "is_whole", "not_negative", "number", "positive",
+    "real_list", "real_number", "real_numbers", "require", "text", "texts", "truth", "unknown_key", "whole",
+]  # fmt: skip
 
 Rule = Callable[[Any], Any]
+#: the deepest nesting of lists: NumPy's arrays have no more dimensions
+_DEEPEST = 64
 
 
 def inside(key: str | int, rule: Rule, value: Any) -> Any:
@@ -26,7 +38,7 @@ def inside(key: str | int, rule: Rule, value: Any) -> Any:
         raise refused.under(key) from None
 
 
-def ruled(name: str, rule: Rule, value: Any) -> Any:
+def require(name: str, rule: Rule, value: Any) -> Any:
     """``rule(value)`` for what is given in Python: :class:`~granphon.base.errors.InputError`, which calls it ``name``."""
     try:
         return rule(value)
@@ -88,28 +100,76 @@ def text(value: Any) -> str:
     raise Refused(shown(value), "a name")
 
 
+def texts(given: Any) -> tuple[str, ...]:
+    """One text, or a list or array of texts, as a tuple."""
+    if isinstance(given, str):
+        return (given,)
+    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given  # masked entries become None
+    if not isinstance(plain, Sequence) or not all(isinstance(one, str) for one in plain):
+        raise Refused(brief(given), "a text, or a list of texts")
+    return tuple(plain)
+
+
+# -- truth values, numbers ------------------------------------------------------------------------------------------
+
+
 def truth(value: Any) -> bool:
-    """True or false, and no other word for them."""
-    if isinstance(value, bool):
-        return value
+    """True or false, of Python or NumPy, and no other word for them."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
     meant = "true" if word in ("yes", "on", "y", "true") else "false" if word in ("no", "off", "n", "false") else ""
     raise Refused(shown(value), "true or false", f"Did you mean {meant}?" if meant else "")
 
 
+def real_number(value: Any) -> float:
+    """``value`` as a float; nan for what is no real number, or too large for a float.
+
+    Real numbers are those of Python and NumPy, fractions and decimals, and arrays of no dimension that hold one. Texts and
+    truth values are none, though ``float`` takes them.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not _is_real(value):
+        return math.nan
+    try:
+        return float(value)
+    except (OverflowError, ValueError):  # ValueError: a signalling nan among decimals
+        return math.nan
+
+
+def _number(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
+    found = real_number(value)
+    if holds(found):
+        return found
+    raise Refused(shown(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
+
+
 def number(value: Any, low: float, high: float) -> float:
     """A plain number, without a unit, within two bounds."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
-        return float(value)
-    mend = "Write it without quotes or unit." if isinstance(value, str) else ""
-    raise Refused(shown(value), f"a plain number from {low:g} to {high:g}", mend)
+    return _number(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
 
 
-def whole(value: Any, low: int, high: int) -> int:
-    """A whole number within two bounds."""
-    if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
-        return value
-    raise Refused(shown(value), f"a whole number from {low} to {high}")
+def positive(value: Any, unit: str = "") -> float:
+    """A finite number above zero, in an SI ``unit``."""
+    return _number(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
+
+
+def not_negative(value: Any, unit: str = "") -> float:
+    """A finite number, zero or above, in an SI ``unit``."""
+    return _number(value, "a finite number, zero or above" + (unit and f", {unit}"), lambda x: 0.0 <= x < math.inf)
+
+
+def is_whole(value: Any) -> bool:
+    """Whether ``value`` is a whole number of Python or NumPy; truth values and spans of time are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+
+
+def whole(value: Any, low: int, high: int | None = None) -> int:
+    """A whole number within two bounds, or from one bound on."""
+    if is_whole(value) and low <= value <= (value if high is None else high):
+        return int(value)
+    raise Refused(shown(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
 
 
 def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
@@ -121,10 +181,89 @@ def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
         raise Refused(shown(value), allowed)
     if isinstance(value, str):
         words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in words]
-    if not all(isinstance(w, int) and not isinstance(w, bool) for w in words):
+    if not all(map(is_whole, words)):
         raise Refused(shown(value), allowed)
     if len(words) == 3 and words[2] != 1:
         raise Refused(f"{shown(value)}, whose third number is {words[2]}", allowed, "The packing is one layer.")
     if not all(low <= w <= high for w in words[:2]):
         raise Refused(shown(value), allowed)
-    return words[0], words[1]
+    return int(words[0]), int(words[1])
+
+
+# -- arrays of numbers ----------------------------------------------------------------------------------------------
+
+
+def real_numbers(values: Any) -> NDArray[np.float64]:
+    """Real numbers as an array of floats, of any shape, perhaps not finite.
+
+    Refused is what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary part would be
+    dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a float; lists
+    of different lengths, or that contain themselves.
+    """
+    if _is_masked(values):
+        raise _not_real(values, "which has masked entries", "Leave them out, as .compressed() does.")
+    try:
+        given = np.asarray(values)
+    except (TypeError, ValueError):  # lists of different lengths
+        raise _not_real(values) from None
+    if given.dtype.kind == "O":  # Python's integers of more than 64 bits, fractions, decimals
+        if not all(map(_is_real, given.ravel().tolist())):
+            raise _not_real(values, "which is complex" if any(map(_is_complex, given.ravel())) else "")
+        try:
+            return given.astype(np.float64)
+        except OverflowError:
+            raise _not_real(values, "which is too large") from None
+        except ValueError:  # a signalling nan among decimals
+            raise _not_real(values) from None
+    if given.dtype.kind not in "iuf":
+        raise _not_real(values, "which is complex" if given.dtype.kind == "c" else "")
+    with np.errstate(over="ignore"):
+        array = np.asarray(given, np.float64)
+    if given.dtype.itemsize > array.dtype.itemsize and np.any(np.isinf(array) & np.isfinite(given)):
+        raise _not_real(values, "which is too large")
+    return array
+
+
+def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
+    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or empty for any."""
+    array = real_numbers(values)
+    holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(array)
+    if array.size and np.all(holds):
+        return array
+    wrong = array[~holds]
+    found = f"{wrong[0]!s} among {array.size} numbers" if wrong.size and array.size > 1 else brief(values)
+    raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
+
+
+def real_list(values: Any) -> tuple[float, ...]:
+    """One real number or a list of them, as plain floats."""
+    array = np.atleast_1d(real_numbers(values))
+    if array.ndim != 1 or not array.size:
+        raise Refused(brief(values, 200), "a real number or a list of them")
+    return tuple(array.tolist())
+
+
+def _not_real(values: Any, why: str = "", mend: str = "") -> Refused:
+    found = brief(values)
+    said = f"{found}, {why}" if why and not found.endswith("too large") else found
+    large = "too large" in said
+    return Refused(said, "what double precision can hold" if large else "a real number or an array of them", mend)
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
+
+
+def _is_complex(value: Any) -> bool:
+    return isinstance(value, complex | np.complexfloating)
+
+
+def _is_masked(values: Any, depth: int = 0) -> bool:
+    """Whether an entry is masked, of an array or of a list of numbers and arrays; lists without end are refused."""
+    if isinstance(values, list | tuple):
+        if depth == _DEEPEST:
+            raise Refused(
+                f"a list nested more than {_DEEPEST} levels deep", "an array of numbers", "Does it contain itself?"
+            )
+        return any(_is_masked(one, depth + 1) for one in values)
+    return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))

@@ -269,7 +269,7 @@ def fit(
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import LENGTH
     from granphon.base.staging import check_free, staging
-    from granphon.base.validation import ruled
+    from granphon.base.validation import require
     from granphon.fits.fit import FIT_FILES, fit_width, force_of_pressure
     from granphon.fits.measurements import FREQUENCY, Measurements, read_sigma
     from granphon.scene.scene import Scene
@@ -288,14 +288,14 @@ def fit(
     measured = Measurements.read(
         data,
         {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
-        None if distance is None else ruled("--distance", LENGTH.read, distance),
+        None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
         partial(force_of_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
     )
     found = fit_width(
         read.packing, measured.force, measured.velocity,
-        measured.sigma if sigma is None else ruled("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
-        measured.frequency if frequency is None else ruled("--frequency", FREQUENCY.read, frequency),
+        measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
+        measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
         medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
         finite_overlap=read.finite_overlap,
     )  # fmt: skip
@@ -345,7 +345,7 @@ def tradeoff(
     """
     from granphon.base.progress import on_stderr
     from granphon.base.staging import check_free, staging
-    from granphon.base.validation import ruled
+    from granphon.base.validation import require
     from granphon.cli.wording import work_and_precision
     from granphon.fits.measurements import TIME
     from granphon.scene.scene import Scene
@@ -353,7 +353,7 @@ def tradeoff(
     from granphon.tradeoffs.measure import tradeoff as measure
 
     _named("--out", out)
-    seconds = ruled("--budget", TIME.read, budget)
+    seconds = require("--budget", TIME.read, budget)
     read = Scene.from_yaml(scene)
     if out is not None:
         check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import TRIANGULAR, Lattice, lattice_named
-from granphon.base.arguments import not_negative
-from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.arguments import not_negative, whole_number
+from granphon.base.errors import PrecisionError, message
 from granphon.base.results import Result
 from granphon.dynamics.modes import ContactLattice
 
@@ -135,8 +135,7 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
     ------
     InputError : ``points`` is below two, or eta is below zero or not finite.
     """
-    if points < 2:
-        raise InputError(message(f"points is {points!r}", "It must be two or more"))
+    points = whole_number("points", points, 2)
     medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
     return float(1.0 / _response(medium, points, _zone if graded else _uniform)[0] - 1.0)
 

@@ -11,8 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.parameters import numbers
-from granphon.base.arguments import positive
+from granphon.base.arguments import finite_list, positive
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.results import Result
@@ -74,7 +73,7 @@ class Measurements(Result):
         for name in self.units:
             given = getattr(self, name)
             if given is not None:
-                array = np.array([positive(name, value, self.units[name]) for value in numbers(name, given)])
+                array = np.array(finite_list(name, given, self.units[name], "above zero"))
                 counts[name] = array.size
                 object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
         n = counts["force"]

@@ -27,7 +27,7 @@ from granphon.base.arguments import positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
 from granphon.base.text import closest
-from granphon.base.validation import ruled, truth
+from granphon.base.validation import require, truth
 from granphon.dynamics.branches import acoustic_branches
 from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, no_simulation
@@ -72,7 +72,7 @@ class Waves(Result):
     def __post_init__(self) -> None:
         if not isinstance(self.branch, str) or self.branch not in ("longitudinal", "transverse"):
             raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use longitudinal or transverse"))
-        ruled("finite_overlap", truth, self.finite_overlap)
+        require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
     def tops(self, state: ContactState) -> Array:

@@ -14,7 +14,7 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import Rule, block, choice, grid, inside, number, ruled, whole
+from granphon.base.validation import Rule, block, choice, grid, inside, number, require, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
@@ -84,7 +84,7 @@ class AutoMedium(Loaded[ContactState]):
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "tolerance", ruled("tolerance", _TOLERANCE, self.tolerance))
+        object.__setattr__(self, "tolerance", require("tolerance", _TOLERANCE, self.tolerance))
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
@@ -169,8 +169,8 @@ class MediumChoice:
     options: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        name = ruled("medium", partial(choice, options=tuple(MEDIA)), self.name)
-        given = ruled(f"medium.{name}", partial(_options, name), dict(self.options))
+        name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
+        given = require(f"medium.{name}", partial(_options, name), dict(self.options))
         # two choices are equal if they mean the same: a default is not kept
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
         object.__setattr__(self, "options", kept)
@@ -178,7 +178,7 @@ class MediumChoice:
     @classmethod
     def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
         """From "ema", or {"ema": {"local_field": "paper"}}."""
-        found: MediumChoice = ruled("medium", medium, value)
+        found: MediumChoice = require("medium", medium, value)
         return found
 
     @property

@@ -26,7 +26,7 @@ from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import TRIANGULAR, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.arguments import is_whole, real_array
+from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import GranphonError, InputError, brief, message
 from granphon.base.results import read_only
 from granphon.media.acoustics import over_directions, sample_scales, velocities_of_moduli
@@ -355,16 +355,16 @@ class DirectSimulation(Loaded[SimulatedState]):
                     "Use another medium, or the triangular lattice",
                 )
             )
-        shape = tuple(_whole("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
+        shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
             self._take(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
             raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
-        object.__setattr__(self, "samples", _whole("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(self, "seed", _whole("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
-        _whole("workers", self.workers, 1)
+        object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
+        whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
         if self.executor is not None and not hasattr(self.executor, "submit"):
@@ -385,9 +385,9 @@ class DirectSimulation(Loaded[SimulatedState]):
 
     def _take(self, diameters: ArrayLike) -> None:
         """Given diameters: their shape, and their spread if the packing has none."""
-        array = read_only(real_array("diameters", diameters))
-        if array.ndim != 2 or not array.size or not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
-            raise InputError(message("diameters must be an array (L1, L2) of finite numbers above zero (m)"))
+        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
+        if array.ndim != 2:
+            raise InputError(message(f"diameters have the shape {array.shape}", mend="Give an array (L1, L2)"))
         packing = self.packing
         if packing.spread is None and np.ptp(array):
             # the mean of the list, which its own rounding may move, is the packing's
@@ -526,10 +526,3 @@ def _pair(shape: Any) -> tuple[Any, Any]:
     except (TypeError, ValueError):
         raise InputError(message(f"shape is {brief(shape)}", mend="Give two whole numbers, (L1, L2)")) from None
     return first, second
-
-
-def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    if is_whole(value) and least <= value <= (most or value):
-        return int(value)
-    bounds = f"{least} or more" if most is None else f"from {least} to {most}"
-    raise InputError(message(f"{name} is {brief(value)}", f"It must be a whole number, {bounds}"))

@@ -17,7 +17,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
-from granphon.base.validation import ruled, truth
+from granphon.base.validation import require, truth
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import ideal_lattice, is_isotropic, lattice_scales, lattice_tensor, lattice_waves
@@ -299,8 +299,8 @@ class ContactState(Result):
 
 def overlap_flag(given: bool | None) -> tuple[bool, bool]:
     """Whether terms of finite overlap are kept, and whether somebody said so; :class:`InputError` if not true or false."""
-    said, value = given is not None, given.item() if isinstance(given, np.bool_) else given
-    return said and ruled("finite_overlap", truth, value), said
+    said = given is not None
+    return said and require("finite_overlap", truth, given), said
 
 
 def given_state(state: ContactState) -> ContactState:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction
-from granphon.base.arguments import real_array, texts
+from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches
@@ -85,9 +85,7 @@ def pulse_velocities(
     InputError : a frequency that is not finite and above zero, an unknown branch, a direction that is none.
     """
     state = with_keyword(state, finite_overlap)
-    hertz = real_array("frequency", frequency)
-    if not (hertz.size and np.all(np.isfinite(hertz)) and np.all(hertz > 0.0)):
-        raise InputError(message(f"frequency is {brief(frequency)}", "It must be finite and above zero (Hz)"))
+    hertz = finite_array("frequency", frequency, "Hz", "above zero")
     names = texts("branches", branches)
     unknown = [name for name in names if name not in ("longitudinal", "transverse")]
     if unknown or not names:

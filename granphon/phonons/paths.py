@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import operator
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,26 +14,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.arguments import real_array, texts
+from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
 from granphon.base.text import shown
-from granphon.base.validation import ruled
+from granphon.base.validation import require
 
 __all__ = [
     "BandPath",
     "default_letters",
-    "grid_numbers",
     "interpolate_path",
     "read_labels",
     "read_paths",
     "special_points",
-    "whole_number",
 ]
 
 Array = NDArray[np.float64]
 #: the greatest number of points or cells
-_MOST = 1_000_000_000
+MOST_POINTS = 1_000_000_000
 #: corners of the path around the irreducible zone: letters, and their places on a hexagonal cell of 120 degrees and on a
 #: square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
@@ -71,28 +68,6 @@ def default_letters(points: Mapping[str, Any]) -> str:
 # -- points along a path --------------------------------------------------------------------------------------------
 
 
-def whole_number(name: str, value: Any, least: int = 1) -> int:
-    """``value`` as an int; :class:`~granphon.base.errors.InputError` if it is no whole number, or below ``least``."""
-    try:
-        number = int(operator.index(value))
-    except TypeError:
-        number = least - 1
-    if not least <= number <= _MOST or isinstance(value, bool | np.bool_):
-        raise InputError(message(f"{name} is {brief(value)}", mend=f"Give a whole number from {least} to {_MOST}"))
-    return number
-
-
-def grid_numbers(name: str, values: Any) -> tuple[int, int]:
-    """Two whole numbers, or three of which the last is 1; :class:`~granphon.base.errors.InputError` if they are not."""
-    try:
-        numbers = [whole_number(name, value) for value in values]
-    except (TypeError, InputError):
-        numbers = []
-    if len(numbers) not in (2, 3) or numbers[2:] not in ([], [1]):
-        raise InputError(message(f"{name} is {brief(values)}", mend="Give two whole numbers above zero, and 1 as the third"))
-    return numbers[0], numbers[1]
-
-
 def interpolate_path(
     path: str | ArrayLike | Sequence[ArrayLike],
     npoints: int,
@@ -114,7 +89,7 @@ def interpolate_path(
     qpoints : (n_segments, npoints, 3).
     labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
     """
-    count = whole_number("npoints", npoints, 2)
+    count = whole_number("npoints", npoints, 2, MOST_POINTS)
     pieces: list[Array] = []
     names: list[list[str]] = []
     if isinstance(path, str):
@@ -248,8 +223,8 @@ class BandPath:
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
         """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
-        named = None if labels is None else ruled("band_labels", read_labels, labels)
-        return cls(ruled("band", read_paths, points), named)
+        named = None if labels is None else require("band_labels", read_labels, labels)
+        return cls(require("band", read_paths, points), named)
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:

@@ -14,6 +14,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, lattice_named
+from granphon.balls.material import poisson_ratio
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH
@@ -217,15 +218,6 @@ def write_lattice(lattice: str | Lattice) -> str:
     if LATTICES.get(structure.name) != structure:
         raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))
     return structure.name
-
-
-def poisson_ratio(value: Any) -> float:
-    allowed = "a plain number, -1 < poisson_ratio <= 0.5"
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise Refused(shown(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
-    if not -1.0 < value <= 0.5:
-        raise Refused(shown(value), allowed, "Outside it an isotropic solid is not stable.")
-    return float(value)
 
 
 def schema_number(value: Any) -> int:

@@ -23,7 +23,7 @@ from granphon.base.errors import GranphonError, InputError, Refused, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.base.text import MAX_BYTES, dump_yaml
-from granphon.base.validation import ruled, truth
+from granphon.base.validation import require, truth
 from granphon.media.choice import MediumChoice, Rung, no_simulation
 from granphon.media.state import ContactState
 from granphon.phonons.paths import BandPath
@@ -92,7 +92,7 @@ class Scene:
         if self.dim is not None:
             checks["dim"] = rules.supercell
         for name, rule in checks.items():
-            object.__setattr__(self, name, ruled(name, rule, getattr(self, name)))
+            object.__setattr__(self, name, require(name, rule, getattr(self, name)))
         if self.band is None:
             object.__setattr__(self, "band", BandPath.default(self.packing.structure))
         if self.load.array.ndim > 1:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granphon.balls.loads import balls_on_side
+from granphon.balls.material import poisson_ratio
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.base.text import Document, shown
@@ -34,7 +35,7 @@ def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
     return {
         "schema": fields.schema_number,
         "material": {
-            "young_modulus": MODULUS.read, "poisson_ratio": fields.poisson_ratio, "density": DENSITY.read,
+            "young_modulus": MODULUS.read, "poisson_ratio": poisson_ratio, "density": DENSITY.read,
             "yield_strength": MODULUS.read,
         },
         "packing": {

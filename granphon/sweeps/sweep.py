@@ -29,7 +29,7 @@ from granphon.base.quantities import LOADS
 from granphon.base.results import restore
 from granphon.base.staging import files_written, is_written, opened
 from granphon.base.text import versions
-from granphon.base.validation import ruled, truth
+from granphon.base.validation import require, truth
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points
@@ -116,7 +116,7 @@ def sweep(
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     choices = _media(media)
-    if ruled("finite_overlap", truth, finite_overlap):
+    if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     packings = combinations(packing, axes)

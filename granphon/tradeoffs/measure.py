@@ -23,7 +23,7 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.tables import table_text
-from granphon.base.validation import choice, each, number, ruled, truth, whole
+from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
@@ -213,10 +213,10 @@ def tradeoff(
     if not isinstance(packing, Packing):
         raise InputError(message(f"packing is {packing!r}", mend="Give a granphon.Packing"))
     for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
-        ruled(name, partial(whole, low=low, high=1000), value)
-    budget = ruled("budget", partial(number, low=1e-3, high=1e9), budget)
-    observe = ruled("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
-    ruled("finite_overlap", truth, finite_overlap)
+        require(name, partial(whole, low=low, high=1000), value)
+    budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
+    observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
+    require("finite_overlap", truth, finite_overlap)
     loads = np.unique(load.array)
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]

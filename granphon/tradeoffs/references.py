@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import PointShape, Shape
+from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
@@ -53,8 +54,7 @@ def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
     """
     from scipy.integrate import quad
 
-    if not 0.0 <= mindlin_ratio < np.inf:
-        raise InputError(message(f"mindlin_ratio is {mindlin_ratio!r}", "It must be a finite number, zero or above"))
+    mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
     edge, error = 2.0 * math.pi / math.sqrt(3.0), 0.0  # |q| at M
 
     def along(angle: float) -> float:
@@ -254,8 +254,7 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
     values = np.asarray(edges, float)
     if values.ndim != 1 or not np.all(np.isfinite(values)):
         raise InputError(message("edges must be one row of finite frequencies"))
-    if points < 1:
-        raise InputError(message(f"points is {points!r}", "It must be one or more"))
+    points = whole_number("points", points, 1)
     lines, squared = _Lines(lattice, check), np.where(values > 0.0, values, 0.0) ** 2
     gauss, weights = np.polynomial.legendre.leggauss(_GAUSS_LINES)
     half = 0.5 * (gauss + 1.0)
