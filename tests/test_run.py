@@ -256,7 +256,7 @@ def test_check_says_what_a_simulation_will_take_and_takes_none_of_it(work, capsy
 
 def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
     (work / "scene.yaml").write_text(SIMULATED)
-    monkeypatch.setattr("granphon.cli.commands._LONG", 0.0)
+    monkeypatch.setattr("granphon.cli.scenes._LONG", 0.0)
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
     assert capsys.readouterr().err == f"granphon: {Scene.from_text(SIMULATED).cost().text} on one processor\n"
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures", "--force", "-q"]) == 0
@@ -830,7 +830,7 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 
 
 @pytest.mark.parametrize(
-    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.tasks.Store.clear", "granphon.cli.commands._table"]
+    "moment", ["granphon.base.staging._exchange", "granphon.sweeps.tasks.Store.clear", "granphon.cli.scenes.say_table"]
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
     from granphon.base import staging

@@ -1,0 +1,180 @@
+"""The commands that write, check and run a scene, and draw its results: ``init``, ``check``, ``run`` and ``plot``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from granphon.base.errors import InputError, message
+from granphon.cli.app import Force, SceneFile, app
+from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
+from granphon.cli.wording import announced, described, results
+
+__all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
+
+#: the scenes that ``init`` writes; the first is the default
+PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
+#: seconds; what will take longer is announced
+_LONG = 10.0
+#: what an interruption says where some of a sweep has been finished
+_GO_ON = "What a sweep has finished is kept: the same command again goes on."
+
+
+@app.command("init")
+def write_preset(
+    path: Annotated[str, typer.Argument(metavar="[PATH]", help="The file to write.")] = "scene.yaml",
+    preset: Annotated[str, typer.Option(help="What to start from: " + ", ".join(PRESETS) + ".")] = PRESETS[0],
+    force: Force = False,
+) -> None:
+    """Write a commented scene to start from.
+
+    \b
+    Examples:
+      granphon init
+      granphon init beads.yaml --preset glass
+    """
+    from importlib.resources import files
+
+    from granphon.base.staging import opened, write_text
+    from granphon.base.text import closest
+
+    if preset not in PRESETS:
+        meant = closest(preset, PRESETS)
+        raise InputError(
+            message(
+                f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}",
+                mend=f"Did you mean {meant!r}" if meant else "",
+            )
+        )
+    require_name("PATH", path)
+    texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
+    target = Path(path)
+    with opened(target.parent, [target.name], force, known=texts.values()):
+        write_text(target, texts[preset])
+    say(f"Wrote {path}. Next: granphon check {path}")
+
+
+@app.command("check")
+def check_scene(scene: SceneFile) -> None:
+    """Say whether a scene is right, and what it means.
+
+    Shows the values in readable units, the files that a run would write, what a long one would take, and where the
+    model fails. Writes nothing, and simulates nothing; what it would take long to look at is left to the run.
+
+    \b
+    Example:
+      granphon check scene.yaml
+    """
+    from granphon.observables.validity import validity
+    from granphon.scene.run import expected_files
+    from granphon.scene.scene import Scene
+
+    read = Scene.from_yaml(scene)
+    rows = described(read)  # first, as it refuses what there is no memory for
+    states, left = read.survey()
+    warnings = [
+        f"{where}: {warning}" if read.is_sweep else warning
+        for where, state in states
+        for warning in validity(state).warnings
+    ]
+    read.to_yaml()  # what a run writes first
+    rows += [("left to the run", left)] if left else []
+    say(f"{scene} can be run.")
+    say_table(rows)
+    say_table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
+    warn(warnings)
+
+
+@app.command("run")
+def run_scene(
+    scene: SceneFile,
+    out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.")],
+    force: Force = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the work of a sweep.")] = 1,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
+) -> None:
+    """Compute what a scene observes and write it into a folder.
+
+    The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
+    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
+    with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
+    cut off waits in the folder, and the same command again goes on from it. With --force an earlier result is replaced;
+    files of it that the new scene does not write are removed, and so is what another sweep has finished there. Never
+    replaced is a file that the scene is read from, that granphon did not write, or that was changed since.
+
+    \b
+    Examples:
+      granphon run scene.yaml -o out
+      granphon run scene.yaml -o out --force --no-figures
+      granphon run sweep.yaml -o out --resume --workers 4
+    """
+    from granphon.base.progress import on_stderr
+    from granphon.scene.result_files import WORK_FOLDER
+    from granphon.scene.run import is_complete
+    from granphon.scene.scene import Scene
+    from granphon.sweeps.workers import worker_processes
+
+    def left() -> str:
+        """What an interruption has left."""
+        if is_complete(read, out):
+            return f"{out} holds the whole result of this scene."
+        kept = read.is_sweep and os.path.isdir(os.path.join(out, WORK_FOLDER))
+        return f"{NOTHING_WRITTEN} {_GO_ON}" if kept else NOTHING_WRITTEN
+
+    require_name("--out", out)
+    read = Scene.from_yaml(scene)
+    if resume and not force and is_complete(read, out):
+        if not quiet:
+            say(f"{out} is complete: it holds what this scene gives. Nothing was computed.")
+        return
+    cost = read.cost()
+    if cost is not None and not quiet and cost.seconds > _LONG:
+        print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
+    with tell_interruption(left):
+        with worker_processes(workers if read.is_sweep else 1) as executor:
+            result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
+        warn(result.warnings)
+        if not quiet:
+            say_table(results(result))
+            say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
+
+
+@app.command("plot")
+def draw_results(
+    folder: Annotated[str, typer.Argument(metavar="DIR", help="A folder that 'granphon run' wrote.")],
+    out: Annotated[
+        str | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg)."),
+    ] = None,
+    asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands.")] = False,
+    variable: Annotated[
+        str | None, typer.Option("--variable", metavar="NAME", help="Draw one variable of a sweep, such as bulk.")
+    ] = None,
+    backend: Annotated[
+        str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib that draws, such as pgf.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Draw the results of a run again.
+
+    The bands with the density of states beside them (bands.png in the folder, or the file given), or the velocities and
+    exponents of a sweep (sweep.png).
+
+    \b
+    Examples:
+      granphon plot out --force
+      granphon plot out --asymptotes -o figure.pdf
+      granphon plot out --variable contact_fraction -o contacts.pdf
+    """
+    from granphon.scene.redraw import redraw
+
+    require_name("--out", out)
+    say(f"Wrote {redraw(folder, out, force, asymptotes, variable, backend)}")

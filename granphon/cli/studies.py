@@ -1,0 +1,198 @@
+"""The commands that compare: ``fit`` a scene with measurements, and ``tradeoff`` media with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from granphon.base.errors import InputError, message
+from granphon.cli.app import Force, SceneFile, app
+from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
+from granphon.cli.wording import fitted
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
+
+__all__ = ["fit_measurements", "measure_tradeoff"]
+
+
+@app.command("fit")
+def fit_measurements(
+    scene: SceneFile,
+    data: Annotated[str, typer.Argument(metavar="DATA.csv", help="The table of measured velocities.")],
+    out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Fit this as well as the width: young_modulus, diameter. May be repeated."),
+    ] = None,
+    frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Of the pulses, such as '6.5 kHz'.")] = None,
+    distance: Annotated[str | None, typer.Option(metavar="M", help="How far sound went, such as '0.4 m'.")] = None,
+    sigma: Annotated[
+        str | None, typer.Option(metavar="M/S", help="Standard error of velocities, such as '5 m/s' or '1 %'.")
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND=NAME", help="How a column is headed, such as 'velocity=v (km/s)'. May be repeated."),
+    ] = None,
+    branch: Annotated[str, typer.Option(metavar="NAME", help="longitudinal or transverse.")] = "longitudinal",
+    direction: Annotated[tuple[float, float], typer.Option(metavar="X Y", help="Of propagation.")] = (0.0, 1.0),
+    force: Force = False,
+) -> None:
+    """Find the width of the distribution of diameters from measured sound velocities.
+
+    The scene gives the balls and the medium; the width of its spread is replaced. The table has columns headed by names and
+    units, 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side), 'velocity (m/s)' or
+    'time (ms)' and 'distance (m)', and perhaps 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency (kHz)'.
+    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+
+    \b
+    Examples:
+      granphon fit scene.yaml data.csv
+      granphon fit scene.yaml data.csv -o fit --frequency "6.5 kHz" --parameter young_modulus
+      granphon fit scene.yaml data.csv --column "force=F (kN)" --column time=t --distance "430 mm"
+    """
+    from functools import partial
+
+    from granphon.balls.loads import force_of_frame
+    from granphon.base.quantities import LENGTH
+    from granphon.base.staging import check_free
+    from granphon.base.validation import require
+    from granphon.fits.fit import FIT_FILES, fit_width, force_of_pressure
+    from granphon.fits.measurements import FREQUENCY, Measurements, read_sigma
+    from granphon.scene.scene import Scene
+
+    require_name("--out", out)
+    read = Scene.from_yaml(scene)
+    inputs: tuple[str | Path, ...] = (*read.inputs, data)
+    if out is not None:
+        check_free(out, FIT_FILES, force, inputs=inputs)
+    _require_one_packing("A fit", scene, read)
+    if len(read.media) > 1:
+        raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
+    # the medium of a scene of equal balls says nothing about those that differ
+    medium = read.media[0] if read.balls_differ or read.media[0].name != "ala" else "ema"
+    balls = read.load.balls_per_side
+    measured = Measurements.read(
+        data,
+        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
+        None if distance is None else require("--distance", LENGTH.read, distance),
+        None if balls is None else partial(force_of_frame, balls_per_side=balls),
+        partial(force_of_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
+    )
+    found = fit_width(
+        read.packing, measured.force, measured.velocity,
+        measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
+        measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
+        medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
+        finite_overlap=read.finite_overlap,
+    )  # fmt: skip
+
+    def figure(_: str) -> Any:
+        from granphon.figures.fits import fit_figure  # a failure of this import is one of the figure
+
+        return fit_figure(found)
+
+    failures = _write_study(out, FIT_FILES, force, inputs, found.write, figure)
+    with _tell_study(out, FIT_FILES, failures, quiet=False):
+        warn((*found.warnings, *failures.values()))
+        say_table(fitted(found))
+
+
+@app.command("tradeoff")
+def measure_tradeoff(
+    scene: SceneFile,
+    out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png.")] = None,
+    budget: Annotated[
+        str, typer.Option(metavar="TIME", help="What measuring may take; imports and drawing come on top.")
+    ] = "3 minutes",
+    loads: Annotated[int, typer.Option(min=1, metavar="N", help="At most so many of the loads.")] = 3,
+    runs: Annotated[int, typer.Option(min=5, metavar="N", help="How often each point is timed.")] = 5,
+    force: Force = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table; warnings stay.")] = False,
+) -> None:
+    """Measure what the media, and the knobs inside them, cost and are worth for a scene.
+
+    For the balls and the loads of the scene: averaged lattice and force, effective medium, and simulations of several
+    sizes; the grid of the Green's function; the solution of the effective medium; the mesh of the density of states, if the
+    scene observes it. Each error is that of what the scene observes, against a reference that another algorithm has made;
+    each time the median of warm runs. What does not fit into the budget is listed as not run. The folder gets tradeoff.csv
+    and, as a picture, the work-precision diagrams.
+
+    \b
+    Examples:
+      granphon tradeoff scene.yaml
+      granphon tradeoff scene.yaml -o tradeoff --budget "20 minutes" --loads 5
+    """
+    from granphon.base.progress import on_stderr
+    from granphon.base.staging import check_free
+    from granphon.base.validation import require
+    from granphon.cli.wording import work_and_precision
+    from granphon.fits.measurements import TIME
+    from granphon.scene.scene import Scene
+    from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
+
+    require_name("--out", out)
+    seconds = require("--budget", TIME.read, budget)
+    read = Scene.from_yaml(scene)
+    if out is not None:
+        check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)
+    _require_one_packing("A trade-off", scene, read)
+    load = read.load.applied
+    given: dict[str, Any] = {load.kind: load.values}
+    found = tradeoff(
+        read.packing, **given, observe=read.observe, finite_overlap=read.finite_overlap, budget=seconds, most_loads=loads,
+        runs=runs, progress=on_stderr(quiet),
+    )  # fmt: skip
+
+    def write(place: Path) -> None:
+        (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
+
+    def figure(_: str) -> Any:
+        from granphon.figures.work_precision import tradeoff_figure  # a failure of this import is one of the figure
+
+        return tradeoff_figure(found)
+
+    failures = _write_study(out, TRADEOFF_FILES, force, read.inputs, write, figure)
+    with _tell_study(out, TRADEOFF_FILES, failures, quiet):
+        warn(tuple(failures.values()))
+        for line in () if quiet else work_and_precision(found):
+            say(line)
+
+
+def _write_study(
+    out: str | None,
+    names: Sequence[str],
+    force: bool,
+    inputs: Sequence[str | Path],
+    write: Callable[[Path], None],
+    figure: Callable[[str], Any],
+) -> dict[str, str]:
+    """Write the files ``names`` into the folder ``out``, if it is given; returns why a figure could not be drawn."""
+    if out is None:
+        return {}
+    from granphon.base.staging import staging
+    from granphon.figures.style import draw
+
+    drawn = [name for name in names if name.endswith(".png")]
+    with staging(out, names, force, inputs, optional=drawn) as place:
+        write(place)
+        return draw(figure, drawn, place)
+
+
+@contextmanager
+def _tell_study(out: str | None, names: Sequence[str], failures: Mapping[str, str], quiet: bool) -> Iterator[None]:
+    """Say at the end which files were written into ``out``; an interruption of the block says so too."""
+    with tell_interruption(lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
+        yield
+        if out is not None and not quiet:
+            say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
+
+
+def _require_one_packing(what: str, scene: str, read: Scene) -> None:
+    if read.parameters:
+        swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
+        raise InputError(message(swept, f"{what} is that of one packing", "Leave the block 'sweep' out"))
