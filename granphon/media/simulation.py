@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,8 +144,11 @@ class SimulatedState(ContactState):
     samples: tuple[Sample, ...] = field(default=(), repr=False)
     spaced: bool = False
 
+    #: the field that holds what is averaged
+    _averaged: ClassVar[str] = "samples"
+
     @classmethod
-    def of(cls, simulation: DirectSimulation, samples: Sequence[Sample], load: Load, overlap_given: bool = False) -> Self:
+    def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load, overlap_given: bool = False) -> Self:
         """The state of ``samples`` under an applied ``load``, whose own numbers it has where they are force or overlap."""
         rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
@@ -154,10 +157,11 @@ class SimulatedState(ContactState):
         k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
         f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
         delta = load.array if spaced else np.mean(overlaps, axis=-1)
+        own: dict[str, Any] = {cls._averaged: tuple(samples)}
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            samples=tuple(samples), spaced=spaced,
+            spaced=spaced, **own,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -170,32 +174,34 @@ class SimulatedState(ContactState):
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
+        own: dict[str, Any] = {self._averaged: samples}
+        return replace(self, force=f, overlap=delta, normal_stiffness=k, **own)
 
     @property
     def _table(self) -> NDArray[Any]:
         """The samples by load and index."""
-        table = np.empty(len(self.samples), dtype=object)
-        table[:] = self.samples
+        samples = getattr(self, self._averaged)
+        table = np.empty(len(samples), dtype=object)
+        table[:] = samples
         return table.reshape(*self.shape, -1)
 
     @property
     def n_samples(self) -> int:
         """How many samples are averaged."""
-        return len(self.samples) // int(np.prod(self.shape, dtype=int))
+        return len(getattr(self, self._averaged)) // int(np.prod(self.shape, dtype=int))
 
     @property
     def sample(self) -> Any:
         """The first sample; of several loads an array of them, indexed like the load."""
         first = self._table[..., 0]
-        return first if self.shape else self.samples[0]
+        return first if self.shape else first[()]
 
-    def over_samples(self, of: Callable[[Sample], ArrayLike]) -> Array:
+    def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
         """A quantity of every sample: the axes of the load, that of the samples, those of the quantity."""
-        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        values = np.array([np.asarray(of(sample)) for sample in getattr(self, self._averaged)])
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
-    def standard_error(self, of: str | Callable[[Sample], ArrayLike]) -> Any:
+    def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
         """Standard error of the mean over samples of a quantity: the name of one of :class:`Sample`, or a function of it.
 
         The shape of the load, then that of the quantity. :class:`~granphon.base.errors.InputError` with one sample alone.
@@ -207,7 +213,7 @@ class SimulatedState(ContactState):
         values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
         return standard_error(values, len(self.shape))[()]
 
-    def _average(self, of: Callable[[Sample], ArrayLike]) -> Any:
+    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
         return np.mean(self.over_samples(of), axis=len(self.shape))[()]
 
     @property
@@ -292,7 +298,7 @@ class SimulatedState(ContactState):
         rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
         return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
 
-    def _longitudinal(self, of: Callable[[Sample], Array]) -> Array:
+    def _longitudinal(self, of: Callable[[Any], Array]) -> Array:
         """M = K + G of an elastic tensor, or several, of every sample."""
         return np.asarray(np.sum(bulk_and_shear(self.over_samples(of)), axis=-1))
 

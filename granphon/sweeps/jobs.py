@@ -9,15 +9,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sample import Sample
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
@@ -25,11 +23,12 @@ from granphon.base.results import plain
 from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, Rung
-from granphon.media.simulation import DirectSimulation, SimulatedState, in_order
+from granphon.media.simulation import DirectSimulation, in_order
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity
 from granphon.sweeps.archive import SCHEMA
+from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import Part
 
 __all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "told"]
@@ -120,7 +119,10 @@ class Job:
         if self.medium.is_automatic:
             return self._together(parts)
         medium = self.medium.of(self.packing)
-        return self.observed(_averaged(self, medium, parts)) if isinstance(medium, DirectSimulation) else parts[0]
+        if not isinstance(medium, DirectSimulation):
+            return parts[0]
+        records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
+        return self.observed(RecordedState.of(medium, records, self.load))
 
     def _together(self, parts: Sequence[Part]) -> Part:
         """The results of the media that were chosen, each at its loads, of what all of them have."""
@@ -238,27 +240,6 @@ def _frequencies(state: ContactState, qpoints: Array) -> Array:
 # -- samples --------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Averaged:
-    """Of a :class:`~granphon.array.sample.Sample` what a state averages, in its place."""
-
-    force: float
-    overlap: float
-    normal_stiffness: float
-    force_fluctuation: float
-    contact_force_fluctuation: float
-    fraction: float
-    elastic_tensor: Array
-    elastic_tensors_beside: Array
-
-    def contact_fraction(self) -> float:
-        """The part of the contacts that carries load."""
-        return self.fraction
-
-
-_NAMES = tuple(field.name for field in fields(_Averaged))
-
-
 class _SampleJob(Job):
     """One sample of a simulation at all loads, one after the other, each from the one above as in a simulation of all.
 
@@ -285,7 +266,7 @@ class _SampleJob(Job):
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
-            found = {name: np.asarray(value)[None] for name, value in _averaged_numbers(sample).items()}
+            found = SampleRecord.to_part([SampleRecord.of(sample)])
         except GranphonError as error:
             if index is not None:
                 vars(error)["load_index"] = index
@@ -297,20 +278,5 @@ class _SampleJob(Job):
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
     def observed(self, state: ContactState) -> Part:
-        """(n_loads, ...): every number of the sample that is averaged."""
-        rows = [_averaged_numbers(one) for one in state.samples]
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def _averaged_numbers(sample: Sample) -> dict[str, Any]:
-    """Every number of a sample that is averaged."""
-    of = {name: attrgetter(name) for name in _NAMES} | {"fraction": Sample.contact_fraction}
-    return {name: find(sample) for name, find in of.items()}
-
-
-def _averaged(job: Job, simulation: DirectSimulation, parts: Sequence[Part]) -> SimulatedState:
-    """The state of all samples."""
-    samples: Any = tuple(
-        _Averaged(**{name: part[name][load] for name in _NAMES}) for load in range(job.load.size) for part in parts
-    )
-    return SimulatedState.of(simulation, samples, job.load)
+        """Every number of the samples that is averaged, (n_loads, ...)."""
+        return SampleRecord.to_part([SampleRecord.of(sample) for sample in state.samples])

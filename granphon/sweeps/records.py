@@ -1,0 +1,67 @@
+"""Samples of which a sweep keeps the numbers that are averaged, and no balls; and the state that averages them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.sample import Sample
+from granphon.media.simulation import SimulatedState
+from granphon.sweeps.tasks import Part
+
+__all__ = ["RecordedState", "SampleRecord"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SampleRecord:
+    """Every number of a :class:`~granphon.array.sample.Sample` that a state averages, in SI and under its name there.
+
+    ``fraction`` is the sample's ``contact_fraction()``.
+    """
+
+    force: float
+    overlap: float
+    normal_stiffness: float
+    force_fluctuation: float
+    contact_force_fluctuation: float
+    fraction: float
+    elastic_tensor: Array
+    elastic_tensors_beside: Array
+
+    @classmethod
+    def of(cls, sample: Sample) -> Self:
+        """Record a sample, which solves for the numbers that nobody has asked it for yet."""
+        return cls(
+            sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
+            sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
+            sample.elastic_tensors_beside,
+        )  # fmt: skip
+
+    @classmethod
+    def from_part(cls, part: Part, index: int) -> Self:
+        """Take the record at one of the loads from the result of a task."""
+        return cls(**{one.name: part[one.name][index] for one in fields(cls)})
+
+    @classmethod
+    def to_part(cls, records: Sequence[Self]) -> Part:
+        """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
+        return {one.name: np.array([getattr(record, one.name) for record in records]) for one in fields(cls)}
+
+    def contact_fraction(self) -> float:
+        """N_c / 6, the part of the contacts that carry load."""
+        return self.fraction
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordedState(SimulatedState):
+    """The state of samples of which ``records`` are kept, in the order of ``samples``, which there are none of."""
+
+    records: tuple[SampleRecord, ...] = field(default=(), repr=False)
+
+    _averaged: ClassVar[str] = "records"
