@@ -15,7 +15,7 @@ from matplotlib.path import Path
 
 import granphon as gp
 from granphon.figures.bands import zone_polygon
-from granphon.figures.style import LONGITUDINAL, STYLE, TRANSVERSE
+from granphon.figures.style import LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446))
@@ -51,7 +51,7 @@ with matplotlib.rc_context(STYLE):
         one.set(aspect="equal", title=name, xlabel="$q_xd$", xticks=[-4, 0, 4], yticks=[-4, 0, 4])
     maps[0].set_ylabel("$q_yd$", labelpad=-2.0)
     figure.colorbar(filled, ax=maps, shrink=0.75, label="Frequency (kHz)", ticks=np.arange(0.0, 41.0, 10.0))
-    for b, (name, colour) in enumerate((("L", LONGITUDINAL), ("T", TRANSVERSE))):
+    for b, (name, colour) in enumerate((("L", LONGITUDINAL_COLOUR), ("T", TRANSVERSE_COLOUR))):
         for f, one, dashes in zip(KILOHERTZ, group, ("-", (0, (4, 1.5)), (0, (1, 1))), strict=True):
             ax.plot(DEGREES, one[:, b], color=colour, linestyle=dashes, label=f"{name}, {f:g} kHz")
     ax.set(xlabel="Direction from Γ-K (°)", ylabel="Group velocity (m/s)", xlim=(0, 30), ylim=(0, 830))

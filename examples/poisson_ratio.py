@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 import granphon as gp
 from granphon.figures.scales import ROTATION
-from granphon.figures.style import LONGITUDINAL, STYLE, TRANSVERSE
+from granphon.figures.style import LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR
 
 POINTS = {"M": (1 / 2, 0), "K": (1 / 3, 1 / 3)}
 
@@ -60,7 +60,11 @@ for eta in (0.3, 0.84):
 
 NU = (0.5, 0.4, 0.2, 0.0, -0.5, -1.0)
 ETA = np.linspace(0.303, 1.403, 120)
-STYLES = {"transverse": (TRANSVERSE, 2.0), "longitudinal": (LONGITUDINAL, 1.2), "rotational": (ROTATION(1.0), 2.0)}
+STYLES = {
+    "transverse": (TRANSVERSE_COLOUR, 2.0),
+    "longitudinal": (LONGITUDINAL_COLOUR, 1.2),
+    "rotational": (ROTATION(1.0), 2.0),
+}
 
 with matplotlib.rc_context(STYLE):
     figure, axes = plt.subplots(1, 2, figsize=(7.0, 3.4), dpi=300, layout="constrained", sharey=True)

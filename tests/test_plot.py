@@ -136,7 +136,7 @@ def test_without_friction_the_colour_is_the_longitudinal_fraction_and_the_bar_sa
     drawn = np.array([[line.get_array() for line in row] for row in rows])
     assert_array_equal(np.moveaxis(drawn, 1, 2), expected)
     ends = rows[0][0].cmap([0.0, 1.0])
-    assert_allclose(ends, [to_rgba(style.TRANSVERSE), to_rgba(style.LONGITUDINAL)], atol=1e-12)
+    assert_allclose(ends, [to_rgba(style.TRANSVERSE_COLOUR), to_rgba(style.LONGITUDINAL_COLOUR)], atol=1e-12)
     # from Gamma the slow branch is transverse and the fast one is longitudinal
     assert_allclose(drawn[0, :, 1], [0.0, 1.0], atol=1e-3)
 

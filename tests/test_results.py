@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.base.results import Result, read_only
 from granphon.dynamics.modes import Modes
@@ -205,16 +206,21 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
+    from granphon.sweeps.records import RecordedState, SampleRecord
     from granphon.tradeoffs.ensemble import Ensemble
     from granphon.tradeoffs.measure import Measured, TradeOff
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
-    simulated = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2).at_force([1.0, 5.0])
+    medium = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2)
+    simulated = medium.at_force([1.0, 5.0])
+    records = [SampleRecord.of(sample) for sample in simulated.samples]
+    recorded = RecordedState.of(medium, records, Load("force", (1.0, 5.0)))
+    assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
     phonons = gp.Phonons(results["state"])
     point = Measured("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     found = [
-        *results.values(), simulated, simulated.samples[0], simulated.samples[0].equilibrium,
+        *results.values(), simulated, recorded, records[0], simulated.samples[0], simulated.samples[0].equilibrium,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3),

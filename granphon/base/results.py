@@ -283,7 +283,7 @@ def _restore_array(value: Any, dtype: Any, name: str) -> Any:
                 whole.real, whole.imag = real, imaginary
                 return whole
     elif isinstance(value, list | tuple | np.ndarray):
-        found = _numbers(value)
+        found = _as_numbers(value)
         if found is not None and found.dtype.kind in ("iu" if np.issubdtype(dtype, np.integer) else "iuf"):
             return found.astype(dtype)
     raise InputError(message(f"{name}: found {_kind(value)} where an array of numbers belongs"))
@@ -294,7 +294,7 @@ def _restore_any(value: Any, name: str) -> Any:
     if isinstance(value, Mapping):
         return _restore_array(value, np.complex128, name)
     if isinstance(value, list | tuple | np.ndarray):
-        found = _numbers(value)
+        found = _as_numbers(value)
         if found is None or found.dtype.kind not in "biufc":
             raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
         return found
@@ -303,7 +303,7 @@ def _restore_any(value: Any, name: str) -> Any:
     raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
 
 
-def _numbers(value: Any) -> np.ndarray[Any, Any] | None:
+def _as_numbers(value: Any) -> np.ndarray[Any, Any] | None:
     """``value`` as an array, None if it is none of one kind of numbers: booleans among numbers are none."""
     if isinstance(value, np.ndarray):
         return value

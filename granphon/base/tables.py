@@ -26,7 +26,7 @@ from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import read_bytes
 from granphon.base.text import closest
 
-__all__ = ["Heading", "Table", "decoded", "table_text", "write_table"]
+__all__ = ["Heading", "Table", "decode", "table_text", "write_table"]
 
 
 _POINT = "Write decimals with a point"
@@ -88,7 +88,7 @@ class Table:
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
         """The table that a file called ``name`` holds; errors and ``quoted`` as for :meth:`read`."""
-        kept = [(n, line) for n, line in enumerate(decoded(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
+        kept = [(n, line) for n, line in enumerate(decode(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
             raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
         (first, head), below = kept[0], kept[1:]
@@ -190,7 +190,7 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
     return stream.getvalue()
 
 
-def decoded(name: str, raw: bytes) -> str:
+def decode(name: str, raw: bytes) -> str:
     """The text of a file called ``name``, in UTF-8 with or without its mark; InputError names line and byte of another."""
     at = raw.find(b"\0")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -215,7 +215,9 @@ def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, c
     """The cells below each of ``count`` headings; errors name the line."""
     if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for text in texts):
         return (tuple(map(str.strip, texts)),)  # a long list: no tuple for each of its rows
-    rows = [_fitted(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)]
+    rows = [
+        _fit_cells(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)
+    ]
     return tuple(zip(*rows, strict=True)) or ((),) * count
 
 
@@ -228,7 +230,7 @@ def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
         raise InputError(message(f"{where} cannot be parted into columns", str(error))) from None
 
 
-def _fitted(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
+def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
     """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
     if len(cells) == count:
         return cells

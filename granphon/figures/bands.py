@@ -37,7 +37,7 @@ from granphon.phonons.dos import DensityOfStates
 __all__ = ["bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_zone", "zone_polygon"]
 
 Array = NDArray[np.float64]
-LongWaves = SoundVelocities | ContactLattice
+Asymptotes = SoundVelocities | ContactLattice
 
 #: colours of modes that only translate, and that only rotate
 _TRANSLATING = ROTATION(0.0)
@@ -49,7 +49,7 @@ _COINCIDENT = 1e-6
 
 
 def plot_bands(
-    bands: Bands, ax: Axes, *, asymptotes: LongWaves | None = None, unit: HertzPrefix | None = None, colorbar: bool = True
+    bands: Bands, ax: Axes, *, asymptotes: Asymptotes | None = None, unit: HertzPrefix | None = None, colorbar: bool = True
 ) -> Axes:
     """Draw bands, each branch followed through its crossings and coloured by its rotational fraction.
 
@@ -124,7 +124,7 @@ def _widths(values: Array, tolerance: float) -> Array:
 
 
 def plot_asymptotes(
-    bands: Bands, velocities: LongWaves, ax: Axes, *, unit: HertzPrefix | None = None, reach: float = 0.5
+    bands: Bands, velocities: Asymptotes, ax: Axes, *, unit: HertzPrefix | None = None, reach: float = 0.5
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 = omega_0^2 (1 - c q^2).
 
@@ -237,7 +237,7 @@ def bands_figure(
     bands: Bands | None = None,
     dos: DensityOfStates | None = None,
     *,
-    asymptotes: LongWaves | None = None,
+    asymptotes: Asymptotes | None = None,
     title: str | None = None,
 ) -> Figure:
     """Bands with the Brillouin zone inset, and the density of states beside them on the same frequency axis.

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import FigureError, message
-from granphon.figures.style import LONGITUDINAL, TRANSVERSE, shortened
+from granphon.figures.style import LONGITUDINAL_COLOUR, TRANSVERSE_COLOUR, shorten_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 @contextmanager
-def _opened() -> Iterator[None]:
+def _open_door() -> Iterator[None]:
     """Import matplotlib although MPLBACKEND names a backend that is not there: a figure that is saved needs none."""
     first = "matplotlib" not in sys.modules
     given = os.environ.pop("MPLBACKEND", None)
@@ -39,7 +39,7 @@ def _opened() -> Iterator[None]:
         records, said.buffer = said.buffer, []  # which file it is about stands there
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
-        raise FigureError(message(f"matplotlib cannot be imported: {shortened(error)}", why, mend)) from error
+        raise FigureError(message(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend)) from error
     finally:
         log.removeHandler(said)
         for record in said.buffer:
@@ -51,7 +51,7 @@ def _opened() -> Iterator[None]:
             matplotlib.rcParams["backend"] = given
 
 
-with _opened():
+with _open_door():
     import matplotlib
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
@@ -65,7 +65,7 @@ ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["p
 #: from contacts that carry little, light, to those that carry much, dark: uniform to every eye
 FORCES = matplotlib.colormaps["cividis_r"]
 #: from transverse (0) to longitudinal (1)
-POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE, LONGITUDINAL])
+POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:

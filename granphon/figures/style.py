@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "BLUE", "COLOURS", "COLUMN_WIDTH", "FRAME", "GREEN", "GUIDE", "LONGITUDINAL", "ORANGE", "PAGE_WIDTH", "PURPLE",
-    "DPI", "SKY_BLUE", "STYLE", "TRANSVERSE", "VERMILION", "draw", "print_hertz", "readable_unit", "save_figure",
-    "shortened",
+    "BLUE", "COLOURS", "COLUMN_WIDTH", "FRAME", "GREEN", "GUIDE", "LONGITUDINAL_COLOUR", "ORANGE", "PAGE_WIDTH", "PURPLE",
+    "DPI", "SKY_BLUE", "STYLE", "TRANSVERSE_COLOUR", "VERMILION", "draw", "print_hertz", "readable_unit", "save_figure",
+    "shorten_error",
 ]  # fmt: skip
 
 #: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
@@ -48,13 +48,13 @@ COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY_BLUE)
 GUIDE = "0.6"
 FRAME = "0.75"
 #: of longitudinal and transverse waves, and of the branches that begin as they do
-LONGITUDINAL = "#0D0887"
-TRANSVERSE = SKY_BLUE
+LONGITUDINAL_COLOUR = "#0D0887"
+TRANSVERSE_COLOUR = SKY_BLUE
 #: letters of what matplotlib says that are handed on
 _REASON = 300
 
 
-def shortened(error: Exception) -> str:
+def shorten_error(error: Exception) -> str:
     """What an error of matplotlib says, for one line of a terminal."""
     return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
 
@@ -94,7 +94,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
         mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
         # a backend that was asked for comes first: it may not be there, or lack what it needs
         mend = f"Leave --backend (backend) out or give another, or {mend}" if options.get("backend") else mend.capitalize()
-        raise FigureError(message(f"{target.name} could not be drawn: {shortened(error)}", mend=mend)) from error
+        raise FigureError(message(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend)) from error
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:

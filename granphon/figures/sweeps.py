@@ -54,7 +54,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
-    across, along, lines = _values(dataset, variable), _values(dataset, x), _lines(dataset)
+    across, along, lines = _values(dataset, variable), _values(dataset, x), _colour_lines(dataset)
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
@@ -123,7 +123,7 @@ def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
     return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
 
 
-def _lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
+def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
     """Colour and place of each line."""
     places = [place for _, place in _combinations(dataset)]
     colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]

@@ -263,6 +263,11 @@ class ContactState(Result):
         return ()
 
     @property
+    def n_samples(self) -> int:
+        """How many samples the state is a mean of; 0 where the contacts follow from a law."""
+        return 0
+
+    @property
     def elastic_tensor(self) -> Array:
         """(..., 3, 3) Pa, Voigt order xx, yy, xy, of the layer taken one diameter thick: that of the lattice of contacts.
 

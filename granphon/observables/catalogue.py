@@ -25,7 +25,7 @@ __all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "mis
 
 #: what an observable takes: nothing but the packing; the state itself; its long waves; its long waves at neighbouring loads,
 #: for which a simulation solves two more equilibria; or bands, whose path somebody gives
-Cost = Literal["packing", "state", "velocities", "exponent", "bands"]
+CostClass = Literal["packing", "state", "velocities", "exponent", "bands"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Observable:
     label: str = ""
     meaning: str = ""
     find: Callable[[Analysis], Any] | None = None
-    cost: Cost = "state"
+    cost: CostClass = "state"
     dims: tuple[str, ...] = ()
     swept: bool = True
     sampled: bool = False
@@ -109,7 +109,7 @@ def _direction(of: Analysis) -> Any:
     return None if of.moduli.isotropic else of.velocities.direction
 
 
-def _exponent(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
+def _without_overlap_terms(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """A function of the state; None with the terms of finite overlap, of whose limit the exponent is."""
     return lambda of: None if of.state.finite_overlap else find(of.state)
 
@@ -202,11 +202,11 @@ _OBSERVABLES = (
     _of_moduli("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
     _of_moduli("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
     Observable(
-        "exponent", "1", "d log v / d log P", "d log $v_L$ / d log $P$", "d log v_L / d log P", _exponent(local_exponent),
-        "exponent",
+        "exponent", "1", "d log v / d log P", "d log $v_L$ / d log $P$", "d log v_L / d log P",
+        _without_overlap_terms(local_exponent), "exponent",
     ),
     Observable(
-        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exponent(lambda state: state.exponent_error),
+        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_without_overlap_terms(lambda state: state.exponent_error),
         cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 of media that sample nothing, nan of one sample",
     ),
     Observable("choice", "", "medium that an automatic one chose"),
@@ -222,7 +222,7 @@ CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
 }
 
 
-def find_all(of: Analysis, costs: Iterable[Cost], swept: bool = False) -> dict[str, Any]:
+def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> dict[str, Any]:
     """The observables of these costs that the state has, group by group; of sweeps alone with ``swept``."""
     found = {
         one.name: one.find(of)

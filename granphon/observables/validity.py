@@ -52,7 +52,7 @@ class Tally(NamedTuple):
     failing: int
     loads: int | None
 
-    def joined(self, other: Tally) -> Tally:
+    def join(self, other: Tally) -> Tally:
         """The same condition over the loads of both."""
         worst = (min if self.at_least else max)(self.worst, other.worst)
         loads = (self.loads or 1) + (other.loads or 1)
@@ -175,7 +175,7 @@ def _validity(state: ContactState) -> Validity:
     }
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    if state.samples and state.packing.width and state.packing.mindlin_ratio:
+    if state.n_samples and state.packing.width and state.packing.mindlin_ratio:
         values["shear"] = _shear_deficit(state)
     if material.yield_strength is not None:
         spot = radius * d / 2.0

@@ -43,7 +43,7 @@ from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sou
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
 from granphon.sweeps.jobs import LATTICE_BANDS, packages
-from granphon.sweeps.tasks import kept
+from granphon.sweeps.tasks import open_store
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -266,7 +266,7 @@ def run(
     result: RunResult | SweepResult
     with (
         opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
-        kept(target / WORK_FOLDER, force) as store,
+        open_store(target / WORK_FOLDER, force) as store,
     ):
         if scene.is_sweep:
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())

@@ -21,9 +21,9 @@ from granphon.base.tables import Heading, write_table
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["FORMAT", "SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
+__all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
 
-FORMAT, SCHEMA = "granphon sweep", 1
+FORMAT, SWEEP_SCHEMA = "granphon sweep", 1
 #: the attribute with the digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs note what they did, and change no number
@@ -60,7 +60,7 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     The file carries two digests: an attribute, of the numbers, which stays if another program writes the file anew; and one
     of all its bytes behind the end of what HDF5 reads, so that damage is found before HDF5 meets it.
     """
-    marked = dataset.assign_attrs({DIGEST: _digest(dataset)})
+    marked = dataset.assign_attrs({DIGEST: _digest_numbers(dataset)})
     data = netcdf_bytes(marked)
     path.write_bytes(data)
     with path.open("ab") as stream:
@@ -80,7 +80,7 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
     return stream.getvalue()
 
 
-def _digest(dataset: Dataset) -> str:
+def _digest_numbers(dataset: Dataset) -> str:
     """Of names, dimensions, kinds, numbers and attributes, and of nothing that depends on how they are stored."""
     variables = {
         str(name): [list(variable.dims), list(variable.shape), *_content(variable.values), variable.attrs]
@@ -129,25 +129,25 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if not sound:
         body = raw
         _try_elsewhere(path, body)
-    dataset = _opened(path, body)
+    dataset = _open_checked(path, body)
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
     schema: Any = dataset.attrs.get("schema")
     number = int(schema) if isinstance(schema, int | np.integer) else 0
-    if number > SCHEMA:
-        what = f"{path} is of schema {number}, newer than this granphon knows ({SCHEMA})"
+    if number > SWEEP_SCHEMA:
+        what = f"{path} is of schema {number}, newer than this granphon knows ({SWEEP_SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
     if number < 1 or _REQUIRED - set(dataset.variables):
         raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
-    if told is not None and told != _digest(dataset):
+    if told is not None and told != _digest_numbers(dataset):
         raise damaged(path, f"sha256 of the numbers, the attribute {DIGEST}")
     if told is None and not sound:
         warn_unverified(path)
     return dataset
 
 
-def _opened(path: str | os.PathLike[str], data: bytes) -> Dataset:
+def _open_checked(path: str | os.PathLike[str], data: bytes) -> Dataset:
     try:
         # the bytes that were checked, and no other file
         return open_bytes(data)

@@ -27,11 +27,11 @@ from granphon.media.simulation import DirectSimulation, in_order
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity
-from granphon.sweeps.archive import SCHEMA
+from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import Part
 
-__all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "told"]
+__all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "tell_warnings"]
 
 Array = NDArray[Any]
 #: what is said of the bands of a simulation
@@ -75,7 +75,7 @@ class Job:
     @cached_property
     def name(self) -> str:
         """Of its file: the medium, and a digest of everything that determines the numbers."""
-        data = {**plain(self), "where": "", "places": "", "schema": SCHEMA, "versions": packages()}
+        data = {**plain(self), "where": "", "places": "", "schema": SWEEP_SCHEMA, "versions": packages()}
         return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @cached_property
@@ -84,10 +84,10 @@ class Job:
         try:
             return self.medium.rungs(self.packing, self.load)
         except InputError as error:
-            raise (_located if "load_index" in vars(error) else _named)(self, error) from error
+            raise (_locate if "load_index" in vars(error) else _name_task)(self, error) from error
 
-    def _parts(self) -> list[tuple[Job, Rung]]:
-        """The jobs that an automatic medium leaves to others."""
+    def _delegate(self) -> list[tuple[Job, Rung]]:
+        """The jobs that an automatic medium leaves to others, each with the rung of the ladder that it is."""
         out = []
         for rung in self.rungs:
             places = tuple(rung.loads.tolist())
@@ -99,11 +99,11 @@ class Job:
     def pieces(self) -> list[Job]:
         """What can be done side by side: the loads of different media, and the samples of a simulation; else the job."""
         if self.medium.is_automatic:
-            return [piece for job, _ in self._parts() for piece in job.pieces]
+            return [piece for job, _ in self._delegate() for piece in job.pieces]
         try:
             medium = self.medium.of(self.packing)
         except InputError as error:
-            raise _named(self, error) from error
+            raise _name_task(self, error) from error
         if not isinstance(medium, DirectSimulation):
             return [self]
         out: list[Job] = []
@@ -114,31 +114,31 @@ class Job:
             out.append(_SampleJob(where, self.packing, alone, self.load, self.finite_overlap, None, self.places))
         return out
 
-    def joined(self, parts: Sequence[Part]) -> Part:
+    def join(self, parts: Sequence[Part]) -> Part:
         """The result, from those of its :attr:`pieces`."""
         if self.medium.is_automatic:
-            return self._together(parts)
+            return self._merge(parts)
         medium = self.medium.of(self.packing)
         if not isinstance(medium, DirectSimulation):
             return parts[0]
         records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
-        return self.observed(RecordedState.of(medium, records, self.load))
+        return self.observe(RecordedState.of(medium, records, self.load))
 
-    def _together(self, parts: Sequence[Part]) -> Part:
+    def _merge(self, parts: Sequence[Part]) -> Part:
         """The results of the media that were chosen, each at its loads, of what all of them have."""
         left, found = list(parts), []
-        for job, rung in self._parts():
+        for job, rung in self._delegate():
             count = len(job.pieces)
-            found.append((job.joined(left[:count]), rung))
+            found.append((job.join(left[:count]), rung))
             del left[:count]
-        out: Part = {"warnings": _once([text for part, _ in found for text in part["warnings"].tolist()])}
+        out: Part = {"warnings": _merge_notes([text for part, _ in found for text in part["warnings"].tolist()])}
         for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
             values = np.concatenate([part[name] for part, _ in found])
             order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
             out[name] = values[order]
         return out
 
-    def chosen(self) -> Part:
+    def choices(self) -> Part:
         """At each load the medium that served it, and its expected error, +inf if that is not known."""
         choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
         for rung in self.rungs:
@@ -155,50 +155,50 @@ class Job:
         return 1
 
     def solve(self, begun: Part | None = None) -> Part:
-        """Every variable at every load, and "warnings", for :func:`told`; an error says at which load of which task."""
+        """Find every variable at every load, and "warnings", for :func:`tell_warnings`; an error names its load and task."""
         try:
-            return self.observed(self.state(self.load))
+            return self.observe(self.state(self.load))
         except GranphonError as error:
-            raise _located(self, error) from error
+            raise _locate(self, error) from error
 
-    def observed(self, state: ContactState) -> Part:
+    def observe(self, state: ContactState) -> Part:
         """What is found of a state."""
         out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
         notes += missing_error(out)
         if self.qpoints is not None:
             out["frequencies"] = _frequencies(state, self.qpoints)
-            notes += [LATTICE_BANDS] if state.samples else []
-        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _written(notes)}
+            notes += [LATTICE_BANDS] if state.n_samples else []
+        return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
 
 
-def _written(notes: Sequence[Tally | str]) -> NDArray[Any]:
+def _write_notes(notes: Sequence[Tally | str]) -> NDArray[Any]:
     """What has to be said of a result, as an array of texts: conditions over loads, or sentences."""
     return np.array([json.dumps(note) for note in notes], str)
 
 
-def _read(text: str) -> Tally | str:
+def _read_note(text: str) -> Tally | str:
     note = json.loads(text)
     return note if isinstance(note, str) else Tally(*note)
 
 
-def _once(texts: Sequence[str]) -> NDArray[Any]:
+def _merge_notes(texts: Sequence[str]) -> NDArray[Any]:
     """Notes on parts of the loads as notes on all of them: each condition once, and each sentence."""
     found: dict[Any, Tally | str] = {}
-    for note in map(_read, texts):
+    for note in map(_read_note, texts):
         key = note if isinstance(note, str) else note[:4]
         before = found.get(key)
-        found[key] = before.joined(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
-    return _written(list(found.values()))
+        found[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
+    return _write_notes(list(found.values()))
 
 
-def told(part: Part) -> list[str]:
+def tell_warnings(part: Part) -> list[str]:
     """The warnings of a result, a sentence for each condition that fails."""
-    sentences = (note if isinstance(note, str) else note.warning for note in map(_read, part["warnings"].tolist()))
+    sentences = (note if isinstance(note, str) else note.warning for note in map(_read_note, part["warnings"].tolist()))
     return [sentence for sentence in sentences if sentence is not None]
 
 
-def _located(job: Job, error: GranphonError) -> GranphonError:
+def _locate(job: Job, error: GranphonError) -> GranphonError:
     """``error``, or that of the first load which alone gives one, with the task and the load before it.
 
     The index of that load is its attribute ``load_index``, which comes back from a worker process too.
@@ -213,13 +213,13 @@ def _located(job: Job, error: GranphonError) -> GranphonError:
         return at(known, error)
     for index in range(job.load.size):
         try:
-            job.observed(job.state(job.load[[index]]))
+            job.observe(job.state(job.load[[index]]))
         except GranphonError as alone:
             return at(index, alone)
-    return _named(job, error)
+    return _name_task(job, error)
 
 
-def _named(job: Job, error: GranphonError) -> GranphonError:
+def _name_task(job: Job, error: GranphonError) -> GranphonError:
     """``error`` with the task before it."""
     return type(error)(f"{job.where}: {error}")
 
@@ -270,13 +270,13 @@ class _SampleJob(Job):
         except GranphonError as error:
             if index is not None:
                 vars(error)["load_index"] = index
-            raise _located(self, error) from error
+            raise _locate(self, error) from error
         found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
         if self.done(found) < len(order):
             rest = sample.equilibrium
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
-    def observed(self, state: ContactState) -> Part:
+    def observe(self, state: ContactState) -> Part:
         """Every number of the samples that is averaged, (n_loads, ...)."""
         return SampleRecord.to_part([SampleRecord.of(sample) for sample in state.samples])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
+from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.tasks import Part
 
@@ -18,12 +19,18 @@ __all__ = ["RecordedState", "SampleRecord"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class SampleRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class SampleRecord(Result):
     """Every number of a :class:`~granphon.array.sample.Sample` that a state averages, in SI and under its name there.
 
     ``fraction`` is the sample's ``contact_fraction()``.
     """
+
+    units = {
+        "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
+        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
+    }  # fmt: skip
+    shapes = {"elastic_tensor": "3 3", "elastic_tensors_beside": "2 3 3"}
 
     force: float
     overlap: float

@@ -33,9 +33,9 @@ from granphon.base.validation import require, truth
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points
-from granphon.sweeps.archive import FORMAT, SCHEMA, file_names, load_sweep, write_sweep
-from granphon.sweeps.jobs import Job, packages, to_json, told
-from granphon.sweeps.tasks import Part, Store, kept, solve_all
+from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
+from granphon.sweeps.jobs import Job, packages, tell_warnings, to_json
+from granphon.sweeps.tasks import Part, Store, open_store, solve_all
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -133,13 +133,13 @@ def sweep(
     ]
     pieces = [job.pieces for job in jobs]
     folder = nullcontext() if target is None else opened(target.parent, file_names(target), overwrite)
-    own = kept(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
+    own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
-        parts = [job.joined(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
-        dataset = _filled(frame, jobs, parts, axes)
+        parts = [job.join(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
+        dataset = _fill(frame, jobs, parts, axes)
         if locked is not None and target is not None:
             with locked.staging(file_names(target)) as stage:
                 write_sweep(dataset, stage / target.name)
@@ -220,7 +220,7 @@ def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way:
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _attributes(axis.name, labels) | whole)
     attrs = {
-        "format": FORMAT, "schema": SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
         "direction": "(1, 0), Cartesian, where velocities depend on it",
     }  # fmt: skip
@@ -240,7 +240,7 @@ def _identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
+def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
     """The data set: the frame with what was found."""
     load = jobs[0].load
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
@@ -248,7 +248,7 @@ def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Se
     exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
     if any(job.medium.is_automatic for job in jobs):
-        parts = [part | job.chosen() for job, part in zip(jobs, parts, strict=True)]
+        parts = [part | job.choices() for job, part in zip(jobs, parts, strict=True)]
     # what every medium gives; the tensor only where it is needed
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:
@@ -261,7 +261,7 @@ def _filled(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Se
         variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _attributes(name, stack))
     if "tensor" in names:
         frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
-    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in told(part)]
+    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in tell_warnings(part)]
     path = dict(frame.data_vars)  # after what is found along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 

@@ -29,7 +29,7 @@ from granphon.base.reading import read_bytes
 from granphon.base.staging import write_bytes
 from granphon.base.text import shown
 
-__all__ = ["IDENTITY", "Part", "Store", "Task", "kept", "solve_all"]
+__all__ = ["IDENTITY", "Part", "Store", "Task", "open_store", "solve_all"]
 
 #: the result of a task, or of its first steps; no array holds Python objects
 Part = dict[str, NDArray[Any]]
@@ -92,7 +92,7 @@ class Store:
         if self.folder is None:
             return
         self._check()
-        self._home = _place(self.folder.parent)
+        self._home = _identify_folder(self.folder.parent)
         text = json.dumps(identity, sort_keys=True)
         mine, before, self._names = json.loads(text), self._read_identity(), set(names())
         if (identity is None or before != mine) and self._others():
@@ -148,7 +148,7 @@ class Store:
             raw = memoryview(read_bytes(self.folder / name))
         except (InputError, OSError):
             return None
-        return raw[32:] if raw[:32] == _digest(name, raw[32:]) else None
+        return raw[32:] if raw[:32] == _digest_result(name, raw[32:]) else None
 
     def read(self, task: Task) -> Part | None:
         """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
@@ -177,7 +177,7 @@ class Store:
                 write_bytes(self.folder / IDENTITY, self._identity)
                 self._identity = None
             data = stream.getbuffer()  # no copy: results may be large
-            write_bytes(self.folder / task.name, _digest(task.name, data), data)
+            write_bytes(self.folder / task.name, _digest_result(task.name, data), data)
         except BaseException:
             with suppress(OSError):  # it holds something
                 self.folder.rmdir()
@@ -190,7 +190,7 @@ class Store:
         self._check()
         home = self.folder.parent
         try:
-            if self._home not in (None, _place(home)):
+            if self._home not in (None, _identify_folder(home)):
                 raise FileNotFoundError
             self.folder.mkdir(exist_ok=True)
         except FileNotFoundError:
@@ -213,21 +213,21 @@ class Store:
 
 
 @contextmanager
-def kept(folder: Path | None, force: bool = False) -> Iterator[Store]:
+def open_store(folder: Path | None, force: bool = False) -> Iterator[Store]:
     """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to go on from."""
     store = Store(folder, force)
     yield store
     store.clear()
 
 
-def _digest(name: str, data: bytes | memoryview) -> bytes:
+def _digest_result(name: str, data: bytes | memoryview) -> bytes:
     # of the name too: a file that was renamed is another task's
     found = hashlib.sha256(name.encode())
     found.update(data)
     return found.digest()
 
 
-def _place(folder: Path) -> tuple[int, int] | None:
+def _identify_folder(folder: Path) -> tuple[int, int] | None:
     """Which folder it is, whatever its name; None if it is not there."""
     with suppress(OSError):
         found = os.stat(folder)
