@@ -120,8 +120,7 @@ def test_the_table_knows_the_script_that_made_it(maker):
 @pytest.mark.claim("accuracy-table")
 def test_the_script_measures_what_the_table_bounds(maker):
     """One distribution, few loads and small samples, anew."""
-    forces = (0.1, 1.3, 10.0)
-    for place, kind, name, loads, errors in maker.measured(maker.shapes()["uniform"], forces, (24, 24), 4):
+    for place, kind, name, loads, errors in maker.measured(maker.shapes()["uniform"], (0.1, 10.0), (20, 20), 4):
         at = accuracy().data["loads"][kind]
         known = np.array(accuracy().data["errors"]["uniform"][kind][name][place])
         here = np.exp(np.interp(np.log(loads), np.log(at), np.log(known)))

@@ -34,8 +34,8 @@ def unit(rough):
 @pytest.fixture(scope="module")
 def many(rough, unit):
     """Enough samples for a regression, at f* = 1, 3 and 30."""
-    moments = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (16, 16))
-    moments.add(60)
+    moments = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (12, 12))
+    moments.add(48)
     return moments.ensemble()
 
 
@@ -159,17 +159,17 @@ def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
 
 
 def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, many):
-    other = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (16, 16), seed=10_000)
-    other.add(60)
+    other = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (12, 12), seed=10_000)
+    other.add(32)
     pulls = (other.ensemble().values / many.values - 1.0) / np.hypot(other.ensemble().errors, many.errors)
     assert np.max(np.abs(pulls)) < 4.0
     assert np.sqrt(np.mean(pulls**2)) < 2.0
 
 
 def test_small_samples_with_control_variates_agree_with_one_large_one(rough, unit, many):
-    """That the size of a sample does not matter, to the chance in 128 x 128 balls."""
-    state = gp.DirectSimulation(rough, (128, 128), 77).at_force(3.0 * unit)
-    chance = np.hypot(many.noise[1] / 128.0, many.errors[1])
+    """That the size of a sample does not matter, to the chance in 96 x 96 balls."""
+    state = gp.DirectSimulation(rough, (96, 96), 77).at_force(3.0 * unit)
+    chance = np.hypot(many.noise[1] / 96.0, many.errors[1])
     assert np.all(np.abs(observe(state) / many.values[1] - 1.0) < 3.5 * chance)
 
 
@@ -177,8 +177,8 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
     """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r = 0."""
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False)
     force = 100.0 * packing.law.coefficient * packing.width**1.5
-    moments = Moments(packing, Load("force", (force,)), (16, 16))
-    moments.add(36)
+    moments = Moments(packing, Load("force", (force,)), (12, 12))
+    moments.add(32)
     array = moments.ensemble()
     medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
     correction = lattice / array.values[0, 2] - 1.0
@@ -191,10 +191,10 @@ def test_kinds_of_load_that_are_one_state_give_one_answer(rough, many, unit, kin
     """At f* = 3; the overlap of the ensemble as a load gives its velocities, to the second order of the chance."""
     force = 3.0 * unit
     load = {"force": force, "pressure": math.sqrt(3.0) * force / 8e-3, "overlap": float(many.overlaps[1])}[kind]
-    moments = Moments(rough, Load(kind, (load,)), (16, 16), 500)
-    moments.add(40)
+    moments = Moments(rough, Load(kind, (load,)), (12, 12), 500)
+    moments.add(32)
     found = moments.ensemble()
-    tolerance = 4.0 * np.hypot(found.errors[0], many.errors[1]) + many.noise[1] ** 2 / 256.0 + 2.0 * _overlap_error(many)
+    tolerance = 4.0 * np.hypot(found.errors[0], many.errors[1]) + many.noise[1] ** 2 / 144.0 + 2.0 * _overlap_error(many)
     assert np.all(np.abs(found.values[0] / many.values[1] - 1.0) < tolerance)
 
 

@@ -83,13 +83,13 @@ def test_of_two_minima_the_deeper_is_found(start, width, sigma, lowest):
     # some data ask for a small width and many for a large one
     force, sigmas = np.repeat([2.0, 30.0], [3, 40]), np.repeat(sigma, [3, 40])
     wanted = np.where(force < 3.0, velocities(spread_over(0.5e-6), force=force), velocities(spread_over(width), force=force))
-    widths = np.geomspace(0.1e-6, 300e-6, 400)
+    widths = np.geomspace(0.1e-6, 300e-6, 200)
     squares = np.array([np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths])
     minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
     assert len(minima) == 2
     assert np.argmin(squares) == minima[lowest]
     fit = fit_width(spread_over(start), force, wanted, sigmas)
-    assert_allclose(fit.width, widths[minima[lowest]], rtol=0.02)
+    assert_allclose(fit.width, widths[minima[lowest]], rtol=0.04)
     assert fit.chi2 <= squares.min()
 
 
@@ -185,7 +185,9 @@ def remembered(monkeypatch):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize(("medium", "count"), [("afa", 300), ("ema", 60)])
+@pytest.mark.parametrize(
+    ("medium", "count"), [("afa", 80), ("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)]
+)
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     sigma = np.linspace(6.0, 2.0, 12)
     pulls, fits = repeated(count, sigma, 1, medium=medium, sigma=sigma)
@@ -203,27 +205,27 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
 @pytest.mark.usefixtures("remembered")
 def test_errors_from_the_scatter_follow_student():
     pulls, fits = [], []
-    noise = np.random.default_rng(2).normal(size=(120, 3)) * 4.0
+    noise = np.random.default_rng(2).normal(size=(60, 3)) * 4.0
     for one in noise:
         fits.append(fit_width(BALLS, FORCE[::4], EXACT["afa"][::4] + one, medium="afa"))
         pulls.append((fits[-1].width - WIDTH) / fits[-1].stderr)
     assert {fit.dof for fit in fits} == {2}
     assert kstest(pulls, "t", args=(2,)).pvalue > 0.01
     assert np.mean(np.abs(pulls) > 3.0) > 0.05  # a normal law, which three data are too few for, has 0.3 %
-    assert_allclose(np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / 240.0))
+    assert_allclose(np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / (2 * 60)))
 
 
 @pytest.mark.usefixtures("remembered")
 def test_the_covariance_of_two_parameters_is_their_scatter():
-    sigma = 2.0
-    _, fits = repeated(100, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus"))
+    sigma, count = 2.0, 40
+    _, fits = repeated(count, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus"))
     off = np.array([fit.values for fit in fits]) - [WIDTH, 211.65e9]
     distance = [x @ np.linalg.solve(fit.covariance, x) for x, fit in zip(off, fits, strict=True)]
     assert kstest(distance, chi2_distribution(2).cdf).pvalue > 0.01
     expected = fit_width(BALLS, FORCE, EXACT["afa"], sigma, medium="afa", parameters=("width", "young_modulus")).covariance
     correlation = expected[0, 1] / np.sqrt(expected[0, 0] * expected[1, 1])
-    assert abs(np.corrcoef(off.T)[0, 1] - correlation) < 4.0 * (1.0 - correlation**2) / np.sqrt(100)
-    assert_allclose(off.std(axis=0), np.sqrt(np.diag(expected)), rtol=3.0 / np.sqrt(200))
+    assert abs(np.corrcoef(off.T)[0, 1] - correlation) < 4.0 * (1.0 - correlation**2) / np.sqrt(count)
+    assert_allclose(off.std(axis=0), np.sqrt(np.diag(expected)), rtol=3.0 / np.sqrt(2.0 * count))
 
 
 def test_one_sigma_is_as_many_and_scales_the_error():
@@ -542,7 +544,7 @@ def test_a_wild_datum_is_named_with_sigma_too(sigma):
 def test_a_datum_is_seldom_called_wild_by_chance(sigma):
     fits = [
         fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), sigma, medium="afa")
-        for s in range(50)
+        for s in range(25)
     ]
     assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
 

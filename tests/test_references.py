@@ -95,7 +95,9 @@ SHAPES = {"uniform": UNIFORM, "normal": NORMAL, **{name: LOTS[name] for name in 
 
 
 @pytest.mark.claim("tradeoff-references")
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.exhaustive] * (name in ("normal", "ten"))) for name in SHAPES]
+)
 def test_integration_and_collocation_agree(name):
     xi, order = XI[0.84], np.random.default_rng(0).permutation(len(FORCES))
     y, k = integrate_curve(SHAPES[name], xi, FORCES[order])
@@ -105,9 +107,10 @@ def test_integration_and_collocation_agree(name):
 
 
 def test_integration_gains_with_its_tolerance():
-    best = integrate_curve(UNIFORM, XI[0.0], FORCES)
+    forces = np.geomspace(0.05, 10.0, 5)
+    best = integrate_curve(UNIFORM, XI[0.0], forces)
     for method, tolerance, bound in (("Radau", 1e-6, 1e-6), ("LSODA", 1e-8, 1e-6), ("LSODA", 1e-11, 2e-10)):
-        y, k = integrate_curve(UNIFORM, XI[0.0], FORCES, tolerance, method)
+        y, k = integrate_curve(UNIFORM, XI[0.0], forces, tolerance, method)
         assert 1e-13 < np.max(np.abs(k / best[1] - 1.0)) < bound
         np.testing.assert_allclose(y, best[0], rtol=0.0, atol=bound)
 
@@ -203,15 +206,15 @@ def test_against_tetrahedra(steel, friction, finite_overlap):
     state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)
     phonons, lattice = gp.Phonons(state), contact_lattice(state)
     errors = []
-    for size in (64, 256):
+    for size in (32, 128):
         dos = phonons.dos(mesh=(size, size), points=101)
         at = dos.frequencies
         edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
         cumulated = np.concatenate([[0.0], np.cumsum(dos.total * np.diff(edges))])
-        exact = count_modes(lattice, edges / phonons.scales.frequency, 256)
+        exact = count_modes(lattice, edges / phonons.scales.frequency, 128)
         errors.append(float(np.mean(np.abs(cumulated - exact))))
-    # linear interpolation has order two
-    assert errors[1] < 2e-5
+    # linear interpolation has order two: 2e-5 for 256 points along a side
+    assert errors[1] < 8e-5
     assert np.log2(errors[0] / errors[1]) / 2.0 == pytest.approx(2.0, abs=0.25)
 
 

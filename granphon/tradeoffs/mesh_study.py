@@ -28,8 +28,6 @@ _POINTS_OF_DOS = 501
 _POINTS_OF_INTERVAL = 5
 #: greatest frequency of the comparison over the top of the branches
 _BEYOND_TOP = 1.02
-#: lines of the reference; half of them tell its error
-_REFERENCE_LINES = 256
 
 
 @dataclass(frozen=True)
@@ -37,6 +35,7 @@ class MeshStudy(Study):
     """Mesh and method of the density of states; errors are the part of the modes in a wrong interval of frequency.
 
     ``load``: all loads of the scene. ``meshes``: points along a side of the meshes that are tried.
+    ``reference_lines``: lines of the reference; a count on half of them tells its error.
     """
 
     name = "density of states"
@@ -45,6 +44,7 @@ class MeshStudy(Study):
     load: Load
     finite_overlap: bool
     meshes: tuple[int, ...] = (8, 16, 32, 64, 128, 256)
+    reference_lines: int = 256
 
     @property
     def observed(self) -> tuple[str, ...]:
@@ -104,7 +104,7 @@ class MeshStudy(Study):
 
         rough, fine = (
             count_modes(self.lattice, self.edges, lines, deadline.check)
-            for lines in (_REFERENCE_LINES // 2, _REFERENCE_LINES)
+            for lines in (self.reference_lines // 2, self.reference_lines)
         )
         error = compare_counts(rough, fine)
         made = f"counting between the roots of determinants, on twice the lines {error:.0e} away"
