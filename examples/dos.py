@@ -35,9 +35,9 @@ def velocity(q, branch):
     return lattice.modes([q], direction=(1, 0)).group_velocities[0, branch]
 
 
-triangle = [(i, j) for i in range(7) for j in range(7 - i)]
+triangle = [(i, j) for i in range(5) for j in range(5 - i)]
 for (i, j), branch in product(triangle, range(3)):
-    found = root(velocity, (i * M + j * K) / 6 + [1e-3, 2e-3], branch, tol=1e-12)
+    found = root(velocity, (i * M + j * K) / 4 + [1e-3, 2e-3], branch, tol=1e-12)
     if np.abs(found.fun).max() < 1e-9:
         steps = 1e-3 * np.eye(2)
         slopes = [(velocity(found.x + step, branch) - velocity(found.x - step, branch)) / 2e-3 for step in steps]

@@ -1,10 +1,12 @@
 """What accuracy costs
 ===================
 
-How good is each medium at a load, and how long does it take? And inside the effective medium, what do the grid of the
-Green's function and the tolerance of the solution cost? ``granphon tradeoff`` measures it for a scene; here it is called
-from Python, for 8 mm steel balls that differ by 2.04 microns. Errors are those of the sound velocities, against references
-that other algorithms have made; open points are those whose reference is less than a hundred times better.
+How accurate is each medium at a given load, and how long does it take? And inside the effective medium, what do the grid
+of the Green's function and the tolerance of the solution cost? ``granphon tradeoff`` measures this for a scene. Here we
+call it from Python, for 8 mm steel balls whose diameters differ by 2.04 microns.
+
+Errors are those of the sound velocities, against references that other algorithms have made. A point is open where its
+reference is less than a hundred times more accurate than the point itself.
 """
 
 import sys
@@ -15,21 +17,21 @@ from granphon.figures.work_precision import tradeoff_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
-result = gp.tradeoff(packing, force=19.9, budget=20.0)  # f* = 1, where all contacts are closed
+result = gp.tradeoff(packing, force=19.9, budget=20.0)  # twenty seconds, at f* = 1, where all contacts are closed
 print("\n".join(work_and_precision(result)))
 
 # %%
-# Each rung of the ladder is some three to eight times better than the one below. A simulation is better than the effective
-# medium from 8 x 8 balls on, and its error falls as the root of the number of balls.
+# The averaged force is about three times more accurate than the averaged lattice, and the effective medium three times
+# more than that. A simulation is better than the effective medium from 8 x 8 balls on; its error falls with the root of
+# the number of balls. (The slower the machine, the fewer samples the reference has, and the less it knows.)
 
-error = {point.knob: point.error for point in result.of("media")}
-assert abs(error["ala"] - 4.3e-3) < 1e-4
-assert abs(error["afa"] - 1.65e-3) < 5e-5
-assert abs(error["computed field"] - 5.1e-4) < 2e-5
-assert all(point.resolved for point in result.of("media") if not point.random and not point.failure)
+expected = {"ala": 4.3e-3, "afa": 1.65e-3, "computed field": 5.1e-4}
+for point in result.of("media"):
+    if point.knob in expected and not point.failure:
+        assert abs(point.error / expected[point.knob] - 1.0) < 0.03 + 4.0 * point.reference_error / expected[point.knob]
 
 # %%
-# Inside the effective medium nothing is left to gain: its grid and its tolerance are finer than any use by many orders.
+# Inside the effective medium there is nothing to gain: its grid and its tolerance are far finer than any use needs.
 
 figure = tradeoff_figure(result)
 if "-o" in sys.argv:
