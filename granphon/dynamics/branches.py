@@ -14,14 +14,15 @@ from granphon.base.arguments import real_array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
 from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["AcousticBranch", "AcousticBranches", "acoustic_branches", "connect_branches", "zone_boundary"]
+__all__ = ["AcousticBranch", "AcousticBranches", "connect_branches", "find_zone_boundary", "follow_acoustic_branches"]
 
 Array = NDArray[np.float64]
-#: points along the path on which the branches are told apart
-_POINTS = 128
-#: of them that are looked at together, before those that have gone far enough are left
-_BLOCK = 16
-_NAMES = ("longitudinal", "transverse")
+#: number of points, from Gamma to the edge of the zone, at which branches are followed
+_PATH_POINTS = 128
+#: number of these points that are solved together; after them the directions that have reached their frequency are left
+_POINTS_TOGETHER = 16
+#: the acoustic branches, in the order in which arrays hold them
+_BRANCH_NAMES = ("longitudinal", "transverse")
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
@@ -37,16 +38,16 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
     """
     vectors = np.asarray(eigenvectors)
-    overlap = np.abs(np.einsum("qma,qmb->qab", vectors[:-1].conj(), vectors[1:])) ** 2
+    overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
-    for point, columns in enumerate(_continuations(overlap)):
+    for point, columns in enumerate(_continue_branches(overlap)):
         order[point + 1] = columns[order[point]]
     return order
 
 
-def zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
+def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
+    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
     along = as_direction(direction)
     # half the sum of the cell's edges reaches every point of the zone
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
@@ -80,18 +81,18 @@ class AcousticBranch:
         """Highest frequency a pulse on this branch can have, (k/M)^1/2."""
         return float(self.frequencies[-1])
 
-    def at(self, wavenumbers: Array, references: NDArray[np.complex128]) -> tuple[Array, Array]:
-        """Frequency and group velocity along the direction of the branch nearest to the reference eigenvectors."""
-        values, vectors = _at(self.lattice, wavenumbers, self.direction, references)
+    def find_nearest(self, wavenumbers: Array, references: NDArray[np.complex128]) -> tuple[Array, Array]:
+        """Find the frequency, and the group velocity along the direction, of the mode nearest to each reference vector."""
+        values, vectors = _find_nearest(self.lattice, wavenumbers, self.direction, references)
         return values, vectors @ self.direction
 
-    def wavenumber(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Wavenumber (1/d) and group velocity along the direction at each angular frequency (n,); as :meth:`pulse`."""
-        x, vectors = self.pulse(frequency)
+    def find_wavenumber(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Find the wavenumber (1/d) and the group velocity along the direction at each frequency, as :meth:`find_pulse`."""
+        x, vectors = self.find_pulse(frequency)
         return x, vectors @ self.direction
 
-    def pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Wavenumber (1/d) and group velocity (n, 2), a vector, at each angular frequency (n,), to rounding.
+    def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Find the wavenumber (1/d) and the group velocity (n, 2), a vector, at each angular frequency (n,), to rounding.
 
         Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
         """
@@ -106,20 +107,20 @@ class AcousticBranch:
             for values in (self.wavenumbers, self.frequencies)
         )
         along = np.broadcast_to(self.direction, (target.size, 2))
-        return _solved(self.lattice, along, target, q, omega, self.vectors[right], self.name)
+        return _solve_wavenumbers(self.lattice, along, target, q, omega, self.vectors[right], self.name)
 
 
-def _at(
+def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
-    """Frequency (n,) and group velocity (n, 2) of the branches nearest to the reference eigenvectors (n, n_dof)."""
+    """Find frequencies (n,) and group velocities (n, 2) of the modes nearest to the reference eigenvectors (n, n_dof)."""
     modes = lattice.modes(wavenumbers[:, None] * along, along)
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     row, pick = np.arange(len(wavenumbers)), np.argmax(overlap, axis=1)
     return modes.frequencies[row, pick], modes.group_velocities[row, pick]
 
 
-def _solved(
+def _solve_wavenumbers(
     lattice: ContactLattice,
     along: Array,
     target: Array,
@@ -128,11 +129,11 @@ def _solved(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Wavenumber (n,) and group velocity (n, 2) at ``target`` (n,), between two ends (2, n) of each branch."""
+    """Solve for wavenumbers (n,) and group velocities (n, 2) at ``target`` (n,), between two points (2, n) of a branch."""
     (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
     # the branch is nearly straight below the first point, so that interpolation starts close at any scale
     x = low + (high - low) * (target - low_f) / (high_f - low_f)
-    value, vector = _at(lattice, x, along, references)
+    value, vector = _find_nearest(lattice, x, along, references)
     going = np.arange(x.size)
     for _ in range(200):
         goal, here, at = target[going], x[going], value[going]
@@ -142,7 +143,7 @@ def _solved(
         step = np.divide(at - goal, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
         inside = (here - step >= low[going]) & (here - step <= high[going])
         x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
-        value[going], vector[going] = _at(lattice, x[going], along[going], references[going])
+        value[going], vector[going] = _find_nearest(lattice, x[going], along[going], references[going])
         # Newton's steps halve their exponents: after one as small as this only rounding is left
         going = going[np.abs(x[going] - here) > 1e-13 * here]
         if not going.size:
@@ -161,15 +162,15 @@ def _solved(
 
 @dataclass(frozen=True, eq=False)
 class AcousticBranches:
-    """Both acoustic branches along many directions, longitudinal first, followed from Gamma as far as is asked.
+    """Both acoustic branches along many directions, longitudinal first, from Gamma up to the frequencies asked for.
 
     Attributes
     ----------
     directions : (n, 2) unit vectors.
     wavenumbers : (n, n_points), 1/d.
     frequencies : (2, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
-    rising : (2, n), how many points there are before the first maximum, among those that were followed.
-    falls : (2, n), whether there is a maximum after them.
+    rising : (2, n), number of points before the first maximum, among those at which the branch was followed.
+    falls : (2, n), whether a maximum was met after them.
     vectors : (2, n, n_points, n_dof), eigenvectors.
     """
 
@@ -182,13 +183,13 @@ class AcousticBranches:
     vectors: NDArray[np.complex128]
 
     @classmethod
-    def along(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
-        """Followed through crossings, each (branch, direction) until it reaches its target (2, n), falls or ends."""
+    def follow(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
+        """Follow the branches through crossings, each until it reaches its target (2, n), falls, or meets the zone edge."""
         count, size = len(directions), lattice.n_branches
         wanted = np.broadcast_to(np.asarray(targets, float), (2, count))
-        grid = zone_boundary(lattice, directions)[:, None] * np.arange(1, _POINTS + 1) / _POINTS
-        frequencies = np.full((2, count, _POINTS), np.inf)
-        vectors = np.zeros((2, count, _POINTS, size), complex)
+        grid = find_zone_boundary(lattice, directions)[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
+        frequencies = np.full((2, count, _PATH_POINTS), np.inf)
+        vectors = np.zeros((2, count, _PATH_POINTS, size), complex)
         rising, falls = np.zeros((2, count), int), np.zeros((2, count), bool)
         _, polarisations = lattice.sound_velocities(directions)
         start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
@@ -199,8 +200,8 @@ class AcousticBranches:
         )
         column, last = np.argmax(np.abs(drift), axis=2).T, start.eigenvectors
         going = np.arange(count)
-        for first in range(0, _POINTS, _BLOCK):
-            part = slice(first, first + _BLOCK)
+        for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
+            part = slice(first, first + _POINTS_TOGETHER)
             q, along = grid[going, part], directions[going]
             at = (q[..., None] * along[:, None]).reshape(-1, 2)
             modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
@@ -210,7 +211,7 @@ class AcousticBranches:
             overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
             row = np.arange(len(going))
             for point in range(q.shape[1]):
-                onward = _continuations(overlap[:, point])
+                onward = _continue_branches(overlap[:, point])
                 column = np.stack([onward[row, one] for one in column])
                 place = first + point
                 climbs = ~falls[:, going] & (ahead[row, point, column] > 0.0)
@@ -225,19 +226,19 @@ class AcousticBranches:
                 break
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
 
-    def branch(self, which: int, direction: int) -> AcousticBranch:
-        """One of them (0: longitudinal, 1: transverse), cut at its first maximum."""
+    def take_branch(self, which: int, direction: int) -> AcousticBranch:
+        """Take one branch (0: longitudinal, 1: transverse) in one direction, cut at its first maximum."""
         count = int(self.rising[which, direction])
         fallen = bool(self.falls[which, direction])
         part = slice(0, count + fallen)
         found = AcousticBranch(
-            self.lattice, self.directions[direction], _NAMES[which], self.wavenumbers[direction, part],
+            self.lattice, self.directions[direction], _BRANCH_NAMES[which], self.wavenumbers[direction, part],
             self.frequencies[which, direction, part], self.vectors[which, direction, part],
         )  # fmt: skip
         return _cut_at_maximum(found, count) if fallen else found
 
-    def wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
-        """Wavenumber (m,) and group velocity (m, 2) at ``target`` (m,) of one branch in the directions of these indices.
+    def find_wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
+        """Find wavenumbers (m,) and group velocities (m, 2) at ``target`` (m,) of one branch in directions of these indices.
 
         ``target`` must not be above the last point before the maximum.
         """
@@ -249,11 +250,13 @@ class AcousticBranches:
             for values in (self.wavenumbers[direction], known)
         )
         references = self.vectors[which, direction, right]
-        return _solved(self.lattice, self.directions[direction], target, q, omega, references, _NAMES[which])
+        return _solve_wavenumbers(
+            self.lattice, self.directions[direction], target, q, omega, references, _BRANCH_NAMES[which]
+        )
 
 
-def _continuations(overlap: Array) -> NDArray[np.intp]:
-    """(n, n_branches): to which column each branch goes on, from the overlaps (n, n_branches, n_branches)."""
+def _continue_branches(overlap: Array) -> NDArray[np.intp]:
+    """Find the column (n, n_branches) in which each branch goes on, from the overlaps (n, n_branches, n_branches)."""
     # where each branch has a continuation of its own that overlaps most, that is the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
     clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
@@ -264,27 +267,27 @@ def _continuations(overlap: Array) -> NDArray[np.intp]:
     return best
 
 
-def acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
-    """The longitudinal and the transverse branch along ``direction``, followed through crossings."""
+def follow_acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
+    """Follow the longitudinal and the transverse branch along ``direction`` through crossings."""
     along = one_direction(direction)
-    both = AcousticBranches.along(lattice, along[None])
-    return {name: both.branch(which, 0) for which, name in enumerate(_NAMES)}
+    both = AcousticBranches.follow(lattice, along[None])
+    return {name: both.take_branch(which, 0) for which, name in enumerate(_BRANCH_NAMES)}
 
 
 def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:
-    """The part of ``branch`` below the maximum that lies before its point ``falling``."""
+    """Cut ``branch`` at its maximum, which lies before the point ``falling``."""
     reference = branch.vectors[falling][None]
     low = branch.wavenumbers[falling - 1] if falling else 0.0
     high = branch.wavenumbers[falling]
     while high - low > 4e-16 * high:
         points = np.linspace(low, high, 34)[1:-1]
-        rising = branch.at(points, np.broadcast_to(reference, (32, reference.shape[1])))[1] > 0.0
+        rising = branch.find_nearest(points, np.broadcast_to(reference, (32, reference.shape[1])))[1] > 0.0
         first = int(np.argmin(np.append(rising, False)))
         edges = np.concatenate([[low], points, [high]])
         if (edges[first], edges[first + 1]) == (low, high):
             break
         low, high = float(edges[first]), float(edges[first + 1])
-    top = branch.at(np.array([low]), reference)[0]
+    top = branch.find_nearest(np.array([low]), reference)[0]
     return AcousticBranch(
         branch.lattice, branch.direction, branch.name,
         np.append(branch.wavenumbers[:falling], low), np.append(branch.frequencies[:falling], top),

@@ -8,8 +8,8 @@ LAPACK is many times faster: it does all that it can do without the loss of a di
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -136,13 +136,13 @@ def _svd_or_jacobi(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """The same by LAPACK alone, accurate to rounding of the largest singular value."""
+    """Singular values and right singular vectors, as of :func:`graded_svd`, accurate to rounding of the largest value."""
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
 
 def _find_lost_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has; zeros are made exact.
+    """Find which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has, and make zeros exact.
 
     A column of zeros is a singular value of zero, and no reason to doubt the others.
     """
@@ -189,7 +189,7 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _number_blocks(size: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Blocks 0, 1, ... of columns, (n_matrices, n), from their norms in descending order: in each, norms are comparable."""
+    """Number blocks of columns, (n_matrices, n), of comparable norms, from norms in descending order."""
     blocks, first = np.zeros(size.shape, np.intp), size[:, 0].copy()
     for column in range(1, size.shape[1]):
         smaller = size[:, column] < _COMPARABLE_RATIO * first
@@ -199,7 +199,7 @@ def _number_blocks(size: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
-    """At least as many rows as columns: fewer leave free motions, and each gets a row of zeros."""
+    """Add rows of zeros until there are as many rows as columns: one for each free motion."""
     lacking = max(0, matrices.shape[2] - matrices.shape[1])
     return np.pad(matrices, ((0, 0), (0, lacking), (0, 0))) if lacking else matrices
 
@@ -226,10 +226,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
     for _ in range(_MOST_SWEEPS):
-        converged = True
-        for p, r in _rounds(n):
-            converged &= _rotate(columns, m, p, r)
-        if converged:
+        turned = [_rotate(columns[p], columns[r], m) for p, r in itertools.combinations(range(n), 2)]
+        if not any(turned):
             break
     else:
         raise RuntimeError("the Jacobi iteration did not converge")  # it does, quadratically, for finite input
@@ -240,43 +238,26 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     return np.moveaxis(values, -1, 0).reshape(*shape, n), right.transpose(2, 1, 0).reshape(*shape, n, n)
 
 
-@cache
-def _rounds(n: int) -> list[tuple[Any, Any]]:
-    """All pairs of ``n`` columns, as the rounds of a tournament: those of one round have no column in common."""
-    seats = list(range(n + n % 2))
-    found: list[tuple[Any, Any]] = []
-    for _ in seats[1:]:
-        half = len(seats) // 2
-        pairs = [sorted(pair) for pair in zip(seats[:half], reversed(seats[half:]), strict=True)]
-        first, second = np.array([pair for pair in pairs if pair[1] < n], np.intp).reshape(-1, 2).T
-        # a single pair is taken as views
-        one = len(first) == 1
-        found.append((slice(first[0], first[0] + 1), slice(second[0], second[0] + 1)) if one else (first, second))
-        seats = [seats[0], seats[-1], *seats[1:-1]]
-    return found[::-1]
-
-
-def _rotate(columns: NDArray[Any], m: int, p: Any, r: Any) -> bool:
-    """Make the upper m rows of each pair of columns orthogonal, in place; whether they were."""
-    first, second = columns[p], columns[r]
-    adjoint = first[:, :m].conj()
-    alpha = np.einsum("pmb,pmb->pb", adjoint, first[:, :m]).real
-    beta = np.einsum("pmb,pmb->pb", second[:, :m].conj(), second[:, :m]).real
-    gamma = np.einsum("pmb,pmb->pb", adjoint, second[:, :m])
+def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
+    """Make the upper m rows of two columns (rows, n_matrices) orthogonal, in place. Returns whether they were not."""
+    adjoint = first[:m].conj()
+    alpha = np.einsum("mb,mb->b", adjoint, first[:m]).real
+    beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
+    gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
     # a column below _NO_COLUMN is what rounding left of a dependent one: zero, and never to be orthogonal
     active = (size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)) & (np.minimum(alpha, beta) > _NO_COLUMN**2)
     if not np.any(active):
-        return True
+        return False
     safe = np.where(active, size, 1.0)
     zeta = np.where(active, 0.5 * (beta - alpha) / safe, 0.0)
     tangent = np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta))
     tangent = np.where(active, tangent, 0.0)
     cosine = 1.0 / np.hypot(1.0, tangent)
-    cosine, sine = cosine[:, None], (cosine * tangent)[:, None]
-    second = second * np.where(active, gamma / safe, 1.0).conj()[:, None]
-    columns[p], columns[r] = cosine * first - sine * second, sine * first + cosine * second
-    return False
+    sine = cosine * tangent
+    turned = second * np.where(active, gamma / safe, 1.0).conj()
+    first[...], second[...] = cosine * first - sine * turned, sine * first + cosine * turned
+    return True
 
 
 def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
@@ -293,17 +274,17 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     unit = matrices * inverse[..., :, None] * inverse[..., None, :]
     index = np.arange(matrices.shape[-1])
     unit[..., index, index] = 1.0
-    lower = _lower(unit)
+    lower = _find_lower(unit)
     return np.asarray((root[..., :, None] * lower).swapaxes(-1, -2).conj())
 
 
-def _lower(matrices: NDArray[Any]) -> NDArray[Any]:
-    """L of a stack of matrices L L^H of unit diagonal; not a triangle where one is singular."""
+def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
+    """Find L of a stack of matrices L L^H of unit diagonal; it is no triangle where the matrix is singular."""
     try:
         return np.asarray(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
         if matrices.ndim > 2:  # what the others get does not depend on the singular one
-            return np.stack([_lower(matrix) for matrix in matrices])
+            return np.stack([_find_lower(matrix) for matrix in matrices])
         values, vectors = np.linalg.eigh(matrices)
         if values[0] < -_BELOW_ZERO * len(values):
             raise

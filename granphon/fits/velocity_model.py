@@ -28,7 +28,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result
 from granphon.base.text import closest
 from granphon.base.validation import require, truth
-from granphon.dynamics.branches import acoustic_branches
+from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
@@ -80,7 +80,7 @@ class Waves(Result):
         # in the paper's limit one dispersion relation serves all loads
         several = state.finite_overlap and bool(state.shape)
         each = [state[n] for n in range(len(state.force))] if several else [state]
-        reduced = np.array([acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
+        reduced = np.array([follow_acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
         return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
 

@@ -135,7 +135,7 @@ def _find_wavenumbers(
     places = [("longitudinal", "transverse").index(name) for name in names]
     wanted = np.full((2, len(along)), -np.inf)
     wanted[places] = target.max(axis=1)
-    both = AcousticBranches.along(lattice, along, wanted)
+    both = AcousticBranches.follow(lattice, along, wanted)
     q, group = np.empty(target.shape), np.empty((*target.shape, 2))
     row = np.arange(len(along))
     for one, which in enumerate(places):
@@ -145,15 +145,15 @@ def _find_wavenumbers(
         inside = np.flatnonzero(~beyond)
         if inside.size:
             flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
-            found = both.wavenumber(which, flat, target[one][:, inside].ravel())
+            found = both.find_wavenumber(which, flat, target[one][:, inside].ravel())
             q[one][:, inside] = found[0].reshape(-1, len(inside))
             group[one][:, inside] = found[1].reshape(-1, len(inside), 2)
         for place in np.flatnonzero(beyond).tolist():
             goal, unit = target[one, :, place], scale[one, :, place]
-            branch = both.branch(which, place)
+            branch = both.take_branch(which, place)
             if np.any(goal > branch.top):
                 raise _unreachable(branch, goal, unit)
-            q[one, :, place], group[one, :, place] = branch.pulse(goal)
+            q[one, :, place], group[one, :, place] = branch.find_pulse(goal)
     return q, group
 
 

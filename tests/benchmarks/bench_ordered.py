@@ -143,7 +143,7 @@ def bands(repeats: int) -> list[Row]:
     class Rotated(gp.ContactLattice):
         """Complex numbers and plane rotations at all wave vectors, which keep all digits and take their time."""
 
-        _images = None  # type: ignore[assignment]
+        _images = None
 
         def _solve(self, wavevectors: Any, waves: Any = None) -> Any:
             return rotate_all(self._waves(wavevectors) if waves is None else waves)
