@@ -39,10 +39,16 @@ def pytest_configure() -> None:
 
 
 def only(quick: Iterable[Any], cases: Iterable[Any]) -> list[Any]:
-    """Cases of ``parametrize``, of which the default selection has those of ``quick``; the others are exhaustive."""
+    """Cases of ``parametrize``, of which the default selection has those of ``quick``; the others are exhaustive.
+
+    A tuple is a case of several arguments.
+    """
     kept, cases = list(quick), list(cases)
     assert all(case in cases for case in kept), "a quick case that is none"
-    return [case if case in kept else pytest.param(case, marks=pytest.mark.exhaustive) for case in cases]
+    return [
+        case if case in kept else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.exhaustive)
+        for case in cases
+    ]
 
 
 #: one neighbour: ball i, ball j, unit normal from i to j
