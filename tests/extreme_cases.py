@@ -800,12 +800,14 @@ CASES = [
         "f = 5 kN, with friction and without; the gap of the kagome lattice",
         20.0,
         densities_at_edges,
+        slow=True,
     ),
     Case(
         "averaged force, normal",
         "cutoffs from 0.01 to 10, std from 1e-16 to 0.05 d, a* from 0.42 to 1e8",
         1e-13,
         averaged_normal,
+        slow=True,
     ),
     Case("averaged force, uniform", "W from 1e-16 to 0.3 d, a* from 0.345 to 1e8", 1e-13, averaged_force),
     Case(

@@ -368,8 +368,17 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
     assert ax.get_yscale() == "log"
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (8, 5), (7, 40), (40, 7)])
-@pytest.mark.parametrize("packing", [PACKING, gp.Packing(STEEL, 8e-3)], ids=["spread", "equal"])
+@pytest.mark.parametrize(
+    ("packing", "shape"),
+    [
+        (PACKING, (2, 3)),
+        (PACKING, (7, 40)),
+        (gp.Packing(STEEL, 8e-3), (1, 1)),
+        (gp.Packing(STEEL, 8e-3), (40, 7)),
+        *(pytest.param(PACKING, shape, marks=pytest.mark.exhaustive) for shape in [(1, 1), (8, 5), (40, 7)]),
+        *(pytest.param(gp.Packing(STEEL, 8e-3), s, marks=pytest.mark.exhaustive) for s in [(2, 3), (8, 5), (7, 40)]),
+    ],
+)
 def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
     state = gp.DirectSimulation(packing, shape).at_force(2.0)
     figure = forces_figure(state)

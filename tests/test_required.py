@@ -129,6 +129,13 @@ FIGURES = {
 }  # fmt: skip
 
 
+#: kinds whose parts are those of others: exhaustive
+ALIKE = {
+    "velocities, averaged force", "auto, equal balls", "auto, high load", "sweep, auto", "sweep, averaged",
+    "density of states", "simulation", "simulation, no friction",
+}  # fmt: skip
+
+
 def asked(seen: Any) -> dict[str, int]:
     """Calls but for the trials by which the command estimates what a simulation takes: three, of one small sample."""
     calls = dict(seen.calls)
@@ -148,9 +155,7 @@ def test_every_kind_of_scene_is_held_to_what_it_asks():
 
 
 @pytest.mark.claim("benchmark-scenes")
-@pytest.mark.parametrize(
-    "kind", only(ASKED.keys() - {"simulation, no friction", "density of states", "auto, high load"}, ASKED)
-)
+@pytest.mark.parametrize("kind", only(ASKED.keys() - ALIKE, ASKED))
 def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind):
     calls, modules, files = ASKED[kind]
     drawn = FIGURES.get(kind, set())
