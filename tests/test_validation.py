@@ -29,7 +29,7 @@ from granphon.tradeoffs.references import balance
 
 PAGE = DOCS / "reference" / "validation.md"
 
-_CLAIM = re.compile(r"<!-- claim: ([\w-]+) -->")
+_CLAIM = re.compile(r"<!-- claim: ([a-z0-9-]+) -->")
 _PRODUCER = re.compile(
     r"`(?:(?P<test>tests/test_\w+\.py)::(?P<name>test_\w+)|python (?P<benchmark>tests/benchmarks[\w/.]*)(?P<options>[ \w-]*)"
     r"|(?P<example>examples/\w+\.py))`"
