@@ -217,7 +217,6 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
     assert not seen.files
 
 
-@pytest.mark.claim("exponent-cost")
 @pytest.mark.parametrize("command", ["check", "run"])
 @pytest.mark.parametrize("medium", ["ema", "auto"])
 def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tmp_path, monkeypatch, capsys):
@@ -251,6 +250,7 @@ def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tm
     assert calls == {"choice": 1, "state": 1, "validity": 1}
 
 
+@pytest.mark.claim("exponent-cost")
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
     from granphon.array import sample as samples
     from granphon.media import simulation
