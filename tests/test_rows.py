@@ -249,6 +249,28 @@ def test_sound_of_six_motions_keeps_its_digits_near_gamma(name):
     assert_allclose(low[sound] / 1e-9, high[sound] / 1e-6, rtol=1e-9)
 
 
+# -- chain --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_chain_in_closed_form(dimension):
+    cell = np.eye(dimension)[:1]
+    table = find_contacts(cell, np.zeros((1, dimension)), "chain")
+    x = np.array([1e-9, 0.3, 1.7, 3.0])
+    q, sine, cosine = x[:, None] * cell, np.sin(0.5 * x), np.cos(0.5 * x)
+    along = ContactLattice(cell, np.zeros((1, dimension)), table, 0.0, motions=LONGITUDINAL)
+    assert_allclose(along.area, 1.0, rtol=0)
+    assert_allclose(along.wavevectors([[0.25]]), 0.5 * math.pi * cell, rtol=1e-15)
+    assert_allclose(along.frequencies(q)[:, 0], 2.0 * sine, rtol=1e-14)
+    # across the chain displacement and rotation share the one slip, kappa (4 sin^2 + 10 cos^2), and a motion costs nothing
+    every = ContactLattice(cell, np.zeros((1, dimension)), table, SLIP, torsion=TWIST, motions=ALL)
+    squared = every.frequencies(q) ** 2
+    pair = SLIP * (4.0 * sine**2 + cosine**2 / GYRATION**2)
+    expected = np.stack([0.0 * x, 0.0 * x, 4.0 * sine**2, TWIST * 4.0 * sine**2 / GYRATION**2, pair, pair], axis=1)
+    assert_allclose(squared, np.sort(expected, axis=1), atol=1e-13)
+    assert_allclose(every.frequencies(q[:1])[0, 2:4], [1e-9 * math.sqrt(TWIST / GYRATION**2), 1e-9], rtol=1e-12)
+
+
 # -- fcc ----------------------------------------------------------------------------------------------------------------
 
 

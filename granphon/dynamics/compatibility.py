@@ -69,7 +69,7 @@ class Compatibility:
 
     Parameters
     ----------
-    cell : (d, d) lattice vectors as rows, in two or three dimensions.
+    cell : (p, d) lattice vectors as rows: p periods in d dimensions, two or three.
     positions : (n, d) centres.
     contacts : the table of contacts, in the same unit of length.
     mindlin_ratio : eta, stiffness of slip over that of elongation.
@@ -135,15 +135,23 @@ class Compatibility:
         """Degrees of freedom in the cell."""
         return self.motions.count * self.n_balls
 
+    @property
+    def dimension(self) -> int:
+        """Dimension d of the space in which the balls lie."""
+        return self.positions.shape[1]
+
     @cached_property
     def area(self) -> float:
-        """Area of the cell."""
-        return float(abs(np.linalg.det(self.cell)))
+        """Area of the cell; of a chain its length, in space its volume."""
+        if len(self.cell) == self.dimension:
+            return float(abs(np.linalg.det(self.cell)))
+        return float(np.sqrt(np.linalg.det(self.cell @ self.cell.T)))
 
     @cached_property
     def reciprocal(self) -> Array:
-        """(d, d): reciprocal vectors as rows, 2 pi included."""
-        return read_only(2.0 * np.pi * np.linalg.inv(self.cell).T)
+        """(p, d): reciprocal vectors as rows, 2 pi included."""
+        inverse = np.linalg.inv(self.cell) if len(self.cell) == self.dimension else np.linalg.pinv(self.cell)
+        return read_only(2.0 * np.pi * inverse.T)
 
     @property
     def is_prestressed(self) -> bool:
@@ -151,7 +159,7 @@ class Compatibility:
         return bool(np.any(self.prestress != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Cartesian wave vectors (..., d) of fractions (..., d) of the reciprocal cell; in the plane also of (..., 3)."""
+        """Cartesian wave vectors (..., d) of fractions (..., p), or (..., 3), of the reciprocal cell."""
         q, count = real_array("fractions", fractions), len(self.cell)
         if q.shape[-1:] not in ((count,), (3,)):
             raise InputError(message(f"fractions of shape {q.shape}", mend="Give (..., 2) or (..., 3) of them"))
@@ -241,7 +249,7 @@ class Compatibility:
 
         With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
         """
-        q = as_wavevectors(wavevectors, len(self.cell))
+        q = as_wavevectors(wavevectors, self.dimension)
         return (self._make_waves(prestress) if prestress else self._own_waves).at(q, derivative)
 
     @cached_property
@@ -311,7 +319,7 @@ class Compatibility:
 
     def _waves(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
         """As :meth:`_rows`, with rows that have the same C^H C and are real if each contact has an image."""
-        q = as_wavevectors(wavevectors, len(self.cell))
+        q = as_wavevectors(wavevectors, self.dimension)
         return (self._pushing if prestress else self._deforming).at(q, derivative)
 
     def _wave_half_vectors(self, waves: NDArray[Any]) -> Array:

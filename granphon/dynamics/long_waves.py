@@ -143,7 +143,7 @@ class LongWaves(Compatibility):
         -------
         (..., 2, 2, 2, 2), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
         """
-        shape = (len(self.motions.translations), len(self.cell)) * 2
+        shape = (len(self.motions.translations), self.dimension) * 2
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)

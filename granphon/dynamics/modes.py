@@ -138,7 +138,7 @@ class ContactLattice(LongWaves):
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
-        q = as_wavevectors(wavevectors, len(self.cell))
+        q = as_wavevectors(wavevectors, self.dimension)
         if not np.all(np.isfinite(q)):
             raise InputError(message("a wave vector is not finite"))
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
@@ -162,7 +162,7 @@ class ContactLattice(LongWaves):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        asked = as_wavevectors(wavevectors, len(self.cell))
+        asked = as_wavevectors(wavevectors, self.dimension)
         if direction is not None:
             along = np.broadcast_to(as_direction(direction), asked.shape)
         elif np.all(np.any(asked != 0.0, axis=1)):
@@ -188,7 +188,7 @@ class ContactLattice(LongWaves):
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
-        toward = np.pad(as_direction(ahead), ((0, 0), (0, 3 - len(self.cell))))[:, list(self.motions.translations)]
+        toward = np.pad(as_direction(ahead), ((0, 0), (0, 3 - self.dimension)))[:, list(self.motions.translations)]
         parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, self.motions.translating], toward)) ** 2
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
