@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.contact_table import contact_frames, contacts_apart, find_contacts, steps_within
-from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, as_direction, lattice_named
+from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, as_direction, find_lattice
 from granphon.base.errors import InputError
 
 HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
@@ -59,7 +59,7 @@ def test_table_is_read_only_and_scales():
     for field in dataclasses.fields(table):
         with pytest.raises(ValueError, match="read-only"):
             getattr(table, field.name)[:] = 0
-    small = table.scaled(0.9)
+    small = table.scale(0.9)
     assert_allclose(small.vector, 0.9 * table.vector, rtol=1e-15)
     assert_allclose(small.arm_i, 0.45, rtol=1e-15)
     assert_allclose(small.normal, table.normal, rtol=0)
@@ -144,9 +144,9 @@ def test_impossible_lattices(cell, sites, text):
 
 def test_unknown_lattice_names_those_known():
     with pytest.raises(InputError, match="triangular, square, kagome"):
-        lattice_named("hexagonl")
-    assert lattice_named("kagome") is KAGOME
-    assert lattice_named(HONEYCOMB) is HONEYCOMB
+        find_lattice("hexagonl")
+    assert find_lattice("kagome") is KAGOME
+    assert find_lattice(HONEYCOMB) is HONEYCOMB
 
 
 @given(x=st.floats(-1, 1), y=st.floats(0.1, 1), scale=st.floats(-300, 300))

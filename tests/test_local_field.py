@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, lattice_named
+from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError, PrecisionError
-from granphon.dynamics.local_field import LocalField, _response, _zone, local_field, paper_local_field, xi_of
+from granphon.dynamics.local_field import LocalField, _divide_zone, _find_response, local_field, paper_local_field, xi_of
 from granphon.dynamics.modes import ContactLattice
 
 ROOT3 = np.sqrt(3.0)
@@ -238,7 +238,7 @@ def test_quadrature_sum_rules(name):
     medium = ContactLattice.of(name, 0.84)
     places = np.array([[0, 0], [1, 0], [0, 1], [2, -1]]) @ medium.cell
     means, trace = 0.0, 0.0
-    for q, weights in _zone(medium.reciprocal, 12):
+    for q, weights in _divide_zone(medium.reciprocal, 12):
         means = means + weights @ np.cos(q @ places.T)
         factor = np.linalg.qr(medium.compatibility(q))[0]
         trace += weights @ np.sum(np.abs(factor) ** 2, axis=(1, 2))
@@ -251,12 +251,12 @@ def test_quadrature_sum_rules(name):
 @pytest.mark.parametrize(("name", "eta"), [("triangular", 0.0), ("triangular", 0.84), ("square", 0.84), ("kagome", 0.84)])
 def test_quadrature_converges_geometrically(name, eta):
     medium = ContactLattice.of(name, eta)
-    exact = _response(medium, 40)
-    errors = [np.max(np.abs(_response(medium, order) - exact)) for order in (4, 6, 8, 10, 12)]
+    exact = _find_response(medium, 40)
+    errors = [np.max(np.abs(_find_response(medium, order) - exact)) for order in (4, 6, 8, 10, 12)]
     assert errors[-1] < 1e-9
     assert errors[1] / errors[0] < 0.1
     assert np.exp(np.polyfit([4, 6, 8, 10, 12], np.log(errors), 1)[0]) < 0.2
-    assert np.max(np.abs(_response(medium, 18) - exact)) < 1e-14
+    assert np.max(np.abs(_find_response(medium, 18) - exact)) < 1e-14
 
 
 @pytest.mark.parametrize("eta", [0.0, 0.84])
@@ -279,7 +279,7 @@ def test_any_cell_of_the_lattice_gives_the_same(eta):
 
 def test_result():
     field = local_field("triangular", 0.84)
-    assert local_field(lattice_named("triangular"), np.float64(0.84)) is field
+    assert local_field(find_lattice("triangular"), np.float64(0.84)) is field
     assert LocalField.from_dict(field.to_dict()) == field
     other = local_field("square", 0.84)
     assert LocalField.from_dict(other.to_dict()) == other

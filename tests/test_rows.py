@@ -167,7 +167,7 @@ def test_a_rigid_motion_deforms_nothing(values, arm_i, arm_j):
 
 
 def test_rows_of_the_plane_are_those_of_the_paper():
-    table = TRIANGULAR.contacts.scaled(0.9)
+    table = TRIANGULAR.contacts.scale(0.9)
     arm_i, arm_j = table.arm_i, 1.1 * table.arm_j
     elongation, slip = contact_rows(table.normal, arm_i, arm_j, IN_PLANE, slip=SLIP)
     none = np.zeros(len(table))

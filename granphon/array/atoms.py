@@ -34,21 +34,28 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 __all__ = [
-    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopted", "has_masses", "has_sampled", "kind_of", "take_arrays",
+    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopt", "has_masses", "has_sampled", "find_kind", "take_arrays",
     "write_extxyz",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Kind = int
-LATTICE, FINITE, SAMPLE = 0, 1, 2
-#: arrays that tell the state
-_SCALES, _KIND = "granphon_scales", "granphon_kind"
+#: kind of balls on the sites of a lattice, in the paper's limit
+LATTICE = 0
+#: kind of balls on the sites of a lattice, with finite overlap
+FINITE = 1
+#: kind of balls of a simulated sample
+SAMPLE = 2
+#: name of the array of scales, which tells of which state balls are
+_SCALES = "granphon_scales"
+#: name of the array of kinds
+_KIND = "granphon_kind"
 #: all that energy or force constants depend on, with the shape of one ball's part
 ARRAYS: dict[str, tuple[int, ...]] = {
     _SCALES: (3,), _KIND: (), "diameter_deviations": (), "displacements": (3,), "slip_origin": (3,), "rotations": (),
 }  # fmt: skip
-#: what eight decimals leave of a logarithm
-_ROUNDING = 2e-8
+#: largest difference of a logarithm that a file with eight decimals makes
+_DECIMALS = 2e-8
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
     " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
@@ -56,7 +63,7 @@ _MEND = (
 
 
 def has_masses(balls: Atoms) -> bool:
-    """Whether every ball has a mass, and not that of the element whose symbol it bears, from ASE's table."""
+    """Whether every ball has a mass of its own, other than the one that ASE's table gives to the element of its symbol."""
     from ase.data import atomic_masses
 
     return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
@@ -68,9 +75,10 @@ def has_sampled(balls: Atoms) -> bool:
 
 
 def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None) -> None:
-    """Put scales and arrays on Atoms, in place: those ``given``, else those there, else those of balls at rest on sites.
+    """Put scales and arrays on Atoms, in place.
 
-    Masses that are nowhere are (1 + deviation)^3, those of balls of one material.
+    Each array is the one ``given``, else the one that the Atoms have, else that of balls at rest on the sites of their
+    lattice. Where there are no masses they become (1 + deviation)^3, as of balls of one material.
     """
     new = {name: np.zeros((len(balls), *shape)) for name, shape in ARRAYS.items()}
     new |= {_SCALES: np.tile(_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
@@ -86,8 +94,8 @@ def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Arra
     balls.info.update(units.to_info())
 
 
-def adopted(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> Atoms:
-    """A copy of Atoms with the arrays and masses that it lacks: those of ``like``, ball by ball, or of balls on the lattice.
+def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> Atoms:
+    """Copy Atoms, and give the copy the arrays and masses that it lacks, those of ``like`` or of balls on the lattice.
 
     :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the scales in ``info`` are others.
     """
@@ -107,8 +115,8 @@ def adopted(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -
     return balls
 
 
-def kind_of(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
-    """:data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`: what balls these are.
+def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
+    """Find out whether the balls are of kind :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
 
     :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls are those of another state.
     """
@@ -122,7 +130,7 @@ def kind_of(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
             )
     _require_info(balls, units)
     given = balls.arrays[_SCALES]
-    same = np.all(np.abs(given - _logarithms(units)) < _ROUNDING, axis=1)
+    same = np.all(np.abs(given - _logarithms(units)) < _DECIMALS, axis=1)
     if not np.all(same):
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))

@@ -31,7 +31,7 @@ _LEAST_LOCAL = 1e-5
 
 
 class _Row(NamedTuple):
-    """A deformation: ``head`` times the motion of ball j, at ``shift``, less ``tail`` times that of ball i."""
+    """A kind of deformation: ``head`` times the motion of ball j, which is ``shift`` away, less ``tail`` times that of i."""
 
     shift: tuple[int, int]
     head: tuple[float, ...]
@@ -76,49 +76,49 @@ class Stencils:
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # without Green's function
+        # Green's function stays behind: it is large, and soon found again
         return Stencils, (self.shape, self.mindlin_ratio, self.workers)
 
     def forget(self) -> None:
-        """Let go of Green's function, which is as large as the array and soon found again."""
+        """Drop Green's function from memory. It is several times as large as the array, and soon found again."""
         vars(self).pop("_green", None)
 
     @property
     def n_rows(self) -> int:
-        """Kinds of deformation: elongations, then slips."""
+        """Number of kinds of deformation: of elongation, then of slip."""
         return len(self._rows)
 
     def weights(self, stiffness: Array) -> Array:
-        """(rows, L1, L2) stiffness of all deformations, from that of elongations."""
+        """(rows, L1, L2) stiffness of all deformations, made of the stiffness (3, L1, L2) of elongations."""
         return stiffness if len(self._ratios) == 1 else np.concatenate([ratio * stiffness for ratio in self._ratios])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
     def padded(self) -> Array:
-        """Room for a motion and, in one more row and column, its first ones."""
+        """Array of zeros for a motion, with one more row and column in which the first ones are repeated."""
         return np.zeros((self.n_fields, self.shape[0] + 1, self.shape[1] + 1))
 
     @staticmethod
     def wrap(room: Array) -> None:
-        """Fill the last row and column from the first."""
+        """Copy the first row and column of a padded array to its last."""
         room[:, -1, :-1] = room[:, 0, :-1]
         room[:, :, -1] = room[:, :, 0]
 
     @staticmethod
     def _fold(room: Array) -> Array:
-        """Add the last row and column to the first; what is left is a view."""
+        """Add the last row and column of a padded array to its first; returns a view without the last."""
         room[:, 0] += room[:, -1]
         room[:, :-1, 0] += room[:, :-1, -1]
         return room[:, :-1, :-1]
 
     def blocks(self) -> Iterator[slice]:
-        """Rows of balls to be worked on at a time."""
+        """Slices of rows of balls, each small enough to stay in the processor's cache."""
         step = max(1, _CACHED // self.shape[1])
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
     def _deformation(self, row: _Row, room: Array, rows: slice) -> Array:
-        """Of one kind, for contacts that start in these rows of balls."""
+        """Deformation of one kind, in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         if row.head == row.tail:
             part = _combined(row.head, room[:, rows.start : rows.stop + 1])
@@ -127,7 +127,7 @@ class Stencils:
         return ahead - _combined(row.tail, room[:, rows, :columns])
 
     def _pull(self, row: _Row, force: Array, room: Array, rows: slice) -> None:
-        """Add what a force in contacts that start in these rows does to the balls."""
+        """Add to ``room`` the forces on balls of a tension in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         for field, (head, tail) in enumerate(zip(row.head, row.tail, strict=True)):
             if head:

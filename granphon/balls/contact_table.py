@@ -54,7 +54,7 @@ class ContactTable:
         """(n_c, 2): t = z x n, of contacts in the plane."""
         return read_only(np.stack(contact_frames(self.normal)[1][:2], axis=1))
 
-    def scaled(self, factor: float) -> ContactTable:
+    def scale(self, factor: float) -> ContactTable:
         """The same contacts with every length multiplied by ``factor``."""
         return ContactTable(
             self.i, self.j, self.shift, self.normal,

@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 
 __all__ = [
-    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "Lattice", "as_direction", "lattice_named", "one_direction",
+    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "Lattice", "as_direction", "find_lattice", "one_direction",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -139,7 +139,7 @@ KAGOME = Lattice("kagome", ((2.0, 0.0), (-1.0, 2.0 * _HALF_SQRT3)), ((0.5, 0.0),
 LATTICES: dict[str, Lattice] = {lattice.name: lattice for lattice in (TRIANGULAR, SQUARE, KAGOME)}
 
 
-def lattice_named(lattice: str | Lattice) -> Lattice:
+def find_lattice(lattice: str | Lattice) -> Lattice:
     """The lattice of that name, or the lattice itself; :class:`InputError` if the name is unknown."""
     if isinstance(lattice, Lattice):
         return lattice

@@ -9,7 +9,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.hertz import HertzLaw
-from granphon.balls.lattices import Lattice, lattice_named
+from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import Material
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, message
@@ -52,7 +52,7 @@ class Packing:
         if not isinstance(self.material, Material):
             raise InputError(message(f"material is {self.material!r}", mend="Give a granphon.Material"))
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
-        lattice_named(self.lattice)
+        find_lattice(self.lattice)
         if self.spread is not None:
             if not isinstance(self.spread, Spread):
                 raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
@@ -66,7 +66,7 @@ class Packing:
     @property
     def structure(self) -> Lattice:
         """The lattice itself, whether it was given by name or not."""
-        return lattice_named(self.lattice)
+        return find_lattice(self.lattice)
 
     @property
     def width(self) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
-from granphon.balls.lattices import lattice_named
+from granphon.balls.lattices import find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, message
@@ -59,7 +59,7 @@ class Axis:
     def labels(self) -> tuple[Any, ...]:
         """A plain value for each of ``values``: numbers and booleans as they are, names of lattices and of spreads."""
         if self.name == "lattice":
-            return tuple(lattice_named(value).name for value in self.values)
+            return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
             names, seen = [], Counter[str]()
             for name in map(_spread_name, self.values):

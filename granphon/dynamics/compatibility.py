@@ -138,7 +138,7 @@ class Compatibility:
     @property
     def dimension(self) -> int:
         """Dimension d of the space in which the balls lie."""
-        return self.positions.shape[1]
+        return int(self.positions.shape[1])
 
     @cached_property
     def area(self) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import steps_within
-from granphon.balls.lattices import TRIANGULAR, Lattice, lattice_named
+from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arguments import not_negative, whole_number
 from granphon.base.errors import PrecisionError, message
 from granphon.base.results import Result
@@ -35,12 +35,13 @@ Array = NDArray[np.float64]
 #: points along each side of the quadrature's triangles, tried until two agree
 _ORDERS = (12, 16, 24, 36, 54, 81)
 #: relative agreement asked of them; errors fall geometrically, so that the finer one's is far smaller
-_TOLERANCE = 1e-9
+_AGREEMENT = 1e-9
 #: least 1 - u_1 in which doubles hold that many digits
 _LEAST_HELD = 1e-6
 #: wave vectors of a uniform grid that are worked on at a time
 _PART = 2**14
-_HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
+#: height of an equilateral triangle of side one
+_TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,7 +71,7 @@ class LocalField(Result):
 
 def xi_of(alpha: float, beta: float, mindlin_ratio: float) -> float:
     """Xi by the equilibrium of a corona ball (equations 35 and 45), triangular lattice."""
-    bridge = _HALF_SQRT3 * beta
+    bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
 
 
@@ -105,13 +106,13 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
     MechanismError : the lattice has a motion that costs no energy.
     PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
     """
-    return _local_field(lattice_named(lattice), not_negative("mindlin_ratio", mindlin_ratio))
+    return _local_field(find_lattice(lattice), not_negative("mindlin_ratio", mindlin_ratio))
 
 
 @lru_cache(maxsize=256)
 def _local_field(structure: Lattice, eta: float) -> LocalField:
     medium = ContactLattice.of(structure, eta)
-    star, *second = _elongations(medium, structure.name)
+    star, *second = _find_elongations(medium, structure.name)
     xi = 1.0 / star - 1.0
     if not second:
         return LocalField(None, None, xi, eta, structure.name)
@@ -137,23 +138,23 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
     """
     points = whole_number("points", points, 2)
     medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
-    return float(1.0 / _response(medium, points, _zone if graded else _uniform)[0] - 1.0)
+    return float(1.0 / _find_response(medium, points, _divide_zone if graded else _grid_zone)[0] - 1.0)
 
 
 # -- the response of the lattice ------------------------------------------------------------------------------------
 
 
-def _elongations(medium: ContactLattice, name: str) -> list[float]:
+def _find_elongations(medium: ContactLattice, name: str) -> list[float]:
     """Mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
 
     Means are over the contacts of each kind and over the balls of the cell. Raises :class:`PrecisionError`.
     """
     before: Array = np.zeros(0)
     for order in _ORDERS:
-        values = _response(medium, order)
+        values = _find_response(medium, order)
         # u_1 is small at strong friction and near one at weak: both it and Xi are to be right, the latter above rounding
         held = 1.0 - values[0]
-        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _TOLERANCE * values[0] * held:
+        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _AGREEMENT * values[0] * held:
             return [float(value) for value in values]
         before = values
     raise PrecisionError(
@@ -169,21 +170,21 @@ def _elongations(medium: ContactLattice, name: str) -> list[float]:
 _Quadrature = Callable[[Array, int], Iterator[tuple[Array, Array]]]
 
 
-def _response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
+def _find_response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
     """Mean elongation of each kind of contact under a unit tension of the first: the mean of s^H P t over the zone."""
     total: Any = 0.0
-    places = _places(medium)
-    for wavevectors, weights in (quadrature or _zone)(medium.reciprocal, order):
+    places = _place_contacts(medium)
+    for wavevectors, weights in (quadrature or _divide_zone)(medium.reciprocal, order):
         # P = Q Q^H. The factor Q of K^1/2 C does not feel the scale of the columns: small near Gamma or at weak friction.
         adjoint = np.linalg.qr(medium.compatibility(wavevectors))[0][:, : len(medium.contacts)].conj().swapaxes(1, 2)
         for kinds in places:
-            moved = [(adjoint @ _transform(medium, where, wavevectors)[..., None])[..., 0] for where in kinds]
+            moved = [(adjoint @ _transform_tension(medium, where, wavevectors)[..., None])[..., 0] for where in kinds]
             total = total + np.array([np.einsum("q,qb,qb->", weights, m.conj(), moved[0]).real for m in moved])
     return np.asarray(total / [sum(len(kinds[k]) for kinds in places) for k in range(len(places[0]))])
 
 
-def _places(medium: ContactLattice) -> list[list[Array]]:
-    """Where the contacts of each kind are, for each ball of the cell: (n, 2) midpoints of its star, on top, bridge.
+def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
+    """For each ball of the cell, the midpoints (n, 2) of the contacts of its star, and of those on top and at the bridges.
 
     Six contacts at every ball make the triangular lattice, in whatever cell; other lattices have the star alone.
     """
@@ -195,13 +196,13 @@ def _places(medium: ContactLattice) -> list[list[Array]]:
         kinds = [0.5 * spokes]
         if triangular:
             across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
-            sides = [0.5 * spokes + sign * _HALF_SQRT3 * across for sign in (1.0, -1.0)]
+            sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
             kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
         places.append([centre + kind for kind in kinds])
     return places
 
 
-def _transform(medium: ContactLattice, where: Array, wavevectors: Array) -> NDArray[np.complex128]:
+def _transform_tension(medium: ContactLattice, where: Array, wavevectors: Array) -> NDArray[np.complex128]:
     """Fourier transform (n_q, n_c) of a unit tension on the contacts whose midpoints are ``where`` (n, 2)."""
     table = medium.contacts
     offset = (where[:, None] - (medium.positions[table.i] + 0.5 * table.vector)) @ np.linalg.inv(medium.cell)
@@ -209,7 +210,7 @@ def _transform(medium: ContactLattice, where: Array, wavevectors: Array) -> NDAr
     return np.asarray(np.exp(-1j * (wavevectors @ where.T)) @ which)
 
 
-def _zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
+def _divide_zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
     """Wave vectors (n_q, 2) and weights (n_q,), in parts, that give the mean over the Brillouin zone of an even function.
 
     The integrand is bounded but depends on direction at Gamma, and, where balls can roll like gears, at the other points
@@ -233,8 +234,8 @@ def _zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
             yield fractions @ np.stack([near, far]), weights
 
 
-def _uniform(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
-    """As :func:`_zone`: a grid of ``points``^2 wave vectors of equal weight, half a step off Gamma."""
+def _grid_zone(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
+    """Points and weights as of :func:`_divide_zone`, on a grid of ``points``^2 of equal weight, half a step off Gamma."""
     ticks = (np.arange(points) + 0.5) / points
     half = ticks[ticks <= 0.5]  # q and -q are one
     grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)

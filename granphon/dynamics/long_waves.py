@@ -73,7 +73,7 @@ class LongWaves(Compatibility):
         free = values <= _SOFT * values[0]
         return np.asarray(left[: len(inner), ~free]), np.asarray(right[free].T / scale[:, None])
 
-    def _relaxed(self, rows: Array) -> Array:
+    def _relax(self, rows: Array) -> Array:
         """What is left of deformations (n_rows, ...) once the inner motions have relaxed."""
         left, _ = self._inner_modes
         return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
@@ -81,7 +81,7 @@ class LongWaves(Compatibility):
     @cached_property
     def _relaxed_rows(self) -> Array:
         """(n_rows, 4): deformations under a displacement gradient once the inner motions have relaxed."""
-        return self._relaxed(self._strain_rows[0])
+        return self._relax(self._strain_rows[0])
 
     @cached_property
     def _free_motions_couple(self) -> bool:
@@ -97,7 +97,7 @@ class LongWaves(Compatibility):
         _, total = self._ends(*self._weighted_rows())
         half = 0.5 * np.tile(self.contacts.vector, (len(total), 1))
         change = self._inner(total) @ free
-        waves = self._relaxed(half[:, :, None] * change[:, None, :])
+        waves = self._relax(half[:, :, None] * change[:, None, :])
         sound = self._relaxed_rows.reshape(-1, 2, 2)
         coupling = np.einsum("rij,rlm->ijlm", sound, waves)
         coupling = coupling + coupling.swapaxes(1, 2)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import Lattice, as_direction, lattice_named
+from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
@@ -92,14 +92,14 @@ class ContactLattice(LongWaves):
         if apart >= 2.0:
             raise InputError(message(f"spacing is {apart:g}", "It is that of touching balls in diameters, and below 2"))
         eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
-        return cls._equal_balls(lattice_named(lattice), eta, apart, load)
+        return cls._equal_balls(find_lattice(lattice), eta, apart, load)
 
     @classmethod
     @lru_cache(maxsize=128)
     def _equal_balls(cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float) -> ContactLattice:
         # kept, because velocities, moduli and validity of one state all start from it; nothing in it changes
         built = cls(
-            structure.vectors * spacing, structure.positions * spacing, structure.contacts.scaled(spacing),
+            structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
             mindlin_ratio, prestress=prestress,
         )  # fmt: skip
         built.require_rigid(structure.name)

@@ -72,7 +72,7 @@ def contact_rows(
     at_i, at_j = arm_i * one_i, arm_j * one_j
     # along which axis u moves the contact and about which phi turns it, times what. As b = n x t, (phi x n).t is phi.b,
     # and (phi x n).b is -phi.t
-    return _resisted(
+    return _keep_resisted(
         [
             ("elongation", elongation, n, none, one_j, one_i),
             ("slip", slip, t, b, -at_j, at_i), ("slip", slip, b, t, at_j, -at_i),
@@ -87,7 +87,7 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """The displacements of ball j against ball i across each contact, along its tangents: what a static force acts on."""
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
-    return _resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
+    return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
@@ -102,7 +102,7 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
 _Axes = list[Array]
 
 
-def _resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, ArrayLike, ArrayLike]], motions: Motions) -> list[Row]:
+def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions) -> list[Row]:
     """Rows ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions, but for those without effect.
 
     These have no stiffness, or none of the motions makes them in any contact; without contacts nothing is said of that.

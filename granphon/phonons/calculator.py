@@ -13,7 +13,7 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
-from granphon.array.atoms import ARRAYS, FINITE, LATTICE, SAMPLE, adopted, has_masses, has_sampled, kind_of, take_arrays
+from granphon.array.atoms import ARRAYS, FINITE, LATTICE, SAMPLE, adopt, find_kind, has_masses, has_sampled, take_arrays
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import select_motions
@@ -36,9 +36,10 @@ Array = NDArray[np.float64]
 _LEAST_OVERLAP = 1e-10
 #: how far, in spacings, a pair may be from the lattice's contact vector
 _CATCH = 0.25
-#: how far the lattice may be turned as a whole: the overlap that this adds to contacts of fixed direction, over their own;
-#: and, where positions only tell which balls touch, the same over the spacing
-_TURNED, _ASKEW = 1e-2, 1e-4
+#: how far the lattice may be turned as a whole: the overlap that this adds to contacts of fixed direction, over their own
+_TURN_PER_OVERLAP = 1e-2
+#: the same over the spacing, where positions only tell which balls touch
+_TURN_PER_SPACING = 1e-4
 
 
 def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
@@ -125,7 +126,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     # -- ASE's protocol ---------------------------------------------------------------------------------------------
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """What has changed since the last calculation: ASE's six, and the arrays that are ours."""
+        """Names of what has changed since the last calculation, of ASE's six properties and of granphon's arrays."""
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is not None:
             old = self.atoms
@@ -134,17 +135,17 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return changes
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
-        """A copy of Atoms from elsewhere as balls of this state, with this calculator.
+        """Copy Atoms from elsewhere, and make the copy balls of this state with this calculator.
 
-        What is there is kept, be it set by hand. Masses, scales and the arrays of :mod:`granphon.array.atoms` that are
-        missing are those of ``like``, ball by ball; without it, those of balls of the state on the sites of its lattice,
-        with masses (1 + deviation)^3. Positions and cell are taken to be in mean diameters.
+        The copy keeps what the Atoms have, also where that was set by hand. Masses, scales and the arrays of
+        :mod:`granphon.array.atoms` that are missing are those of ``like``, ball by ball; without it, those of balls of the
+        state on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in mean diameters.
 
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the Atoms are of another
         state.
         """
-        balls = adopted(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like)
-        kind_of(balls, self.scales, self.finite_overlap)
+        balls = adopt(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like)
+        find_kind(balls, self.scales, self.finite_overlap)
         balls.calc = self
         return balls
 
@@ -190,7 +191,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     # -- contacts ---------------------------------------------------------------------------------------------------
 
     def _law(self, balls: Atoms) -> Law:
-        """The law of these balls' contacts; :class:`InputError` for balls that cannot be."""
+        """The contact law of these balls; raises :class:`InputError` where the state cannot have such balls."""
         if len(self.state.samples) > 1 and has_sampled(balls):
             raise InputError(
                 message(
@@ -199,7 +200,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
                 )
             )
-        kind = kind_of(balls, self.scales, self.finite_overlap)
+        kind = find_kind(balls, self.scales, self.finite_overlap)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
             raise InputError(message("the Atoms hold a number that is not finite, in positions, cell or an array of ours"))
@@ -222,7 +223,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return self.state.law
 
     def _pairs(self, balls: Atoms, positions: Array) -> Pairs:
-        """Each pair that might touch, once."""
+        """Find the pairs of balls that might touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
         periodic = bool(balls.pbc[0]), bool(balls.pbc[1])
         return self._near.near(positions, np.asarray(balls.cell)[:2, :2], periodic, largest)
@@ -259,13 +260,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return normal, near
 
     def _deformations(self, balls: Atoms) -> _Deformations:
-        """The contacts that are closed at the balls' positions."""
+        """Find the contacts that are closed at the balls' positions, with their energies, forces and torques."""
         law = self._law(balls)
         apart = law.least_overlap / self.scales.length
         i, j, _, vector = self._pairs(balls, balls.positions[:, :2])
         deviations, angles = balls.arrays["diameter_deviations"], balls.arrays["rotations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._normals(vector, extra, _TURNED * (self._overlap - self._apart))
+        normal, near = self._normals(vector, extra, _TURN_PER_OVERLAP * (self._overlap - self._apart))
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             axis = vector / distance[:, None]
@@ -318,7 +319,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return _Rest(vector / distance[:, None], overlap - farther, distance)
 
     def _stiffness(self, law: Law, overlap: Array) -> Array:
-        """Reduced normal stiffness: of the state's law, exactly one at the state's own overlap."""
+        """Normal stiffness of contacts over that of the state: of the state's law it is exactly one at its own overlap."""
         stiffness, other = np.ones(overlap.shape), (overlap != self._overlap) | (law is not self.state.law)
         if np.any(other):  # where the law is that of a simulation, each overlap is an equilibrium
             stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
@@ -335,7 +336,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         deviations = atoms.arrays["diameter_deviations"]
         sites = atoms.positions[:, :2] - atoms.arrays["displacements"][:, :2]
         i, j, shift, vector = self._pairs(atoms, sites)
-        normal, near = self._normals(vector, 0.5 * (deviations[i] + deviations[j]), _ASKEW)
+        normal, near = self._normals(vector, 0.5 * (deviations[i] + deviations[j]), _TURN_PER_SPACING)
         rest = self._at_rest(atoms, i, j, normal)
         closed = near & (rest.overlap > law.least_overlap / self.scales.length)
         i, j, shift, vector = i[closed], j[closed], shift[closed], vector[closed]

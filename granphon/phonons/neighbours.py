@@ -13,15 +13,15 @@ from granphon.base.errors import InputError, message
 __all__ = ["PairList", "Pairs"]
 
 Array = NDArray[np.float64]
-#: how much farther than asked, in spacings, a list reaches: it is good while no ball has moved by half of this. The second
-#: neighbours of the lattices are not reached.
+#: how much farther than asked, in spacings, a list reaches. It serves until a ball has moved by half of this. It does not
+#: reach the second neighbours of the lattices.
 _SKIN = 0.3
-#: area of a cell that has none
+#: area, in spacings squared, below which a cell is taken to have none
 _FLAT = 1e-12
 
 
 class Pairs(NamedTuple):
-    """Each pair once: indices ``i``, ``j`` (n,), ``shift`` (n, 2) whole cells, ``vector`` (n, 2) from i to j."""
+    """Pairs of balls, each once: indices ``i``, ``j`` (n,), ``shift`` (n, 2) whole cells, ``vector`` (n, 2) from i to j."""
 
     i: NDArray[np.intp]
     j: NDArray[np.intp]
@@ -30,13 +30,13 @@ class Pairs(NamedTuple):
 
 
 class PairList:
-    """Finds pairs; a list that is found reaches farther than asked, and serves again until it might miss a pair."""
+    """A search for pairs that keeps its list: it reaches farther than asked, and serves until it might miss a pair."""
 
     def __init__(self) -> None:
         self._kept: tuple[Pairs, Array, Array, tuple[bool, bool], float] | None = None
 
     def near(self, positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: float) -> Pairs:
-        """The pairs nearer than ``cutoff``, in the order of (i, j, shift): what was kept does not change a digit.
+        """The pairs nearer than ``cutoff``, in the order of (i, j, shift), the same to the last digit from a kept list.
 
         ``positions`` (N, 2), ``cell`` (2, 2). :class:`~granphon.base.errors.InputError` for a period of no length.
         """

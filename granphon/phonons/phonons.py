@@ -148,7 +148,7 @@ class Phonons:
         )
 
     def _force_constants(self, bridge: Phonopy) -> Array:
-        """(n, n_supercell, 3, 3): those of the calculator, of the cell's balls with all of phonopy's supercell."""
+        """(n, n_supercell, 3, 3): the calculator's force constants between balls of the cell and of phonopy's supercell."""
         table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
         dim = np.array(self.dim)
         # where phonopy has a ball of the cell and its images
@@ -175,14 +175,14 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        return self.lattice.frequencies(self.lattice.wavevectors(_qpoints(qpoints))) * self.scales.frequency
+        return self.lattice.frequencies(self.lattice.wavevectors(_check_qpoints(qpoints))) * self.scales.frequency
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
 
         ``direction`` (Cartesian) resolves branches that touch and the limit at Gamma, where it is required.
         """
-        q = self.lattice.wavevectors(_qpoints(qpoints))
+        q = self.lattice.wavevectors(_check_qpoints(qpoints))
         return PhononModes.of(self.lattice.modes(q, direction), self.scales)
 
     @property
@@ -332,8 +332,8 @@ class Phonons:
         write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
 
 
-def _qpoints(qpoints: ArrayLike) -> Array:
-    """(n, 3) points in the plane; InputError if they are not."""
+def _check_qpoints(qpoints: ArrayLike) -> Array:
+    """Check that ``qpoints`` lie in the plane, and return them as (n, 3); raises :class:`InputError` if they do not."""
     q = real_array("q points", qpoints)
     if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
         raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))

@@ -136,7 +136,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
     )  # fmt: skip
     export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
-    export.force_constants = _with_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
+    export.force_constants = _add_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
     # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
@@ -148,7 +148,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
     write_text(path, sealed([*head, *body.removesuffix("\n").split("\n")]))
 
 
-def _with_auxiliary(own: Array, export: Phonopy) -> Array:
+def _add_auxiliary(own: Array, export: Phonopy) -> Array:
     """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
     n, cells = own.shape[0], own.shape[1] // own.shape[0]
     total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
@@ -184,19 +184,19 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         data = plain_yaml(text, path)
         own = data["granphon"]
         _, scales = read_header(own)
-        masses, scale = _finite(own["masses"], (-1,)), float(_finite(own["force_constants_scale"], ()))
+        masses, scale = _read_numbers(own["masses"], (-1,)), float(_read_numbers(own["force_constants_scale"], ()))
         n = len(masses)
         points = data["unit_cell"]["points"]
         matrix = np.array(data["supercell_matrix"])
         if len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
             raise InputError("its cell is not one of balls and the auxiliary atom")
-        cells = _layer_cells(matrix)
+        cells = _count_cells(matrix)
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("its masses and scales are not above zero")
         constants = _read_force_constants(data["force_constants"], n + 1, cells)
         cell = PhonopyAtoms(
-            symbols=[BALL] * n, cell=_finite(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
-            scaled_positions=_finite([point["coordinates"] for point in points[:n]], (n, 3)),
+            symbols=[BALL] * n, cell=_read_numbers(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
+            scaled_positions=_read_numbers([point["coordinates"] for point in points[:n]], (n, 3)),
         )  # fmt: skip
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
         bridge.unit_conversion_factor = 1.0
@@ -206,8 +206,8 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     return bridge, scales
 
 
-def _layer_cells(matrix: NDArray[Any]) -> int:
-    """How many cells a supercell of n1 x n2 x 1 has; granphon writes no other, and phonopy may build others for ever."""
+def _count_cells(matrix: NDArray[Any]) -> int:
+    """Number of cells of a supercell n1 x n2 x 1; others are refused, as granphon writes none and phonopy may never end."""
     # as Python's numbers, whose product does not wrap around
     n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
     if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
@@ -215,8 +215,8 @@ def _layer_cells(matrix: NDArray[Any]) -> int:
     return n1 * n2
 
 
-def _finite(values: Any, shape: tuple[int, ...]) -> Array:
-    """Numbers of a file as an array of this shape, where -1 is any length."""
+def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:
+    """Read numbers of a file as a float array of this shape, in which -1 stands for any length."""
     found = np.array(values)
     if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
         raise InputError("it has something else where finite numbers belong")
@@ -230,6 +230,6 @@ def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Arra
     rows, columns = block["shape"]
     if columns != atoms * cells or rows not in (atoms, columns):
         raise InputError(f"its force constants of shape {block['shape']} do not belong to {cells} cells of {atoms} atoms")
-    found = _finite(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
+    found = _read_numbers(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
     # phonopy orders a supercell by atom, then by cell
     return found if rows == atoms else found[::cells]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, Lattice, lattice_named
+from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.material import poisson_ratio
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, Refused, message
@@ -214,7 +214,7 @@ def lattice_name(value: Any) -> str:
 
 def write_lattice(lattice: str | Lattice) -> str:
     """Its name; :class:`~granphon.base.errors.InputError` if it is not a lattice of that name."""
-    structure = lattice_named(lattice)
+    structure = find_lattice(lattice)
     if LATTICES.get(structure.name) != structure:
         raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))
     return structure.name
