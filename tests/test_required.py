@@ -253,16 +253,16 @@ def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tm
 @pytest.mark.claim("exponent-cost")
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
     from granphon.array import sample as samples
-    from granphon.media import simulation
+    from granphon.media import equilibria
 
     loads: list[object] = []
-    solve = simulation.equilibrate
+    solve = equilibria.equilibrate
 
     def counted(deviations, load, *rest):
         loads.append(load)
         return solve(deviations, load, *rest)
 
-    for module in (samples, simulation):
+    for module in (samples, equilibria):
         monkeypatch.setattr(module, "equilibrate", counted)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
     state = gp.DirectSimulation(packing, shape=(8, 8), samples=2).at_force(np.array([10.0, 20.0]))

@@ -733,7 +733,7 @@ def test_reading_a_scene_loads_what_it_needs():
     ],
 )
 def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words, monkeypatch):
-    monkeypatch.setattr("granphon.media.simulation.equilibrate", None)
+    monkeypatch.setattr("granphon.media.equilibria.equilibrate", None)
     text = SIMULATION.replace("force: 5 N", load) + "medium: {simulation: {shape: 8 8}}\n"
     with pytest.raises(SceneError, match=f"load.*{words}"):
         Scene.from_text(text)

@@ -14,7 +14,7 @@ the energy, a large sum that has lost the digits in question.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -93,6 +93,12 @@ class Equilibrium(Result):
         # with what it has cost a linear response to find, for the process that asked for it
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
+
+    def sharing(self, deviations: Array, stencils: Stencils) -> Equilibrium:
+        """The same equilibrium with an array of deviations, equal to its own, and stencils that others have too."""
+        other, known = replace(self, deviations=deviations), vars(self)
+        vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)
+        return other
 
     @cached_property
     def stencils(self) -> Stencils:
@@ -260,7 +266,10 @@ def equilibrate(
         # the load itself is met to more digits: it is a number that the user gave
         distance = max(left / scale if left else 0.0, abs(push) / (_EXACTLY * force) if push else 0.0)
         if distance <= tolerance:
-            return _found(Equilibrium(deviations, y, _centred(balls), left / force, newton, steps), stencils)
+            found = Equilibrium(
+                deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
+            )
+            return found.sharing(found.deviations, stencils)  # with its Green's function
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _LENT * min(1.0, distance) * np.mean(stiffness)
@@ -287,14 +296,9 @@ def too_small(force: float) -> InputError:
     )
 
 
-def _centred(balls: Array) -> Array:
-    """Without a motion of the whole array, which costs nothing."""
+def _centre(balls: Array) -> Array:
+    """The displacements without a motion of the whole array, which costs nothing."""
     return np.asarray(balls - np.mean(balls, axis=(1, 2), keepdims=True))
-
-
-def _found(state: Equilibrium, stencils: Stencils) -> Equilibrium:
-    vars(state)["stencils"] = stencils  # in the place of the cached property, with its Green's function
-    return state
 
 
 def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Prescribed | None) -> float:

@@ -19,7 +19,8 @@ from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium
-from granphon.media.simulation import MOST_SEED, DirectSimulation, no_finite_overlap
+from granphon.media.sampled_balls import MOST_SEED
+from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.state import ContactState, overlap_flag
 
 __all__ = [

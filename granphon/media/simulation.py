@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -17,34 +16,26 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Prescribed, equilibrate, too_small
+from granphon.array.equilibrium import Prescribed
 from granphon.array.response import bulk_and_shear
-from granphon.array.sample import STEP, Sample, jackknife, standard_error
-from granphon.array.stencils import Stencils
-from granphon.balls.diameters import Measured
+from granphon.array.sample import Sample, standard_error
 from granphon.balls.hertz import HertzLaw
-from granphon.balls.lattices import TRIANGULAR, as_direction
+from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.base.arguments import finite_array, whole_number
-from granphon.base.errors import GranphonError, InputError, brief, message
+from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.media.acoustics import over_directions, sample_scales, velocities_of_moduli
-from granphon.media.mean_field import AveragedLattice
-from granphon.media.medium import Loaded, untouched
+from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
+from granphon.media.exponents import exponent_error, mean_exponent
+from granphon.media.medium import Loaded
+from granphon.media.sampled_balls import SampledBalls
 from granphon.media.state import ContactState, overlap_flag
 
-__all__ = ["MOST_SEED", "DirectSimulation", "SampleLaw", "SimulatedState", "in_order", "no_finite_overlap"]
+__all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
 
 Array = NDArray[np.float64]
-#: the largest seed of a sample
-MOST_SEED = 2**64 - 1
-#: balls along a side, and samples, of which no machine holds a million times less
-_MOST_SIDE, _MOST_SAMPLES = 2**31, 2**31
 #: overlaps of which a law keeps the samples
 _MOST_KEPT = 64
-#: least width over diameter: where overlaps are more widths than this some samples do not come to rest
-_LEAST_WIDTH = 1e-20
 
 
 @dataclass(frozen=True)
@@ -275,7 +266,7 @@ class SimulatedState(ContactState):
         """
         if not self.packing.width:
             return super().exponent
-        return _exponent(np.mean(self._powers, axis=-2))[()]
+        return mean_exponent(self)[()]
 
     @property
     def exponent_error(self) -> Any:
@@ -284,23 +275,7 @@ class SimulatedState(ContactState):
             return super().exponent_error
         if self.n_samples == 1:
             return self._constant(math.nan)
-        return jackknife(_exponent, self._powers)[()]
-
-    @property
-    def _powers(self) -> Array:
-        """(..., n_samples, 4) what :func:`_exponent` takes the means of."""
-        low, high = np.moveaxis(self._longitudinal(lambda sample: sample.elastic_tensors_beside), -1, 0)
-        modulus = self._longitudinal(lambda sample: sample.elastic_tensor)
-        force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
-        if self.spaced:  # what the samples have in common is the overlap, and forces add up
-            force = self.over_samples(lambda sample: sample.force)
-            stiffness = self.over_samples(lambda sample: sample.normal_stiffness)
-        rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-        return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
-
-    def _longitudinal(self, of: Callable[[Any], Array]) -> Array:
-        """M = K + G of an elastic tensor, or several, of every sample."""
-        return np.asarray(np.sum(bulk_and_shear(self.over_samples(of)), axis=-1))
+        return exponent_error(self)[()]
 
     @property
     def least_valid_force(self) -> float:
@@ -308,14 +283,8 @@ class SimulatedState(ContactState):
         return 0.0
 
 
-def _exponent(means: Array) -> Array:
-    """(...) f M'/2kM from means (..., 4) of M' = dM/d(delta), M = K + G, k and f; at common f of dM/d log f, M, 1 and 1."""
-    rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
-    return np.asarray(0.5 * force * rise / (stiffness * modulus))
-
-
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(Loaded[SimulatedState]):
+class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
     """Samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -342,84 +311,10 @@ class DirectSimulation(Loaded[SimulatedState]):
 
     name = "simulation"
 
-    packing: Packing
-    shape: tuple[int, int] = (128, 128)
-    seed: int = 0
-    samples: int = 1
-    diameters: Array | None = None
-    executor: Executor | None = field(default=None, compare=False, repr=False)
-    workers: int = field(default=1, compare=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.packing, Packing):
-            raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        if self.packing.structure != TRIANGULAR:
-            raise InputError(
-                message(
-                    f"the {self.packing.structure.name} lattice is not simulated",
-                    "Without friction, only the triangular lattice holds its shape",
-                    "Use another medium, or the triangular lattice",
-                )
-            )
-        shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
-        object.__setattr__(self, "shape", shape)
-        if self.diameters is not None:
-            self._take(self.diameters)
-        if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
-            raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
-        object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
-        whole_number("workers", self.workers, 1)
-        if self.diameters is not None and self.samples > 1:
-            raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
-        if self.executor is not None and not hasattr(self.executor, "submit"):
-            raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, DirectSimulation):
-            return NotImplemented
-        return self._key == other._key and bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    @property
-    def _key(self) -> tuple[Any, ...]:
-        """All that determines the numbers, but for given diameters."""
-        return self.packing, self.shape, self.seed, self.samples, self.diameters is None
-
-    def _take(self, diameters: ArrayLike) -> None:
-        """Given diameters: their shape, and their spread if the packing has none."""
-        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
-        if array.ndim != 2:
-            raise InputError(message(f"diameters have the shape {array.shape}", mend="Give an array (L1, L2)"))
-        packing = self.packing
-        if packing.spread is None and np.ptp(array):
-            # the mean of the list, which its own rounding may move, is the packing's
-            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
-            packing = replace(packing, spread=spread, diameter=spread.mean)
-        object.__setattr__(self, "packing", packing)
-        object.__setattr__(self, "diameters", array)
-        if self.shape not in (DirectSimulation.shape, array.shape):
-            what = f"shape is {self.shape!r}, and the diameters have {array.shape}"
-            raise InputError(message(what, "A sample of given balls has their shape", "Leave shape out"))
-        object.__setattr__(self, "shape", array.shape)
-
     @cached_property
     def law(self) -> HertzLaw | SampleLaw:
         """Mean force against overlap; Hertz's law for equal balls."""
         return SampleLaw(replace(self, executor=None)) if self.packing.width else self.packing.law
-
-    def deviations(self, index: int) -> Array:
-        """(L1, L2) x = Delta/W of a sample, of mean zero."""
-        packing = self.packing
-        if packing.spread is None:
-            return np.zeros(self.shape)
-        given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
-        # twice: the mean of what is left is then zero to its own rounding
-        off = given - np.mean(given)
-        return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """State at a load of every sample; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` name its kind."""
@@ -427,12 +322,12 @@ class DirectSimulation(Loaded[SimulatedState]):
         if wanted:
             raise no_finite_overlap(self.name)
         prescribed = self.prescribed(load)
-        order, alone = in_order(prescribed), replace(self, executor=None)
+        every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [_equilibria(alone, index, prescribed, order) for index in range(self.samples)]
+            found = [find_equilibria(one, prescribed, self.workers) for one in every]
         else:
-            jobs = [self.executor.submit(_equilibria, alone, index, prescribed, order) for index in range(self.samples)]
-            found = [_shared(job.result(), self.workers) for job in jobs]
+            jobs = [self.executor.submit(find_equilibria, one, prescribed, self.workers) for one in every]
+            found = [share_array(job.result(), self.workers) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
             Sample(self.packing, seed, column[place])
@@ -444,46 +339,23 @@ class DirectSimulation(Loaded[SimulatedState]):
     def prescribed(self, load: Load) -> list[Prescribed]:
         """What each value of an applied load prescribes in reduced units, in C order; errors as :meth:`require`."""
         self.require(load)
-        units = self.packing.width_units
-        if load.kind == "overlap":
-            return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
-        force = units.reduced_force(load.array)
-        if load.kind == "pressure":
-            force = load.array / (TRIANGULAR.pressure_factor * units.force) * self.packing.diameter
-        return [Prescribed(force=one) for one in force.ravel().tolist()]
+        return prescribe(self.packing, load)
 
     def sample(self, load: Prescribed, before: tuple[float, Array] | None = None) -> Sample:
         """The first sample under one load, as a state has it.
 
-        ``before`` are overlap and displacements of its equilibrium under the load before this one in :func:`in_order`; None
-        for the first.
+        ``before`` are overlap and displacements of its equilibrium under the load before this one, in the order of
+        :func:`~granphon.media.equilibria.in_order`; None for the first.
         """
         deviations = read_only(self.deviations(0))
-        start = None if before is None else Equilibrium(deviations, *before)
-        found = equilibrate(deviations, load, Stencils(deviations.shape, workers=self.workers), start)
+        found = find_equilibrium(deviations, load, before, self.workers)
         return Sample(self.packing, None if self.diameters is not None else self.seed, found)
 
     def require(self, load: Load) -> None:
-        """:class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, before any is looked at.
-
-        Beyond the law of equal balls, or by a whole diameter, or, where balls differ, below f* = 1e-8 or without any
-        touching.
-        """
-        hertz, units = AveragedLattice(replace(self.packing, spread=None)), self.packing.width_units
-        if load.kind != "overlap":
-            least = units.reduced_force(float(np.min(hertz.at(load).force)))
-            if self.packing.width and least < LEAST_FORCE:
-                raise too_small(least)
-        elif not self.packing.width:
-            hertz.at(load)
-        else:
-            if np.max(load.array) > self.packing.width:
-                hertz.at(Load("overlap", np.max(load.array)))
-            # given balls may differ by more than the spread that they are taken from
-            given = units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
-            largest = max(given, self.packing.spread.largest if self.packing.spread else 0.0)
-            if np.min(load.array) <= -largest:
-                raise untouched(load, largest)
+        """:class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, before any is looked at."""
+        # given balls may differ by more than the spread that they are taken from
+        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+        require_load(self.packing, load, max(given, self.packing.spread.largest if self.packing.spread else 0.0))
 
 
 def no_finite_overlap(medium: str) -> InputError:
@@ -491,44 +363,3 @@ def no_finite_overlap(medium: str) -> InputError:
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
     return InputError(message(what, why, "Leave finite_overlap out, or take another medium"))
-
-
-def in_order(loads: Sequence[Prescribed]) -> list[int]:
-    """Places of the loads from the highest down. Each equilibrium is found from the one above; where it began is not seen
-    but in digits beyond the tolerance."""
-    return sorted(range(len(loads)), key=lambda i: loads[i], reverse=True)
-
-
-def _equilibria(
-    simulation: DirectSimulation, index: int, loads: Sequence[Prescribed], order: Sequence[int]
-) -> dict[int, Equilibrium]:
-    """One sample under all loads, each found from the one before in ``order``; an error says which, as ``load_index``."""
-    deviations = read_only(simulation.deviations(index))  # one array for all of them
-    stencils, out, last = Stencils(deviations.shape, workers=simulation.workers), dict[int, Equilibrium](), None
-    for place in order:
-        try:
-            last = out[place] = equilibrate(deviations, loads[place], stencils, last)
-            _ = last.stiffness  # needed by every state; here, so that it is worked out side by side
-        except GranphonError as error:
-            vars(error)["load_index"] = place
-            raise
-    stencils.forget()
-    return out
-
-
-def _shared(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
-    """The same, with one array of deviations for all loads, which each has its own of when it comes from another process."""
-    deviations = next(iter(found.values())).deviations
-    stencils = Stencils(deviations.shape, workers=workers)
-    for one in found.values():
-        object.__setattr__(one, "deviations", deviations)
-        vars(one)["stencils"] = stencils
-    return found
-
-
-def _pair(shape: Any) -> tuple[Any, Any]:
-    try:
-        first, second = shape
-    except (TypeError, ValueError):
-        raise InputError(message(f"shape is {brief(shape)}", mend="Give two whole numbers, (L1, L2)")) from None
-    return first, second

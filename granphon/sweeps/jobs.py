@@ -23,7 +23,8 @@ from granphon.base.results import plain
 from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice
 from granphon.media.choice import MediumChoice, Rung
-from granphon.media.simulation import DirectSimulation, in_order
+from granphon.media.equilibria import in_order
+from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity

@@ -1,0 +1,95 @@
+"""One sample of the disordered array under many loads: what each load prescribes, and the equilibria."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Prescribed, equilibrate, too_small
+from granphon.array.stencils import Stencils
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError
+from granphon.media.mean_field import AveragedLattice
+from granphon.media.medium import untouched
+
+__all__ = ["find_equilibria", "find_equilibrium", "in_order", "prescribe", "require_load", "share_array"]
+
+Array = NDArray[np.float64]
+
+
+def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
+    """What each value of an applied load prescribes in the packing's units of the width, in C order."""
+    units = packing.width_units
+    if load.kind == "overlap":
+        return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
+    force = units.reduced_force(load.array)
+    if load.kind == "pressure":
+        force = load.array / (packing.structure.pressure_factor * units.force) * packing.diameter
+    return [Prescribed(force=one) for one in force.ravel().tolist()]
+
+
+def require_load(packing: Packing, load: Load, largest: float) -> None:
+    """:class:`~granphon.base.errors.InputError` for an applied load that no sample of a packing can bear.
+
+    A load is beyond the law of equal balls, or presses them together by a whole diameter; or, where balls differ, it is
+    below f* = 1e-8, or an overlap at which not even two of the ``largest`` balls (m above the mean) touch.
+    """
+    hertz = AveragedLattice(replace(packing, spread=None))
+    if load.kind != "overlap":
+        least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
+        if packing.width and least < LEAST_FORCE:
+            raise too_small(least)
+    elif not packing.width:
+        hertz.at(load)
+    else:
+        if np.max(load.array) > packing.width:
+            hertz.at(Load("overlap", np.max(load.array)))
+        if np.min(load.array) <= -largest:
+            raise untouched(load, largest)
+
+
+def in_order(prescribed: Sequence[Prescribed]) -> list[int]:
+    """Places of the loads from the highest down.
+
+    Each equilibrium is found from the one above; where it began shows only in digits beyond the tolerance.
+    """
+    return sorted(range(len(prescribed)), key=lambda i: prescribed[i], reverse=True)
+
+
+def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers: int) -> dict[int, Equilibrium]:
+    """A sample of these ``deviations`` under all loads, by the places of the loads, each found from the one above it.
+
+    An error says at which place it arose, as ``load_index``.
+    """
+    stencils, out, last = Stencils(deviations.shape, workers=workers), dict[int, Equilibrium](), None
+    for place in in_order(prescribed):
+        try:
+            last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
+            _ = last.stiffness  # needed by every state; here, so that it is worked out side by side
+        except GranphonError as error:
+            vars(error)["load_index"] = place
+            raise
+    stencils.forget()
+    return out
+
+
+def find_equilibrium(
+    deviations: Array, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int
+) -> Equilibrium:
+    """A sample of these ``deviations`` under one load, from overlap and displacements ``before`` it, if there are any."""
+    start = None if before is None else Equilibrium(deviations, *before)
+    return equilibrate(deviations, prescribed, Stencils(deviations.shape, workers=workers), start)
+
+
+def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
+    """The same equilibria with one array of deviations and one of stencils.
+
+    Each has its own arrays when it comes from another process.
+    """
+    deviations = next(iter(found.values())).deviations
+    stencils = Stencils(deviations.shape, workers=workers)
+    return {place: one.sharing(deviations, stencils) for place, one in found.items()}

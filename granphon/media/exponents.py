@@ -1,0 +1,52 @@
+"""The local exponent of simulated samples, by differences between equilibria beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.response import bulk_and_shear
+from granphon.array.sample import STEP, Sample, jackknife
+
+if TYPE_CHECKING:
+    from granphon.media.simulation import SimulatedState
+
+__all__ = ["exponent_error", "mean_exponent"]
+
+Array = NDArray[np.float64]
+
+
+def mean_exponent(state: SimulatedState) -> Array:
+    """(...) d log v_L / d log P of the mean K + G of the samples of a state."""
+    return _exponent(np.mean(_terms(state), axis=-2))
+
+
+def exponent_error(state: SimulatedState) -> Array:
+    """(...) standard error of :func:`mean_exponent`, of two samples or more."""
+    return jackknife(_exponent, _terms(state))
+
+
+def _exponent(means: Array) -> Array:
+    """(...) f M'/2kM from means (..., 4) of M' = dM/d(delta), M = K + G, k and f; at common f of dM/d log f, M, 1 and 1."""
+    rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
+    return np.asarray(0.5 * force * rise / (stiffness * modulus))
+
+
+def _terms(state: SimulatedState) -> Array:
+    """(..., n_samples, 4) the terms of each sample that :func:`_exponent` takes the means of."""
+    low, high = np.moveaxis(_longitudinal(state, lambda sample: sample.elastic_tensors_beside), -1, 0)
+    modulus = _longitudinal(state, lambda sample: sample.elastic_tensor)
+    force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
+    if state.spaced:  # what the samples have in common is the overlap, and forces add up
+        force = state.over_samples(lambda sample: sample.force)
+        stiffness = state.over_samples(lambda sample: sample.normal_stiffness)
+    rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
+    return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
+
+
+def _longitudinal(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
+    """M = K + G, Pa, of an elastic tensor, or several, of every sample."""
+    return np.asarray(np.sum(bulk_and_shear(state.over_samples(of)), axis=-1))
