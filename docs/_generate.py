@@ -166,14 +166,14 @@ def scene_keys() -> str:
     made = {name: one.default for kind in (Material, Packing, Scene) for name, one in signature(kind).parameters.items()}
     for key, rule in keys():
         allowed = told(partial(rule, object()))
-        several = "; or a list of these, or a [range](#ranges)" if getattr(rule, "func", None) is rules.values else ""
+        several = "; or a list of these, or a [range](#ranges)" if getattr(rule, "func", None) is rules.read_values else ""
         block, _, name = key.rpartition(".")
         if name in REQUIRED.get(block, ()):
             default = "required"
         elif block == "load":
             default = "one load is required" if name != "balls_per_side" else "required with `side_force`"
         else:
-            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, {"schema": rules.SCHEMA, **made}[name])
+            default = DEFAULTS[key] if key in DEFAULTS else _plain_default(key, {"schema": rules.SCENE_SCHEMA, **made}[name])
         rows.append([f"`{key}`", meaning(KEYS, key), allowed + several, _UNITS.get(allowed, ""), default])
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
 
@@ -188,7 +188,7 @@ def spreads() -> str:
     """The forms of a spread, from the rule that reads them."""
 
     def probe(value: Any) -> Callable[[], Any]:
-        return lambda: rules.spread(value, HERE)
+        return lambda: rules.read_spread(value, HERE)
 
     rows = []
     for kind in told(probe(object())).removeprefix("exactly one of ").split(", "):
@@ -232,7 +232,7 @@ def sweep_parameters() -> str:
     """What a block ``sweep`` may hold."""
     rows = []
     for name, unit in PARAMETERS.items():
-        allowed = told(lambda name=name: rules.parameters({name: object()}, HERE))
+        allowed = told(lambda name=name: rules.read_parameters({name: object()}, HERE))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
         rows.append([f"`{name}`", meaning(PACKINGS, name), f"{several}: {_element(name, allowed)}", unit or ""])
     return table(("parameter", "what is swept", "allowed", "SI unit"), rows)
@@ -241,16 +241,16 @@ def sweep_parameters() -> str:
 def _element(name: str, allowed: str) -> str:
     if not allowed.startswith("a list"):
         return allowed
-    return told(lambda: rules.parameters({name: [object()]}, HERE))
+    return told(lambda: rules.read_parameters({name: [object()]}, HERE))
 
 
 def ranges() -> str:
     """The keys of a range."""
     full = {"from": "1 N", "to": "2 N", "points": 2}
     rows = []
-    for key in known(lambda: rules.values({"?": 0}, LOADS["force"].read)):
+    for key in known(lambda: rules.read_values({"?": 0}, LOADS["force"].read)):
         allowed = "as a single value" if key in ("from", "to") else told(
-            lambda key=key: rules.values({**full, key: object()}, LOADS["force"].read)
+            lambda key=key: rules.read_values({**full, key: object()}, LOADS["force"].read)
         )  # fmt: skip
         rows.append([f"`{key}`", meaning(RANGE, key), allowed, literal(rules.SCALES[0]) if key == "scale" else "required"])
     return table(("key of a range", "what it is", "allowed", "default"), rows)

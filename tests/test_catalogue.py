@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon.cli.wording import results
+from granphon.cli.wording import describe_result
 from granphon.figures.sweeps import plot_sweep
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, axis_label, find_all
 from granphon.scene.scene import Load, Scene
@@ -53,7 +53,7 @@ def test_an_entry_is_all_that_a_summary_and_the_command_line_need(impedance, tmp
     assert found.summary()["impedance"] == expected(9.0)
     written = YAML(typ="safe").load((tmp_path / "out" / "summary.yaml").read_text(encoding="utf-8"))
     assert (written["impedance"], written["units"]["impedance"]) == (expected(9.0), "Pa s/m")
-    assert dict(results(found))["impedance"] == f"{expected(9.0) / 1e6:.5g} MPa s/m"
+    assert dict(describe_result(found))["impedance"] == f"{expected(9.0) / 1e6:.5g} MPa s/m"
     bands = Scene(PACKING, Load("force", (9.0,)), media=("ema",), observe=("bands",)).run(tmp_path / "bands", figures=False)
     assert "impedance" not in bands.summary()  # its cost is that of velocities, which nobody asked for
 

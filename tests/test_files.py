@@ -102,7 +102,7 @@ def test_read_text_takes_a_byte_order_mark(tmp_path: Path) -> None:
 def test_unreadable_files(tmp_path: Path) -> None:
     binary, large, unreadable = tmp_path / "b", tmp_path / "l", tmp_path / "f" / "x"
     binary.write_bytes(b"a: 1\nb: \xff\xfe")
-    large.write_bytes(b"a" * (files.MAX_BYTES + 1))
+    large.write_bytes(b"a" * (files.MOST_SCENE_BYTES + 1))
     (tmp_path / "f").write_text("")
     for path, found in (
         (tmp_path / "none", "no such file"),

@@ -16,7 +16,7 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
 
 import granphon as gp
-from granphon.balls.parameters import changed
+from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.reading import plain_yaml
 from granphon.fits.fit import WidthFit, fit_width
@@ -41,7 +41,7 @@ def velocities(packing, medium="ema", force=FORCE, branch="longitudinal", **opti
 
 
 def spread_over(width, spread=None, packing=BALLS):
-    return changed(replace(packing, spread=spread), {"width": width})
+    return change_packing(replace(packing, spread=spread), {"width": width})
 
 
 TRUE = spread_over(WIDTH)
@@ -95,7 +95,7 @@ def test_of_two_minima_the_deeper_is_found(start, width, sigma, lowest):
 
 @pytest.mark.parametrize("name", ["young_modulus", "diameter"])
 def test_a_second_parameter_is_found_from_far_away(name):
-    truth = changed(TRUE, {name: {"young_modulus": 150e9, "diameter": 6e-3}[name]})
+    truth = change_packing(TRUE, {name: {"young_modulus": 150e9, "diameter": 6e-3}[name]})
     fit = fit_width(BALLS, FORCE, velocities(truth), parameters=("width", name))
     assert_allclose(fit.values, [WIDTH, {"young_modulus": 150e9, "diameter": 6e-3}[name]], rtol=1e-8)
     assert_allclose(velocities(fit.packing), velocities(truth), rtol=1e-10)
@@ -150,7 +150,7 @@ def test_width_and_error_are_those_of_a_second_engine(sigma):
     noisy = EXACT["ema"] + np.random.default_rng(5).normal(size=12) * 5.0
 
     def model(_, microns, gigapascal):
-        return velocities(changed(BALLS, {"width": microns * 1e-6, "young_modulus": gigapascal * 1e9}))
+        return velocities(change_packing(BALLS, {"width": microns * 1e-6, "young_modulus": gigapascal * 1e9}))
 
     fit = fit_width(BALLS, FORCE, noisy, sigma, parameters=("width", "young_modulus"))
     best, covariance = curve_fit(model, FORCE, noisy, (2.0, 211.0), sigma, absolute_sigma=sigma is not None)
@@ -294,7 +294,7 @@ def test_a_frequency_above_the_band_is_named():
 def test_the_top_of_each_load_with_finite_overlap():
     force = np.array([2.0, 18.0])
     waves = Waves("transverse", np.array([0.0, 1.0]), None, True)
-    soft = changed(BALLS, {"young_modulus": 1e8})
+    soft = change_packing(BALLS, {"young_modulus": 1e8})
     tops = waves.tops(gp.AveragedLattice(soft).at_force(force, finite_overlap=True))
     for top, one in zip(tops, force, strict=True):
         state = gp.AveragedLattice(soft).at_force(one, finite_overlap=True)
@@ -329,14 +329,14 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"velocity": EXACT["ema"][:3]}, "found 12 of force, 3 of velocity"),
         ({"sigma": [1.0, 2.0]}, "2 of sigma"),
         ({"frequency": [1.0, 2.0]}, "2 of frequency"),
-        ({"velocity": np.where(FORCE > 10, np.nan, 500.0)}, "velocity is nan"),
-        ({"force": -FORCE}, "force is -2.0"),
-        ({"velocity": 0.0 * FORCE}, "velocity is 0.0"),
-        ({"sigma": 0.0}, "sigma is 0.0"),
-        ({"frequency": -1.0}, "frequency is -1.0"),
-        ({"force": FORCE.reshape(3, 4)}, "force is"),
-        ({"force": ["2"] * 12}, "force is"),
-        ({"force": [], "velocity": []}, "force is"),
+        ({"velocity": np.where(FORCE > 10, np.nan, 500.0)}, "velocity: found nan"),
+        ({"force": -FORCE}, "force: found -2.0"),
+        ({"velocity": 0.0 * FORCE}, "velocity: found 0.0"),
+        ({"sigma": 0.0}, "sigma: found 0.0"),
+        ({"frequency": -1.0}, "frequency: found -1.0"),
+        ({"force": FORCE.reshape(3, 4)}, "force: found"),
+        ({"force": ["2"] * 12}, "force: found"),
+        ({"force": [], "velocity": []}, "force: found"),
         ({"force": 2.0, "velocity": 500.0}, "found 1 measurement, to which width cannot be fitted. Without sigma one more"),
         ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
         ({"parameters": ("width", "young")}, "'young' cannot be fitted"),
@@ -397,7 +397,7 @@ def test_loads_outside_the_range_of_the_medium_are_counted():
 def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
     wrong = EXACT["ema"] * (1.0 - 0.05 * np.sin(np.arange(12.0)))
     assert any("times what sigma says" in warning for warning in fit_width(BALLS, FORCE, wrong, 1.0).warnings)
-    soft = changed(BALLS, {"young_modulus": 1e6})
+    soft = change_packing(BALLS, {"young_modulus": 1e6})
     force = FORCE * 1e-2
     heavy = velocities(spread_over(100e-6, packing=soft), force=force)
     assert any("contact radius" in warning for warning in fit_width(soft, force, heavy).warnings)
@@ -753,7 +753,7 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys, finite):
         "load: {force: 10 N}\n",
         encoding="utf-8",
     )
-    packing = changed(spread_over(20e-6), {"young_modulus": 1e9})
+    packing = change_packing(spread_over(20e-6), {"young_modulus": 1e9})
     pressure = np.geomspace(600.0, 4000.0, 6)
     state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=finite)
     speeds = sound_velocities(state, (0.0, 1.0)).longitudinal

@@ -20,7 +20,7 @@ from numpy.testing import assert_array_equal
 from ruamel.yaml import YAML
 
 import granphon as gp
-from granphon.base.digests import canonical, digest, read_sealed, sealed
+from granphon.base.digests import canonical, digest, read_sealed, seal
 from granphon.base.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
 from granphon.base.reading import plain_yaml, read_bytes
 from granphon.base.tables import Table
@@ -136,7 +136,7 @@ def test_tags_of_python_are_refused_in_yaml(written, tmp_path, kind, tag):
     for text in (
         "\n".join([*lines, f"code: {tag}"]),  # the digest finds it
         "\n".join([*unsealed, f"code: {tag}"]),
-        sealed([*unsealed, f"code: {tag}"]) if kind != "scene" else f"{tag}\n",
+        seal([*unsealed, f"code: {tag}"]) if kind != "scene" else f"{tag}\n",
         "\n".join([f"code: {tag}", *unsealed]),
     ):
         (tmp_path / name).write_text(text)
@@ -381,7 +381,7 @@ def test_a_density_of_states_of_schema_1_is_read(written, tmp_path):
 
 def test_sealing_a_text(tmp_path):
     text = "first\nsecond\n"
-    (tmp_path / "x").write_text(sealed(text.splitlines(), 1))
+    (tmp_path / "x").write_text(seal(text.splitlines(), 1))
     assert (tmp_path / "x").read_text().split("\n")[1].startswith("# sha256 of all other lines: ")
     assert read_sealed(tmp_path / "x") == (text, True)
     (tmp_path / "x").write_text(text)

@@ -84,7 +84,7 @@ def test_mindlin_ratio_that_cannot_be(eta):
 
 def test_a_grid_has_points():
     for graded in (True, False):
-        with pytest.raises(InputError, match="two or more"):
+        with pytest.raises(InputError, match="points: found 1; allowed: a whole number, 2 or more"):
             local_field_on(1, 0.84, graded)
 
 
@@ -223,6 +223,6 @@ def test_edges_that_cannot_be():
     for edges in (1.0, [[1.0]], [math.nan]):
         with pytest.raises(InputError, match="one row"):
             count_modes(lattice, edges)
-    with pytest.raises(InputError, match="one or more"):
+    with pytest.raises(InputError, match="points: found 0; allowed: a whole number, 1 or more"):
         count_modes(lattice, [1.0], 0)
     assert count_modes(lattice, []).shape == (0,)

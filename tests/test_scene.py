@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, OutputError, PrecisionError, Refuse
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
-from granphon.scene.fields import SCALES, spaced
+from granphon.scene.fields import SCALES, space_evenly
 from granphon.scene.scene import BandPath, Load, Scene, force_of_frame
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -460,7 +460,7 @@ def test_a_scene_that_no_file_can_hold(packing):
     scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
     with pytest.raises(InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"):
         scene.to_yaml()
-    ranged = Scene(packing, Load("force", spaced(1.0, 2.0, 200_000, "log")))
+    ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
     assert len(ranged.to_yaml()) < 1000
     assert Scene.from_text(ranged.to_yaml()) == ranged
 
@@ -545,7 +545,7 @@ def spreads(draw: st.DrawFn, diameter: float) -> gp.Uniform | gp.Normal | gp.Dis
 def loads(draw: st.DrawFn, packing: gp.Packing) -> Load:
     """Overlaps from 3e-4 to 4e-2 of the diameter, given as one kind or another."""
     first, factor = draw(st.floats(6e-4, 2e-2)), draw(factors)
-    several = st.integers(3, 60).map(lambda n: spaced(first, factor * first, n, draw(st.sampled_from(SCALES))))
+    several = st.integers(3, 60).map(lambda n: space_evenly(first, factor * first, n, draw(st.sampled_from(SCALES))))
     overlaps = draw(st.just((first,)) | st.lists(factors, min_size=2, max_size=5).map(lambda fs: [f * first for f in fs])
                     | (several if factor != 1.0 else st.nothing()))  # fmt: skip
     states = gp.AveragedLattice(packing).at_overlap(np.array(overlaps) * packing.diameter)
@@ -565,7 +565,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     several = st.lists(factors, min_size=1, max_size=2)
     parameters = draw(st.just({}) | st.fixed_dictionaries({}, optional={
         "young_modulus": several.map(lambda fs: [f * material.young_modulus for f in fs]),
-        "poisson_ratio": st.just(spaced(0.1, 0.3, 3, "linear")),
+        "poisson_ratio": st.just(space_evenly(0.1, 0.3, 3, "linear")),
         "density": several.map(lambda fs: [f * material.density for f in fs]),
         "spread": st.just([gp.Uniform(1e-5 * diameter), gp.Normal(1e-6 * diameter)]),
         "friction": st.just([friction]),

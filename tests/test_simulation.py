@@ -675,10 +675,10 @@ def test_atoms_are_read_back(spread, tmp_path):
 @pytest.mark.parametrize(
     ("keywords", "words"),
     [
-        ({"shape": (0, 3)}, "shape is 0"), ({"shape": (2.0, 3)}, "shape is 2.0"), ({"shape": 5}, "two whole numbers"),
-        ({"shape": (1, 2, 3)}, "two whole numbers"), ({"shape": "ab"}, "shape is 'a'"), ({"seed": -1}, "seed is -1"),
-        ({"seed": 0.5}, "seed is 0.5"), ({"samples": 0}, "samples is 0"), ({"samples": True}, "samples is True"),
-        ({"workers": 0}, "workers is 0"), ({"executor": 5}, "executor is 5"),
+        ({"shape": (0, 3)}, "shape: found 0"), ({"shape": (2.0, 3)}, "shape: found 2.0"), ({"shape": 5}, "two whole numbers"),
+        ({"shape": (1, 2, 3)}, "two whole numbers"), ({"shape": "ab"}, "shape: found 'a'"), ({"seed": -1}, "seed: found -1"),
+        ({"seed": 0.5}, "seed: found 0.5"), ({"samples": 0}, "samples: found 0"), ({"samples": True}, "samples: found true"),
+        ({"workers": 0}, "workers: found 0"), ({"executor": 5}, "executor is 5"),
         ({"diameters": [1.0, 2.0]}, "array \\(L1, L2\\)"), ({"diameters": np.zeros((2, 2))}, "above zero"),
         ({"diameters": [[1.0, math.nan]]}, "finite"), ({"diameters": np.zeros((0, 2))}, "array"),
         ({"diameters": [["a"]]}, "array"), ({"diameters": np.full((2, 2), D), "samples": 2}, "Leave samples out"),

@@ -18,7 +18,17 @@ from hypothesis import strategies as st
 
 from granphon.base import staging as module
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import LIST, LOCK, PREFIX, check_free, files_written, opened, staging, write_bytes, write_text
+from granphon.base.staging import (
+    LIST,
+    LOCK,
+    PREFIX,
+    check_free,
+    files_written,
+    open_folder,
+    staging,
+    write_bytes,
+    write_text,
+)
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -113,7 +123,10 @@ def test_optional_files_need_not_be_written(tmp_path: Path) -> None:
 def test_force_replaces_and_removes_files_of_an_earlier_result(tmp_path: Path) -> None:
     put(tmp_path, a="old", stale="old")
     (tmp_path / "mine").write_text("mine")
-    with opened(tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]) as folder, folder.staging(["a"]) as place:
+    with (
+        open_folder(tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]) as folder,
+        folder.staging(["a"]) as place,
+    ):
         (place / "a").write_text("new")
     assert tree(tmp_path) == {"a": "new", "mine": "mine"}
     assert list(files_written(tmp_path)) == ["a"]
@@ -209,7 +222,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_second_run_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path) -> None:
-    with opened(tmp_path, ["a"]):
+    with open_folder(tmp_path, ["a"]):
         with pytest.raises(OutputError, match="another run is writing"):
             put(tmp_path, b="b")
         assert (tmp_path / LOCK).exists()
@@ -256,7 +269,7 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, mon
 #: a run that gets a signal before, or after, its n-th change of the folder
 STOPPED = """
 import os, signal, sys
-from granphon.base.staging import opened
+from granphon.base.staging import open_folder
 folder, last, number, after = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "after"
 count = 0
 def counted(real):
@@ -270,7 +283,7 @@ def counted(real):
             os.kill(os.getpid(), number)
         return found
     return call
-with opened(folder, ["a", "b", "new"], force=True, earlier=["stale"]) as target:
+with open_folder(folder, ["a", "b", "new"], force=True, earlier=["stale"]) as target:
     with target.staging(["a", "b", "new"]) as place:
         for name in ("a", "b", "new"):
             (place / name).write_text("second")

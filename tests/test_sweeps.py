@@ -30,7 +30,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.balls.parameters import PARAMETERS, Axis, changed, of_width
+from granphon.balls.parameters import PARAMETERS, Axis, change_packing, of_width
 from granphon.base.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
@@ -382,7 +382,7 @@ def test_spread_and_width_together(rough):
 
 def test_a_width_may_be_what_makes_room_for_a_diameter(rough):
     """The packing of the new diameter and the old spread, which cannot be, is never made."""
-    assert changed(rough, {"diameter": 1e-6, "width": 1e-8}).spread == gp.Uniform(1e-8)
+    assert change_packing(rough, {"diameter": 1e-6, "width": 1e-8}).spread == gp.Uniform(1e-8)
 
 
 def test_labels_of_spreads_are_told_apart():
@@ -408,7 +408,7 @@ def test_bands_are_those_of_each_state(rough, finite_overlap):
     assert ds["distances"].attrs["units"] == "1"
     assert f"units of {'1/a' if finite_overlap else '1/d'}," in ds["distances"].attrs["long_name"]
     for i, medium, sigma in itertools.product((0, 1), ("ala", "ema"), (0.1, 0.3)):
-        packing = changed(rough, {"poisson_ratio": sigma})
+        packing = change_packing(rough, {"poisson_ratio": sigma})
         state = MediumChoice(medium).of(packing).at_force([18.446, 5.0][i], finite_overlap=finite_overlap)
         bands = Phonons(state).bands("GKMG", npoints=7)
         found = ds.isel(load=i).sel(medium=medium, poisson_ratio=sigma)
@@ -1063,7 +1063,7 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
 
 
 def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
-    other, path = changed(rough, {"density": 7841.0}), interrupted / "sweep.nc"
+    other, path = change_packing(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
         for module in ("jobs", "sweep"):
             patch.setattr(f"granphon.sweeps.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})

@@ -12,23 +12,23 @@ from typing import Any
 
 from granphon.base.arguments import positive
 from granphon.base.errors import Refused
-from granphon.base.text import shown
+from granphon.base.text import show
 from granphon.base.validation import real_number, require
 
-__all__ = ["LEAST_YOUNG_MODULUS", "Material", "poisson_ratio"]
+__all__ = ["LEAST_YOUNG_MODULUS", "Material", "read_poisson_ratio"]
 
 #: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
 
 
-def poisson_ratio(value: Any) -> float:
+def read_poisson_ratio(value: Any) -> float:
     """A rule: the Poisson ratio sigma of an isotropic solid that is stable, -1 < sigma <= 1/2."""
     found, allowed = real_number(value), "a plain number, -1 < poisson_ratio <= 0.5"
     if -1.0 < found <= 0.5:
         return found
     unstable = "Outside it an isotropic elastic solid is not stable."
     mend = "Write it without quotes or unit." if isinstance(value, str) else "" if math.isnan(found) else unstable
-    raise Refused(shown(value), allowed, mend)
+    raise Refused(show(value), allowed, mend)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Material:
     def __post_init__(self) -> None:
         object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
         object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
-        object.__setattr__(self, "poisson_ratio", require("poisson_ratio", poisson_ratio, self.poisson_ratio))
+        object.__setattr__(self, "poisson_ratio", require("poisson_ratio", read_poisson_ratio, self.poisson_ratio))
         if self.yield_strength is not None:
             object.__setattr__(self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa"))
 

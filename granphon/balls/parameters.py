@@ -18,7 +18,7 @@ from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, message
 from granphon.base.text import closest
 
-__all__ = ["PARAMETERS", "Axis", "changed", "combinations", "counted", "of_width"]
+__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "of_width"]
 
 #: more packings than this are taken for a mistake
 MOST_COMBINATIONS = 100_000
@@ -116,7 +116,7 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
     raise InputError(message(what, "Its parameters are not known here", "Give the spreads themselves"))
 
 
-def changed(packing: Packing, values: Mapping[str, Any]) -> Packing:
+def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
     """The packing with other values of some of its :data:`PARAMETERS`.
 
     A ``width`` scales the spread (:func:`of_width`); a ``diameter`` leaves it as it is. :class:`InputError` if there can be
@@ -129,7 +129,7 @@ def changed(packing: Packing, values: Mapping[str, Any]) -> Packing:
     return replace(packing, material=replace(packing.material, **material), **rest)
 
 
-def counted(axes: Sequence[Axis]) -> int:
+def count_combinations(axes: Sequence[Axis]) -> int:
     """How many combinations of values there are; :class:`InputError` if they are too many for a sweep."""
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
@@ -138,17 +138,17 @@ def counted(axes: Sequence[Axis]) -> int:
     return count
 
 
-def combinations(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
+def combine(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
     """Every combination of values in words, and its packing; the last axis runs fastest.
 
     :class:`InputError` names the combination that makes no packing, or says that they are too many.
     """
-    counted(axes)
+    count_combinations(axes)
     out = []
     for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
         where = ", ".join(axis.worded(label) for axis, (_, label) in zip(axes, pairs, strict=True))
         try:
-            one = changed(packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)})
+            one = change_packing(packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)})
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
         out.append((where, one))

@@ -39,7 +39,7 @@ def finite_list(name: str, values: Any, unit: str = "", low: str = "") -> tuple[
 
 def real_list(name: str, given: Any) -> tuple[float, ...]:
     """One number or a list of them, as plain floats."""
-    found: tuple[float, ...] = require(name, validation.real_list, given)
+    found: tuple[float, ...] = require(name, validation.number_list, given)
     return found
 
 
@@ -47,12 +47,12 @@ def positive(name: str, value: float, unit: str = "") -> float:
     """``value`` as a float: a finite real number above zero."""
     if type(value) is float and 0.0 < value < np.inf:
         return value
-    return float(require(name, partial(validation.positive, unit=unit), value))
+    return float(require(name, partial(validation.above_zero, unit=unit), value))
 
 
 def not_negative(name: str, value: float, unit: str = "") -> float:
     """``value`` as a float: a finite real number, zero or above."""
-    return float(require(name, partial(validation.not_negative, unit=unit), value))
+    return float(require(name, partial(validation.zero_or_above, unit=unit), value))
 
 
 def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:
@@ -68,5 +68,5 @@ def grid_numbers(name: str, values: Any, high: int, example: str) -> tuple[int, 
 
 def texts(name: str, given: str | Sequence[str] | NDArray[Any]) -> tuple[str, ...]:
     """One text, or a list or array of texts, as a tuple."""
-    found: tuple[str, ...] = require(name, validation.texts, given)
+    found: tuple[str, ...] = require(name, validation.text_list, given)
     return found

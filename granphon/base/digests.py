@@ -19,18 +19,18 @@ import numpy as np
 from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning, message
 from granphon.base.reading import read_utf8
 
-__all__ = ["canonical", "damaged", "digest", "own_file", "read_sealed", "sealed", "warn_unverified"]
+__all__ = ["canonical", "damage_error", "digest", "own_file", "read_sealed", "seal", "warn_unverified"]
 
 _SEAL = "# sha256 of all other lines: "
 
 
-def sealed(lines: list[str], place: int = 0) -> str:
+def seal(lines: list[str], place: int = 0) -> str:
     """The text of ``lines``, and a line of comment that holds their digest, before the line number ``place``."""
     return "\n".join([*lines[:place], _SEAL + _of_lines([*lines, ""]), *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
-    """The text of a file without the line that :func:`sealed` gave it, and whether it had one.
+    """The text of a file without the line that :func:`seal` gave it, and whether it had one.
 
     :class:`~granphon.base.errors.InputError` if the text does not have that digest, or cannot be read.
     """
@@ -40,7 +40,7 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
         return "\n".join(lines), False
     line = lines.pop(places[0])
     if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _of_lines(lines):
-        raise damaged(path, f"sha256 in line {places[0] + 1}")
+        raise damage_error(path, f"sha256 in line {places[0] + 1}")
     return "\n".join(lines), True
 
 
@@ -53,7 +53,7 @@ def _of_lines(lines: list[str]) -> str:
     return found.hexdigest()
 
 
-def damaged(path: str | os.PathLike[str], where: str) -> InputError:
+def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
     """The error that says so: ``where`` holds a digest, which is not that of the data."""
     return InputError(
         message(

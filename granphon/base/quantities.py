@@ -17,7 +17,7 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.base.errors import Refused
-from granphon.base.text import closest, shown
+from granphon.base.text import closest, show
 
 __all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity"]
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 #: the units that a scene knows; small and exact, so that "8 mm" is the float nearest to 0.008
-_UNITS = """
+_UNIT_DEFINITIONS = """
 pico- = 1e-12 = p-\nnano- = 1e-9 = n-\nmicro- = 1e-6 = u- = µ- = μ-\nmilli- = 1e-3 = m-\ncenti- = 1e-2 = c-
 kilo- = 1e3 = k-\nmega- = 1e6 = M-\ngiga- = 1e9 = G-\ntera- = 1e12 = T-
 meter = [length] = m = metre\nsecond = [time] = s\nminute = 60*second = minutes\nhour = 3600*second = h = hours
@@ -42,13 +42,13 @@ kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-1
 #: how a number is written
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBER = re.compile(NUMBER)
-#: letters of a quantity
-_LONGEST = 100
+#: a quantity has no more characters
+_MOST_SIGNS = 100
 #: numbers between this and its inverse are far from the ends of the floating range, with any unit
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
-_UNIT = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
+_UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 
 
 @cache
@@ -56,7 +56,7 @@ def _registry() -> Any:
     from pint import UnitRegistry
 
     registry: Any = UnitRegistry(None, non_int_type=Decimal)
-    registry.load_definitions(_UNITS.strip().splitlines())
+    registry.load_definitions(_UNIT_DEFINITIONS.strip().splitlines())
     return registry
 
 
@@ -86,25 +86,25 @@ class Quantity:
         tip = f"Write the unit too, such as '{self.example}'."
         if isinstance(value, int | float) and not isinstance(value, bool):
             if isinstance(value, float) and not math.isfinite(value):
-                raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
-            raise Refused(f"{shown(value)}, without a unit", self.allowed, tip)
+                raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
+            raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
         if not isinstance(value, str):
-            raise Refused(shown(value), self.allowed)
+            raise Refused(show(value), self.allowed)
         text = value.strip()
         if re.match(r"[-+]?\.?(nan|inf|infinity)\b", text, re.IGNORECASE):
-            raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
+            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
         match = _QUANTITY.fullmatch(text)
-        if match is None or len(text) > _LONGEST:
-            raise Refused(f"{shown(value)}, which does not start with a number", self.allowed)
+        if match is None or len(text) > _MOST_SIGNS:
+            raise Refused(f"{show(value)}, which does not start with a number", self.allowed)
         number, _, unit = match.groups()
         if not unit:
-            raise Refused(f"{shown(value)}, without a unit", self.allowed, tip)
+            raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
         try:
             factor = _factor(self, unit)
         except ValueError as wrong:
             meant = closest(unit, self.common.split(", "))
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
-            raise Refused(f"{shown(value)}, {wrong}", self.allowed, mend) from None
+            raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
         return self._value(number, factor, value)
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
@@ -118,7 +118,7 @@ class Quantity:
             power = _power_of_ten(_factor(self, unit))
         except ValueError:
             return None
-        if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _LONGEST:
+        if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _MOST_SIGNS:
             return None
         values = np.array([float(number) if not power else float(_shifted(number, power)) for number in numbers])
         size = np.abs(values)
@@ -140,19 +140,19 @@ class Quantity:
     def _value(self, number: str, factor: Fraction, value: str) -> float:
         rough = float(number)
         if not math.isfinite(rough):
-            raise Refused(f"{shown(value)}, which is not a finite number", self.allowed)
+            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
         if not re.search("[1-9]", re.split("[eE]", number)[0]):
             if self.least == "above zero":
-                raise Refused(f"{shown(value)}, which is zero", self.allowed)
+                raise Refused(f"{show(value)}, which is zero", self.allowed)
             return 0.0
         if number.startswith("-") and self.least != "any":
-            raise Refused(f"{shown(value)}, which is {self.negative}", self.allowed)
+            raise Refused(f"{show(value)}, which is {self.negative}", self.allowed)
         try:
             exact = float(Fraction(number) * factor) if rough else 0.0
         except OverflowError:
             exact = math.inf
         if not 0.0 < abs(exact) < math.inf:
-            raise Refused(f"{shown(value)}, which is too small or too large for double precision", self.allowed)
+            raise Refused(f"{show(value)}, which is too small or too large for double precision", self.allowed)
         return exact
 
 
@@ -171,7 +171,7 @@ def _shifted(number: str, power: int) -> str:
 @lru_cache(maxsize=256)  # the cells of a column share their unit
 def _factor(kind: Quantity, unit: str) -> Fraction:
     """How many SI units of its ``kind`` a unit is, exactly; ValueError says why it is none."""
-    if not _UNIT.fullmatch(unit):
+    if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     registry, own = _registry(), kind.unit.replace("%", "percent")
     text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("%", "percent").removeprefix("1/")

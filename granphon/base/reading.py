@@ -13,15 +13,15 @@ from typing import Any
 
 from granphon.base.errors import InputError, MissingFileError, brief, message
 
-__all__ = ["MAX_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_utf8", "require_path"]
+__all__ = ["MOST_FILE_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_utf8", "require_path"]
 
-#: the largest file that is read
-MAX_BYTES = 256_000_000
+#: the largest file that is read, bytes
+MOST_FILE_BYTES = 256_000_000
 #: the deepest nesting of blocks and lists in YAML
 _MAX_DEPTH = 12
 
 
-def read_bytes(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
+def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
     """What stands in a regular file of no more than ``limit`` bytes.
 
     Raises

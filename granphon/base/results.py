@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hi
 
 import numpy as np
 
-from granphon.base.digests import damaged, digest
+from granphon.base.digests import damage_error, digest
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.text import shown
+from granphon.base.text import show
 
 __all__ = ["Result", "plain", "read_only", "restore"]
 
@@ -88,10 +88,10 @@ class Result:
         """
         given = dict(data) if isinstance(data, Mapping) else {}
         if _class_of(given) != cls.__name__:
-            raise InputError(message(f"these data describe a {shown(given.get('class'))}, not a {cls.__name__!r}"))
+            raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
         schema = given.get("schema", cls.schema)
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-            raise InputError(message(f"{cls.__name__} data have the schema {shown(schema)}", mend="It is a whole number"))
+            raise InputError(message(f"{cls.__name__} data have the schema {show(schema)}", mend="It is a whole number"))
         if schema > cls.schema:
             raise InputError(
                 message(
@@ -103,7 +103,7 @@ class Result:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
             # last, as the other errors say more
             if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
-                raise damaged(f"a {cls.__name__} in plain data", "under 'digest'")
+                raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
             units = plain(given.get("units", restored.said_units()))  # an array among them becomes a list, which is no unit
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested without end")) from None
@@ -229,8 +229,8 @@ def _class_of(data: Mapping[str, Any]) -> str:
 
 def _kind(value: Any) -> str:
     if isinstance(value, Mapping):
-        return f"data of a {shown(value.get('class'))}" if "class" in value else "a mapping"
-    return f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {shown(value)},")
+        return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
+    return f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
 
 
 def _hint_name(hint: Any) -> str:
@@ -244,7 +244,7 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
     what = f"the {build.__name__} data"
     if missing := [name for name in known if name not in value]:
         raise InputError(message(f"{what} lack {', '.join(missing)}"))
-    if unknown := [shown(name) for name in value if name not in (*known, "class")]:
+    if unknown := [show(name) for name in value if name not in (*known, "class")]:
         raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
     given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known}
     try:

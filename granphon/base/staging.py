@@ -27,14 +27,29 @@ from typing import Any
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
 from granphon.base.reading import read_bytes
 
-__all__ = ["ResultFolder", "check_free", "files_written", "is_written", "opened", "staging", "write_bytes", "write_text"]
+__all__ = [
+    "ResultFolder",
+    "check_free",
+    "files_written",
+    "is_written",
+    "open_folder",
+    "staging",
+    "write_bytes",
+    "write_text",
+]
 
+#: the list of the files that granphon wrote into a folder
 LIST = ".granphon-files"
+#: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
+#: how names of staging folders begin
 PREFIX = ".granphon-staging-"
-SCHEMA = 1
-#: inside a staging folder: the record of its exchange, and the files that are being replaced
-_RECORD, _REPLACED = ".exchange", ".replaced"
+#: number of the layout of the list of files
+LIST_SCHEMA = 1
+#: inside a staging folder: the record of its exchange
+_RECORD = ".exchange"
+#: inside a staging folder: the folder of the files that are being replaced
+_REPLACED = ".replaced"
 #: what a file system says that knows no locks
 _NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS}
 
@@ -58,7 +73,7 @@ else:
 def files_written(folder: StrPath) -> dict[str, str]:
     """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
     data = _plain(Path(folder) / LIST)
-    files = data.get("files") if data.get("schema") == SCHEMA else None
+    files = data.get("files") if data.get("schema") == LIST_SCHEMA else None
     return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
 
 
@@ -70,7 +85,7 @@ def _plain(path: Path) -> dict[str, Any]:
     return {}
 
 
-def _digest(path: Path) -> str:
+def _digest_file(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -81,10 +96,10 @@ def _sha256(data: bytes) -> str:
 
 def is_written(path: Path, *digests: str) -> bool:
     """Whether the file is one that granphon wrote, byte for byte."""
-    return bool(digests) and path.is_file() and not path.is_symlink() and _digest(path) in digests
+    return bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
 
 
-def _same(path: Path, other: StrPath) -> bool:
+def _is_same_file(path: Path, other: StrPath) -> bool:
     with suppress(OSError):
         return os.path.samefile(path, other)
     return False
@@ -158,7 +173,7 @@ def _check_replaceable(
     written = files_written(target)
     kept = "It is not replaced, with --force or without"
     for name in there:
-        if any(_same(target / name, one) for one in inputs):
+        if any(_is_same_file(target / name, one) for one in inputs):
             what = f"{target / name} is read by this run, and would be overwritten"
             raise FileExistsInRunError(message(what, kept, "Choose another folder"))
         if not is_written(target / name, *known, *([written[name]] if name in written else [])):
@@ -175,7 +190,7 @@ def _check_replaceable(
             )
         )
     for name in _stale(target, names, earlier):
-        read = any(_same(target / name, one) for one in inputs)
+        read = any(_is_same_file(target / name, one) for one in inputs)
         if read or not is_written(target / name, written[name]):
             what = f"{target} holds {name} of an earlier run, and "
             what += "this run reads it" if read else "it has been changed since"
@@ -200,7 +215,7 @@ def _failed(target: Path, error: OSError) -> GranphonError:
 
 
 class ResultFolder:
-    """A folder that this process has locked, see :func:`opened`."""
+    """A folder that this process has locked, see :func:`open_folder`."""
 
     def __init__(self, path: Path, force: bool, earlier: Sequence[str], inputs: Sequence[StrPath]) -> None:
         self.path, self.force, self.earlier, self.inputs = path, force, earlier, inputs
@@ -230,7 +245,7 @@ class ResultFolder:
 
 
 @contextmanager
-def opened(
+def open_folder(
     folder: StrPath,
     names: Sequence[str],
     force: bool = False,
@@ -269,8 +284,8 @@ def opened(
 def staging(
     folder: StrPath, names: Sequence[str], force: bool = False, inputs: Iterable[StrPath] = (), optional: Sequence[str] = ()
 ) -> Iterator[Path]:
-    """:func:`opened` and :meth:`ResultFolder.staging` in one, for what is written as soon as it is known."""
-    with opened(folder, names, force, inputs=inputs) as target, target.staging(names, optional) as place:
+    """:func:`open_folder` and :meth:`ResultFolder.staging` in one, for what is written as soon as it is known."""
+    with open_folder(folder, names, force, inputs=inputs) as target, target.staging(names, optional) as place:
         yield place
 
 
@@ -325,8 +340,8 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
     written = files_written(target)
     old = {name: written[name] for name in (*names, *stale) if os.path.lexists(target / name)}
     files = {name: digest for name, digest in written.items() if name not in stale}
-    files |= {name: _digest(place / name) for name in names}
-    (place / LIST).write_text(json.dumps({"schema": SCHEMA, "files": files}, indent=1) + "\n", encoding="utf-8")
+    files |= {name: _digest_file(place / name) for name in names}
+    (place / LIST).write_text(json.dumps({"schema": LIST_SCHEMA, "files": files}, indent=1) + "\n", encoding="utf-8")
     replaced = place / _REPLACED
     replaced.mkdir()
     draft = place / (_RECORD + ".draft")

@@ -23,12 +23,12 @@ __all__ = [
     "dump_yaml",
     "parse_yaml",
     "read_text",
-    "shown",
+    "show",
     "versions",
 ]
 
-#: the largest text that is read, bytes
-MAX_BYTES = 100_000
+#: the largest scene that is read or written as a text, bytes
+MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
 MAX_DEPTH = 12
 
@@ -72,7 +72,7 @@ class Document:
 def read_text(path: str | os.PathLike[str]) -> str:
     """The text of a file; :class:`~granphon.base.errors.SceneError` if there is none to be had (or more than 100 kB)."""
     try:
-        raw = read_bytes(path, MAX_BYTES)
+        raw = read_bytes(path, MOST_SCENE_BYTES)
     except MissingFileError:
         raise MissingSceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
     except InputError as error:
@@ -147,7 +147,7 @@ class _Builder:
         if kind == "AliasEvent" or getattr(event, "anchor", None) is not None:
             raise self._broken(f"{where}found an anchor or alias (& or *)", "plain values", "Write the value out")
         if getattr(event, "tag", None) is not None:
-            raise self._broken(f"{where}found the tag {shown(str(event.tag))}", "plain values", "Leave the tag out")
+            raise self._broken(f"{where}found the tag {show(str(event.tag))}", "plain values", "Leave the tag out")
         if depth > MAX_DEPTH:
             raise self._broken(f"{where}found more than {MAX_DEPTH} levels of nesting", "the levels of a scene")
         if kind == "ScalarEvent":
@@ -182,7 +182,7 @@ def _hint(problem: str) -> str:
     return ""
 
 
-def shown(value: Any) -> str:
+def show(value: Any) -> str:
     """``value`` as a message shows it: short, on one line, without control characters."""
     if isinstance(value, Mapping):
         return "a block of keys"

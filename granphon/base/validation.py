@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused, brief
-from granphon.base.text import closest, shown
+from granphon.base.text import closest, show
 
 __all__ = [
-    "Rule", "block", "choice", "each", "finite_numbers", "grid", "inside", "is_whole", "not_negative", "number", "positive",
-    "real_list", "real_number", "real_numbers", "require", "text", "texts", "truth", "unknown_key", "whole",
+    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "number", "number_list",
+    "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth", "unknown_key", "whole",
+    "zero_or_above",
 ]  # fmt: skip
 
 Rule = Callable[[Any], Any]
@@ -30,7 +31,7 @@ Rule = Callable[[Any], Any]
 _DEEPEST = 64
 
 
-def inside(key: str | int, rule: Rule, value: Any) -> Any:
+def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
     """``rule(value)`` for what stands at ``key``; a refusal says so."""
     try:
         return rule(value)
@@ -58,11 +59,11 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
     """A block of keys, each read by its rule; those that are ``needed`` have no default."""
     allowed = f"a block of keys: {', '.join(rules) or 'none'}"
     if not isinstance(value, Mapping):
-        raise Refused(shown(value), allowed)
+        raise Refused(show(value), allowed)
     for key in value:
         if key not in rules:
             raise unknown_key(key, rules)
-    read = {key: inside(key, rules[key], item) for key, item in value.items()}
+    read = {key: read_inside(key, rules[key], item) for key, item in value.items()}
     for key in needed:
         if key not in value:
             raise Refused("nothing, and it has no default", _allowed(rules[key]), path=(key,))
@@ -81,8 +82,8 @@ def _allowed(rule: Rule) -> str:
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
     """A list of one or more values of one kind."""
     if not isinstance(value, list | tuple) or not value:
-        raise Refused(shown(value) if value != [] else "an empty list", f"a list of one or more {what}")
-    return tuple(inside(n, rule, one) for n, one in enumerate(value))
+        raise Refused(show(value) if value != [] else "an empty list", f"a list of one or more {what}")
+    return tuple(read_inside(n, rule, one) for n, one in enumerate(value))
 
 
 def choice(value: Any, options: Sequence[str]) -> str:
@@ -90,17 +91,17 @@ def choice(value: Any, options: Sequence[str]) -> str:
     if isinstance(value, str) and value in options:
         return value
     meant = closest(value, options) if isinstance(value, str) else None
-    raise Refused(shown(value), ", ".join(options), f"Did you mean {meant!r}?" if meant else "")
+    raise Refused(show(value), ", ".join(options), f"Did you mean {meant!r}?" if meant else "")
 
 
 def text(value: Any) -> str:
     """A text that is not empty."""
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
-    raise Refused(shown(value), "a name")
+    raise Refused(show(value), "a name")
 
 
-def texts(given: Any) -> tuple[str, ...]:
+def text_list(given: Any) -> tuple[str, ...]:
     """One text, or a list or array of texts, as a tuple."""
     if isinstance(given, str):
         return (given,)
@@ -119,7 +120,7 @@ def truth(value: Any) -> bool:
         return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
     meant = "true" if word in ("yes", "on", "y", "true") else "false" if word in ("no", "off", "n", "false") else ""
-    raise Refused(shown(value), "true or false", f"Did you mean {meant}?" if meant else "")
+    raise Refused(show(value), "true or false", f"Did you mean {meant}?" if meant else "")
 
 
 def real_number(value: Any) -> float:
@@ -138,26 +139,26 @@ def real_number(value: Any) -> float:
         return math.nan
 
 
-def _number(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
+def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
     found = real_number(value)
     if holds(found):
         return found
-    raise Refused(shown(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
+    raise Refused(show(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
 
 
 def number(value: Any, low: float, high: float) -> float:
     """A plain number, without a unit, within two bounds."""
-    return _number(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
+    return _number_where(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
 
 
-def positive(value: Any, unit: str = "") -> float:
+def above_zero(value: Any, unit: str = "") -> float:
     """A finite number above zero, in an SI ``unit``."""
-    return _number(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
+    return _number_where(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
 
 
-def not_negative(value: Any, unit: str = "") -> float:
+def zero_or_above(value: Any, unit: str = "") -> float:
     """A finite number, zero or above, in an SI ``unit``."""
-    return _number(value, "a finite number, zero or above" + (unit and f", {unit}"), lambda x: 0.0 <= x < math.inf)
+    return _number_where(value, "a finite number, zero or above" + (unit and f", {unit}"), lambda x: 0.0 <= x < math.inf)
 
 
 def is_whole(value: Any) -> bool:
@@ -169,7 +170,7 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
     """A whole number within two bounds, or from one bound on."""
     if is_whole(value) and low <= value <= (value if high is None else high):
         return int(value)
-    raise Refused(shown(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
+    raise Refused(show(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
 
 
 def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
@@ -178,15 +179,15 @@ def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
     allowed = f"two whole numbers from {low} to {high}{' and a 1' if count > 2 else ''}, such as {example}"
     words: Any = value.split() if isinstance(value, str) else value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(words, list | tuple) or not 2 <= len(words) <= count:
-        raise Refused(shown(value), allowed)
+        raise Refused(show(value), allowed)
     if isinstance(value, str):
         words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in words]
     if not all(map(is_whole, words)):
-        raise Refused(shown(value), allowed)
+        raise Refused(show(value), allowed)
     if len(words) == 3 and words[2] != 1:
-        raise Refused(f"{shown(value)}, whose third number is {words[2]}", allowed, "The packing is one layer.")
+        raise Refused(f"{show(value)}, whose third number is {words[2]}", allowed, "The packing is one layer.")
     if not all(low <= w <= high for w in words[:2]):
-        raise Refused(shown(value), allowed)
+        raise Refused(show(value), allowed)
     return int(words[0]), int(words[1])
 
 
@@ -235,7 +236,7 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
 
 
-def real_list(values: Any) -> tuple[float, ...]:
+def number_list(values: Any) -> tuple[float, ...]:
     """One real number or a list of them, as plain floats."""
     array = np.atleast_1d(real_numbers(values))
     if array.ndim != 1 or not array.size:

@@ -12,7 +12,7 @@ import typer
 from granphon.base.errors import InputError, message
 from granphon.cli.app import Force, SceneFile, app
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import announced, described, results
+from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
 __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
 
@@ -39,7 +39,7 @@ def write_preset(
     """
     from importlib.resources import files
 
-    from granphon.base.staging import opened, write_text
+    from granphon.base.staging import open_folder, write_text
     from granphon.base.text import closest
 
     if preset not in PRESETS:
@@ -53,7 +53,7 @@ def write_preset(
     require_name("PATH", path)
     texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
     target = Path(path)
-    with opened(target.parent, [target.name], force, known=texts.values()):
+    with open_folder(target.parent, [target.name], force, known=texts.values()):
         write_text(target, texts[preset])
     say(f"Wrote {path}. Next: granphon check {path}")
 
@@ -74,7 +74,7 @@ def check_scene(scene: SceneFile) -> None:
     from granphon.scene.scene import Scene
 
     read = Scene.from_yaml(scene)
-    rows = described(read)  # first, as it refuses what there is no memory for
+    rows = describe_scene(read)  # first, as it refuses what there is no memory for
     states, left = read.survey()
     warnings = [
         f"{where}: {warning}" if read.is_sweep else warning
@@ -137,13 +137,13 @@ def run_scene(
         return
     cost = read.cost()
     if cost is not None and not quiet and cost.seconds > _LONG:
-        print(f"granphon: {announced(cost)}", file=sys.stderr, flush=True)
+        print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
     with tell_interruption(left):
         with worker_processes(workers if read.is_sweep else 1) as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
-            say_table(results(result))
+            say_table(describe_result(result))
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 

@@ -12,7 +12,7 @@ import typer
 from granphon.base.errors import InputError, message
 from granphon.cli.app import Force, SceneFile, app
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import fitted
+from granphon.cli.wording import describe_fit
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
@@ -99,7 +99,7 @@ def fit_measurements(
     failures = _write_study(out, FIT_FILES, force, inputs, found.write, figure)
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*found.warnings, *failures.values()))
-        say_table(fitted(found))
+        say_table(describe_fit(found))
 
 
 @app.command("tradeoff")

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import Measured, TradeOff
 
-__all__ = ["announced", "chosen", "described", "fitted", "human", "results", "span", "work_and_precision"]
+__all__ = [
+    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "human", "span",
+    "work_and_precision",
+]  # fmt: skip
 
 
 def human(value: float, unit: str) -> str:
@@ -50,7 +53,7 @@ def _spread(packing: Packing) -> str:
     return f"{form}, W = {width} (sqrt(12) times the rms, {human(packing.width / math.sqrt(12.0), 'm')})"
 
 
-def described(scene: Scene) -> list[tuple[str, str]]:
+def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows of what a scene holds: names, and values in readable units."""
     packing, material = scene.packing, scene.packing.material
     elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
@@ -65,7 +68,7 @@ def described(scene: Scene) -> list[tuple[str, str]]:
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
     if not scene.is_sweep and scene.media[0].is_automatic:
-        rows.append(("chosen", chosen(scene.rung)))
+        rows.append(("chosen", describe_choice(scene.rung)))
     if scene.is_sweep:
         sizes = {"loads": len(scene.load.values), "media": len(scene.media)}
         sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
@@ -79,7 +82,7 @@ def described(scene: Scene) -> list[tuple[str, str]]:
         ]
     cost = scene.cost()
     if cost is not None:
-        rows.append(("will take", announced(cost)))
+        rows.append(("will take", describe_cost(cost)))
     if scene.finite_overlap:
         rows.append(("terms", "of the order of the overlap over the diameter are kept"))
     if "bands" in scene.observe:
@@ -90,18 +93,18 @@ def described(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
-def chosen(rung: Rung) -> str:
+def describe_choice(rung: Rung) -> str:
     """The medium that an automatic one has chosen, and what is expected of it."""
     error = float(rung.errors[0])
     return f"{rung.medium.label}, expected error {error:.2g}" if error else f"{rung.medium.label}, exact for equal balls"
 
 
-def announced(cost: Cost) -> str:
+def describe_cost(cost: Cost) -> str:
     """What it will take."""
     return f"{cost.text} on one processor"
 
 
-def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
+def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     """Rows of the chief numbers of a result."""
     from granphon.observables.catalogue import CATALOGUE
 
@@ -115,7 +118,7 @@ def results(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     return rows
 
 
-def fitted(fit: WidthFit) -> list[tuple[str, str]]:
+def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
     from granphon.balls.parameters import PARAMETERS
 
@@ -149,7 +152,7 @@ def work_and_precision(result: TradeOff) -> list[str]:
         f"errors at {len(result.loads)} load{'s' if len(result.loads) > 1 else ''}, {loads}; {result.runs} warm runs each"
     ]
     for study in result.studies:
-        rows = [heads, *(_row(point) for point in result.of(study))]
+        rows = [heads, *(_point_cells(point) for point in result.of(study))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
         lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
         lines += [
@@ -160,7 +163,7 @@ def work_and_precision(result: TradeOff) -> list[str]:
     return [*lines, "", f"took {human(result.seconds, 's')} of {human(result.budget, 's')}"]
 
 
-def _row(point: Measured) -> tuple[str, ...]:
+def _point_cells(point: Measured) -> tuple[str, ...]:
     if point.failure and not point.seconds:
         return point.method, point.knob, *[""] * 6, point.failure
     times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import changed
+from granphon.balls.parameters import change_packing
 from granphon.base.arguments import positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
@@ -244,7 +244,7 @@ class VelocityModel:
     def _packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):
             values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-        return changed(self.packing, values | {"spread": self._widened(values.pop("width"))})
+        return change_packing(self.packing, values | {"spread": self._widened(values.pop("width"))})
 
     def _widened(self, width: float) -> _WidenedSpread:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
@@ -261,7 +261,7 @@ class VelocityModel:
     @cached_property
     def _curve(self) -> _SampleCurve:
         # in reduced units any width, as any modulus and diameter, is as good
-        packing = changed(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
+        packing = change_packing(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
         return _SampleCurve(packing, self.choice, self.waves.branch)
 
     def fit_packing(self, logs: Array) -> Packing:
@@ -270,4 +270,4 @@ class VelocityModel:
         if isinstance(spread, Discrete | Measured):
             shift = values.get("diameter", self.packing.diameter) - spread.mean
             spread = replace(spread, diameters=tuple(diameter + shift for diameter in spread.diameters))
-        return changed(self.packing, values | {"spread": spread})
+        return change_packing(self.packing, values | {"spread": spread})

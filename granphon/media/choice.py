@@ -14,7 +14,7 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import Rule, block, choice, grid, inside, number, require, whole
+from granphon.base.validation import Rule, block, choice, grid, number, read_inside, require, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
@@ -282,7 +282,7 @@ def medium(value: Any) -> MediumChoice:
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
     choice(name, tuple(MEDIA))
-    options = {} if given is None else inside(name, partial(_options, name), given)
+    options = {} if given is None else read_inside(name, partial(_options, name), given)
     return MediumChoice(name, tuple(options.items()))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import IN_PLANE, TRANSLATIONS_IN_PLANE, Motions
-from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
+from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
@@ -190,7 +190,7 @@ class Bands(Result):
                     lines += [f"    group_velocity: [ {_join_numbers(g)} ]", "    eigenvector:"]
                     for ball in motion[i, j, :, :, k]:
                         lines += ["    -", *(f"      - [ {_join_numbers((z.real, z.imag))} ]" for z in ball)]
-        write_text(path, sealed(lines))
+        write_text(path, seal(lines))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:

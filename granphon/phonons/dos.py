@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
+from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
@@ -72,7 +72,7 @@ class DensityOfStates(Result):
             *(f"warning: {warning}" for warning in self.warnings),
         )
         text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
-        write_text(path, sealed(text.split("\n")[:-1], 1))
+        write_text(path, seal(text.split("\n")[:-1], 1))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:

@@ -17,7 +17,7 @@ from granphon.balls.lattices import Lattice
 from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
-from granphon.base.text import shown
+from granphon.base.text import show
 from granphon.base.validation import require
 
 __all__ = [
@@ -31,7 +31,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 #: the greatest number of points or cells
-MOST_POINTS = 1_000_000_000
+LARGEST_COUNT = 1_000_000_000
 #: corners of the path around the irreducible zone: letters, and their places on a hexagonal cell of 120 degrees and on a
 #: square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
@@ -89,7 +89,7 @@ def interpolate_path(
     qpoints : (n_segments, npoints, 3).
     labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
     """
-    count = whole_number("npoints", npoints, 2, MOST_POINTS)
+    count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     pieces: list[Array] = []
     names: list[list[str]] = []
     if isinstance(path, str):
@@ -167,18 +167,18 @@ def read_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]
     """Paths of points, from "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma parts paths that do not join."""
     allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
     if not isinstance(value, str):
-        raise Refused(shown(value), allowed, "Write the points as one line of text.")
+        raise Refused(show(value), allowed, "Write the points as one line of text.")
     paths = []
     for part in value.split(","):
         numbers = [_fraction(word, value, allowed) for word in part.split()]
         if len(numbers) % 3 or len(numbers) < 6:
-            found = f"{shown(value)}, with {len(numbers)} numbers in a path"
+            found = f"{show(value)}, with {len(numbers)} numbers in a path"
             raise Refused(found, allowed, "A path has two points or more.")
         points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
         if any(point[2] != 0.0 for point in points):
-            raise Refused(f"{shown(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
+            raise Refused(f"{show(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
         if any(one == two for one, two in itertools.pairwise(points)):
-            raise Refused(f"{shown(value)}, with the same point twice in a row", allowed)
+            raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
     return tuple(paths)
 
@@ -188,7 +188,7 @@ def _fraction(word: str, value: str, allowed: str) -> float:
         return float(Fraction(word))
     number = float(word) if re.fullmatch(NUMBER, word) else math.nan
     if not abs(number) <= 1e3:
-        raise Refused(f"{shown(word)} in {shown(value)}", allowed)
+        raise Refused(f"{show(word)} in {show(value)}", allowed)
     return number + 0.0
 
 
@@ -201,7 +201,7 @@ def read_labels(value: Any) -> tuple[str, ...]:
         or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words)
     ):
         allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
-        raise Refused(shown(value), allowed)
+        raise Refused(show(value), allowed)
     return tuple(words)
 
 

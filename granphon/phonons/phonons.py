@@ -29,7 +29,7 @@ from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
-from granphon.phonons.paths import MOST_POINTS, default_letters, interpolate_path, special_points
+from granphon.phonons.paths import LARGEST_COUNT, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
@@ -101,7 +101,7 @@ class Phonons:
         periodic = np.asarray(self.atoms.pbc)[:2]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
-            dim = grid_numbers("dim", given, MOST_POINTS, "3 3 1")
+            dim = grid_numbers("dim", given, LARGEST_COUNT, "3 3 1")
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(message(f"dim is {given!r}", "An axis without periods has one cell", "Give 1 there"))
             if not contacts_apart(cell, dim, contact):
@@ -239,10 +239,10 @@ class Phonons:
         sigma : width of the Gaussian, Hz, not below the spacing of the points; by default a hundredth of the top frequency.
         points : how many frequencies, 12 or more, from zero to just above the top.
         """
-        numbers = grid_numbers("mesh", mesh, MOST_POINTS, "64 64 1")
+        numbers = grid_numbers("mesh", mesh, LARGEST_COUNT, "64 64 1")
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
-        count = whole_number("points", points, 12, MOST_POINTS)
+        count = whole_number("points", points, 12, LARGEST_COUNT)
         grid = self._mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction: the fractions of a degenerate set add up to the same

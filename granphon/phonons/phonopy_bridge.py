@@ -17,7 +17,7 @@ from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.lattices import BALL
-from granphon.base.digests import own_file, read_sealed, sealed, warn_unverified
+from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
 from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.scales import HertzPrefix, Units, file_header, read_header
@@ -145,7 +145,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
-    write_text(path, sealed([*head, *body.removesuffix("\n").split("\n")]))
+    write_text(path, seal([*head, *body.removesuffix("\n").split("\n")]))
 
 
 def _add_auxiliary(own: Array, export: Phonopy) -> Array:

@@ -14,18 +14,20 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
-from granphon.balls.material import poisson_ratio
+from granphon.balls.material import read_poisson_ratio
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import shown
+from granphon.base.text import show
 from granphon.base.validation import Rule, block, choice, each, grid, number, text, truth, whole
 from granphon.media.choice import MEDIA, MediumChoice, medium
 
-__all__ = ["OBSERVABLES", "SCALES", "SCHEMA", "spaced", "values"]
+__all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly"]
 
-SCHEMA = 1
+#: number of the layout of a scene file
+SCENE_SCHEMA = 1
+#: what a scene may ask for
 OBSERVABLES = ("velocities", "bands", "dos")
 #: how the points of a range are spaced; the first is the default
 SCALES = ("log", "linear")
@@ -33,14 +35,14 @@ SCALES = ("log", "linear")
 #: most diameters of a measured spread that a scene holds itself
 MOST_DIAMETERS = 1000
 
-Spread = Uniform | Normal | Discrete | Measured
+AnySpread = Uniform | Normal | Discrete | Measured
 
 
 # -- lists and ranges -----------------------------------------------------------------------------------------------
 
 
-def values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """One number or quantity, a list of them, or a range of them: {from, to, points, scale}, evenly spaced on its scale."""
+def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
+    """One number or quantity, a list of them, or a range of them, {from, to, points, scale}, even on its scale."""
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
     if not isinstance(value, dict):
@@ -54,10 +56,10 @@ def values(value: Any, rule: Rule) -> tuple[float, ...]:
         raise Refused(found, "1 if both ends are the same, 2 or more if they are not", path=("points",))
     if scale == "log" and min(first, last) <= 0.0:
         raise Refused(f"a log range from {value['from']} to {value['to']}", "values above zero", "Write scale: linear.")
-    return spaced(first, last, count, scale)
+    return space_evenly(first, last, count, scale)
 
 
-def spaced(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
+def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
     """``count`` numbers from ``first`` to ``last``, both kept to the last bit, evenly spaced on a log or a linear scale."""
     between = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):  # the ends may be at those of the floating range
@@ -65,7 +67,7 @@ def spaced(first: float, last: float, count: int, scale: str) -> tuple[float, ..
 
 
 def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """What :func:`values` reads to the last bit: one value, a range where it gives the same, or a list."""
+    """What :func:`read_values` reads to the last bit: one value, a range where it gives the same, or a list."""
     first, last, count = given[0], given[-1], len(given)
     if count == 1:
         return write(first)
@@ -74,7 +76,7 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
             count > 2
             and first != last
             and (scale == "linear" or min(first, last) > 0.0)
-            and spaced(first, last, count, scale) == tuple(given)
+            and space_evenly(first, last, count, scale) == tuple(given)
         ):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in given]
@@ -83,25 +85,30 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
 # -- spreads --------------------------------------------------------------------------------------------------------
 
 
-def spread(value: Any, folder: Path) -> Spread:
+def read_spread(value: Any, folder: Path) -> AnySpread:
     """How diameters differ: exactly one of uniform, normal, discrete, measured; files are looked for in ``folder``."""
-    measured = partial(_measured, folder=folder)
-    kinds: dict[str, Rule] = {"uniform": _uniform, "normal": _normal, "discrete": _discrete, "measured": measured}
+    measured = partial(_read_measured, folder=folder)
+    kinds: dict[str, Rule] = {
+        "uniform": _read_uniform,
+        "normal": _read_normal,
+        "discrete": _read_discrete,
+        "measured": measured,
+    }
     allowed = f"exactly one of {', '.join(kinds)}"
     if not isinstance(value, dict):
         mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
-        raise Refused(shown(value), allowed, mend)
+        raise Refused(show(value), allowed, mend)
     if len(value) != 1:
         raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
     (found,) = block(value, kinds).values()
     return found  # type: ignore[no-any-return]
 
 
-def _uniform(value: Any) -> Uniform:
+def _read_uniform(value: Any) -> Uniform:
     return Uniform(WIDTH.read(value))
 
 
-def _normal(value: Any) -> Normal:
+def _read_normal(value: Any) -> Normal:
     """A standard deviation, or {std, cutoff}."""
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
@@ -109,26 +116,29 @@ def _normal(value: Any) -> Normal:
     return Normal(**block(value, {"std": WIDTH.read, "cutoff": cutoff}, ("std",)))
 
 
-def _discrete(value: Any) -> Discrete:
+def _read_discrete(value: Any) -> Discrete:
     """{diameters, fractions}, of the same length."""
-    rules = {"diameters": _diameters, "fractions": partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")}
+    rules = {
+        "diameters": _read_diameters,
+        "fractions": partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions"),
+    }
     given = block(value, rules, tuple(rules))
     try:
         return Discrete(**given)
     except InputError as error:
         allowed = "one fraction for each diameter, with the sum 1"
-        raise Refused(shown(given["fractions"]), allowed, str(error), ("fractions",)) from None
+        raise Refused(show(given["fractions"]), allowed, str(error), ("fractions",)) from None
 
 
-def _measured(value: Any, folder: Path) -> Measured:
+def _read_measured(value: Any, folder: Path) -> Measured:
     """The name of a table, {file, column}, or {diameters}."""
     if isinstance(value, dict) and "diameters" in value:
-        return Measured(block(value, {"diameters": _diameters})["diameters"])
+        return Measured(block(value, {"diameters": _read_diameters})["diameters"])
     given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
     try:
         return Measured.from_csv(folder / given["file"], given.get("column"), quoted=False)
     except InputError as error:
-        raise Refused(shown(given["file"]), "a table with a column of diameters", str(error)) from None
+        raise Refused(show(given["file"]), "a table with a column of diameters", str(error)) from None
 
 
 def table_named(value: Any) -> str | None:
@@ -137,11 +147,11 @@ def table_named(value: Any) -> str | None:
     return measured.get("file") if isinstance(measured, dict) else measured
 
 
-_diameters = partial(each, rule=LENGTH.read, what="diameters")
+_read_diameters = partial(each, rule=LENGTH.read, what="diameters")
 
 
 def write_spread(given: Any, table: str = "") -> dict[str, Any]:
-    """What :func:`spread` reads to the last bit; measured diameters too many for a scene are named by their ``table``."""
+    """What :func:`read_spread` reads to the last bit; too many measured diameters are named by their ``table``."""
     if isinstance(given, Uniform):
         return {"uniform": WIDTH.write(given.width)}
     if isinstance(given, Normal):
@@ -169,7 +179,7 @@ def diameters_table(given: Any) -> str | None:
 # -- media, and what a sweep goes over ------------------------------------------------------------------------------
 
 
-def media(value: Any) -> tuple[MediumChoice, ...]:
+def read_media(value: Any) -> tuple[MediumChoice, ...]:
     """One medium, or a list of them."""
     if not isinstance(value, list | tuple):
         return (medium(value),)
@@ -184,17 +194,19 @@ def media(value: Any) -> tuple[MediumChoice, ...]:
 _QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
 
 
-def parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """What a sweep goes over besides loads and media: parameters of the packing with their values, in the order given."""
-    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {"poisson_ratio": poisson_ratio}
-    others: dict[str, Rule] = {"spread": partial(spread, folder=folder), "friction": truth, "lattice": lattice_name}
-    rules = {name: partial(values, rule=rule) for name, rule in numbers.items()}
+    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {
+        "poisson_ratio": read_poisson_ratio
+    }
+    others: dict[str, Rule] = {"spread": partial(read_spread, folder=folder), "friction": truth, "lattice": read_lattice}
+    rules = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
     rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
     return tuple(block(value, {name: rules[name] for name in PARAMETERS}).items())
 
 
 def write_parameter(name: str, given: Sequence[Any]) -> Any:
-    """What :func:`parameters` reads for one of them, to the last bit."""
+    """What :func:`read_parameters` reads for one of them, to the last bit."""
     if name in _QUANTITIES:
         return write_values(given, _QUANTITIES[name].write)
     if name == "poisson_ratio":
@@ -206,7 +218,7 @@ def write_parameter(name: str, given: Sequence[Any]) -> Any:
 # -- single values --------------------------------------------------------------------------------------------------
 
 
-def lattice_name(value: Any) -> str:
+def read_lattice(value: Any) -> str:
     if value == "hexagonal":
         raise Refused("'hexagonal'", ", ".join(LATTICES), "Did you mean 'triangular', with six neighbours?")
     return choice(value, tuple(LATTICES))
@@ -220,18 +232,18 @@ def write_lattice(lattice: str | Lattice) -> str:
     return structure.name
 
 
-def schema_number(value: Any) -> int:
-    if value == SCHEMA and isinstance(value, int) and not isinstance(value, bool):
-        return SCHEMA
-    newer = isinstance(value, int) and value > SCHEMA
-    raise Refused(shown(value), str(SCHEMA), "The scene was written for a newer granphon." if newer else "")
+def read_schema(value: Any) -> int:
+    if value == SCENE_SCHEMA and isinstance(value, int) and not isinstance(value, bool):
+        return SCENE_SCHEMA
+    newer = isinstance(value, int) and value > SCENE_SCHEMA
+    raise Refused(show(value), str(SCENE_SCHEMA), "The scene was written for a newer granphon." if newer else "")
 
 
-def observed(value: Any) -> tuple[str, ...]:
+def read_observables(value: Any) -> tuple[str, ...]:
     allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
     if not isinstance(value, list | tuple) or not value:
         mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
-        raise Refused(shown(value) if value != [] else "an empty list", allowed, mend)
+        raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
     names = tuple(choice(name, OBSERVABLES) for name in value)
     double = [name for name in names if names.count(name) > 1]
     if double:

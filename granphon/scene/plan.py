@@ -18,7 +18,7 @@ from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
 from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, changed, combinations, counted
+from granphon.balls.parameters import Axis, change_packing, combine, count_combinations
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.media import cost as costs
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["Case", "Plan"]
 
 #: what takes something: where the scene file asks for it, how it could be less, and what it takes
-Part = tuple[tuple[str, ...], str, Cost]
+CostPart = tuple[tuple[str, ...], str, Cost]
 #: as many cases are looked at one by one; of more, those at the ends of the axes
 MOST_CASES = 100
 #: as many states are looked at one by one
@@ -157,7 +157,7 @@ class Plan:
         load = self.load.applied
         return tuple(
             Case(where, packing, medium, load, self.load.kind, self.scene.finite_overlap, self.origin)
-            for where, packing in combinations(self.scene.packing, self.axes)
+            for where, packing in combine(self.scene.packing, self.axes)
             for medium in self.scene.media
         )
 
@@ -187,7 +187,7 @@ class Plan:
         self._require_values()
         lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
         with self.origin.at("sweep"):
-            counted(self.axes)
+            count_combinations(self.axes)
             cases = self.few
         for case in cases:
             packing = case.packing
@@ -207,11 +207,11 @@ class Plan:
         for axis in self.axes:
             with suppress(GranphonError, ArithmeticError):
                 for value in axis.ends.values:
-                    changed(packing, {axis.name: value})
+                    change_packing(packing, {axis.name: value})
                 continue
             for index, value in enumerate(axis.values):
                 with self.origin.at_value(axis.name, index):
-                    changed(packing, {axis.name: value})
+                    change_packing(packing, {axis.name: value})
 
     # -- states ---------------------------------------------------------------------------------------------------------
 
@@ -254,11 +254,11 @@ class Plan:
         return total if parts else None
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[CostPart]:
         """What takes something of memory or time, with its place in the scene file."""
         scene = self.scene
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
-        out: list[Part] = [
+        out: list[CostPart] = [
             (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._simulations())
         ]
         branches = structure.n_balls * select_motions(scene.packing.mindlin_ratio).count

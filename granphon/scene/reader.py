@@ -13,7 +13,7 @@ from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError
-from granphon.base.text import Document, parse_yaml, read_text, shown
+from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import table_named
 from granphon.scene.schema import read_blocks
@@ -89,11 +89,11 @@ class Origin:
             return (block, key), ""
         given = self.document.data[block][key]
         if isinstance(given, list):
-            return (block, key, index), shown(given[index])
+            return (block, key, index), show(given[index])
         if isinstance(given, dict):
             end = "to" if index else "from"
-            return (block, key, end), shown(given[end])
-        return (block, key), shown(given)
+            return (block, key, end), show(given[end])
+        return (block, key), show(given)
 
     # -- what a scene is made of ----------------------------------------------------------------------------------------
 
@@ -121,13 +121,13 @@ class Origin:
 
     def _packing(self, material: dict[str, Any], given: dict[str, Any]) -> Packing:
         written: Any = self.document.data["packing"] if self.document else {}
-        size = f"found {shown(written['diameter'])}; allowed: a ball that double precision can hold. "
+        size = f"found {show(written['diameter'])}; allowed: a ball that double precision can hold. "
         with self.at("packing", "diameter", before=size):
             names = [name for name in ("diameter", "lattice", "friction") if name in given]
             packing = Packing(Material(**material), **{name: given[name] for name in names})
         if "spread" not in given:
             return packing
         ((kind, value),) = written["spread"].items()
-        found = f"found {shown(value)}; allowed: diameters about the packing's, all above zero. "
+        found = f"found {show(value)}; allowed: diameters about the packing's, all above zero. "
         with self.at("packing", "spread", kind, before=found):
             return replace(packing, spread=given["spread"])

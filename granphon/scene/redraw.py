@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from granphon.base.errors import InputError, message
-from granphon.base.staging import files_written, opened
+from granphon.base.staging import files_written, open_folder
 from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.scene.result_files import figure_name
 from granphon.scene.scene import Scene
@@ -65,7 +65,7 @@ def redraw(
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
     # locked before anything is read, so that a run cannot exchange the files under the figure that is to stand beside them
-    with opened(target, [name], force) as locked:
+    with open_folder(target, [name], force) as locked:
         before = files_written(source)
         figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
         if files_written(source) != before:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, Step, silent
-from granphon.base.staging import files_written, is_written, opened
+from granphon.base.staging import files_written, is_written, open_folder
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
@@ -55,7 +55,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 
-SCHEMA = 1
+#: number of the layout of summary.yaml
+SUMMARY_SCHEMA = 1
 #: of the states of a sweep, whose least and greatest values the summary has
 _EXTENTS = ("force", "overlap", "longitudinal", "transverse")
 
@@ -265,7 +266,7 @@ def run(
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (
-        opened(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
+        open_folder(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
         open_store(target / WORK_FOLDER, force) as store,
     ):
         if scene.is_sweep:
@@ -365,7 +366,7 @@ def _summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, s
         limits = {"ok": bool(result.validity.ok), "validity": checks}
     return dump_yaml(
         {
-            "schema": SCHEMA,
+            "schema": SUMMARY_SCHEMA,
             "versions": used,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,

@@ -22,7 +22,7 @@ from granphon.balls.parameters import Axis
 from granphon.base.errors import GranphonError, InputError, Refused, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
-from granphon.base.text import MAX_BYTES, dump_yaml
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import require, truth
 from granphon.media.choice import MediumChoice, Rung, no_simulation
 from granphon.media.state import ContactState
@@ -86,7 +86,7 @@ class Scene:
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
         checks: dict[str, Callable[[Any], Any]] = {
-            "media": rules.media, "finite_overlap": truth, "observe": rules.observed,
+            "media": rules.read_media, "finite_overlap": truth, "observe": rules.read_observables,
             "band_points": rules.segment_points, "mesh": rules.mesh_numbers,
         }  # fmt: skip
         if self.dim is not None:
@@ -216,7 +216,7 @@ class Scene:
         :class:`~granphon.base.errors.InputError` if the lattice is none that a file can name, or the text is too long.
         """
         packing, material = self.packing, self.packing.material
-        blocks: dict[str, Any] = {"schema": rules.SCHEMA}
+        blocks: dict[str, Any] = {"schema": rules.SCENE_SCHEMA}
         blocks["material"] = {
             "young_modulus": MODULUS.write(material.young_modulus), "poisson_ratio": material.poisson_ratio,
             "density": DENSITY.write(material.density),
@@ -241,8 +241,9 @@ class Scene:
             blocks["phonopy"]["band_labels"] = self.path.labels
         blocks["phonopy"] |= {"band_points": self.band_points, "mesh": f"{self.mesh[0]} {self.mesh[1]} 1"}
         text = dump_yaml(blocks)
-        if len(text.encode()) > MAX_BYTES:
-            what = f"the scene takes {len(text.encode()) // 1000} kB as a text; a scene file holds {MAX_BYTES // 1000} kB"
+        if len(text.encode()) > MOST_SCENE_BYTES:
+            size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
+            what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
             raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
         return text
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from granphon.balls.loads import balls_on_side
-from granphon.balls.material import poisson_ratio
+from granphon.balls.material import read_poisson_ratio
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
-from granphon.base.text import Document, shown
+from granphon.base.text import Document, show
 from granphon.base.validation import Rule, block, truth, unknown_key
 from granphon.phonons.paths import read_labels, read_paths
 from granphon.scene import fields
@@ -33,22 +33,22 @@ _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_p
 def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
     """The rule of each key of a scene file, and of each key of its blocks; tables that it names are sought in ``folder``."""
     return {
-        "schema": fields.schema_number,
+        "schema": fields.read_schema,
         "material": {
-            "young_modulus": MODULUS.read, "poisson_ratio": poisson_ratio, "density": DENSITY.read,
+            "young_modulus": MODULUS.read, "poisson_ratio": read_poisson_ratio, "density": DENSITY.read,
             "yield_strength": MODULUS.read,
         },
         "packing": {
-            "lattice": fields.lattice_name, "diameter": LENGTH.read, "spread": partial(fields.spread, folder=folder),
+            "lattice": fields.read_lattice, "diameter": LENGTH.read, "spread": partial(fields.read_spread, folder=folder),
             "friction": truth, "finite_overlap": truth,
         },
         "load": {
-            **{kind: partial(fields.values, rule=quantity.read) for kind, quantity in LOADS.items()},
+            **{kind: partial(fields.read_values, rule=quantity.read) for kind, quantity in LOADS.items()},
             "balls_per_side": balls_on_side,
         },
-        "medium": fields.media,
-        "sweep": partial(fields.parameters, folder=folder),
-        "observe": fields.observed,
+        "medium": fields.read_media,
+        "sweep": partial(fields.read_parameters, folder=folder),
+        "observe": fields.read_observables,
         "phonopy": {
             "dim": fields.supercell, "band": read_paths, "band_labels": read_labels,
             "band_points": fields.segment_points, "mesh": fields.mesh_numbers,
@@ -99,7 +99,7 @@ def _read_block(name: str, rules: Mapping[str, Rule], value: Any) -> dict[str, A
 def _require_kind(value: Any) -> None:
     """Refuse values of a load that do not say which kind of load they are."""
     if isinstance(value, list) or (isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)):
-        found, mend = f"{shown(value)}, without the kind of load", "Write 'force:' before it, or another."
+        found, mend = f"{show(value)}, without the kind of load", "Write 'force:' before it, or another."
         raise Refused(found, _ONE_LOAD, mend, ("load",))
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.digests import damaged, digest, warn_unverified
+from granphon.base.digests import damage_error, digest, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.quantities import LOADS
 from granphon.base.reading import read_bytes
@@ -125,7 +125,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
     sound = trailer.startswith(_TRAILER)
     if sound and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
-        raise damaged(path, "sha256 of the file, at its end")
+        raise damage_error(path, "sha256 of the file, at its end")
     if not sound:
         body = raw
         _try_elsewhere(path, body)
@@ -141,7 +141,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
-        raise damaged(path, f"sha256 of the numbers, the attribute {DIGEST}")
+        raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
     if told is None and not sound:
         warn_unverified(path)
     return dataset

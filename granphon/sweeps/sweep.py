@@ -22,12 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.loads import Load
 from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS, Axis, combinations
+from granphon.balls.parameters import PARAMETERS, Axis, combine
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
 from granphon.base.results import restore
-from granphon.base.staging import files_written, is_written, opened
+from granphon.base.staging import files_written, is_written, open_folder
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
 from granphon.media.choice import MediumChoice, no_simulation
@@ -119,7 +119,7 @@ def sweep(
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
-    packings = combinations(packing, axes)
+    packings = combine(packing, axes)
     way = None if bands is None else _Way.of(packings, bands, npoints, labels)
     frame = _frame(load, choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
     target = _target(path, resume)
@@ -132,7 +132,7 @@ def sweep(
         for choice in choices
     ]
     pieces = [job.pieces for job in jobs]
-    folder = nullcontext() if target is None else opened(target.parent, file_names(target), overwrite)
+    folder = nullcontext() if target is None else open_folder(target.parent, file_names(target), overwrite)
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])

@@ -27,7 +27,7 @@ from granphon.base.errors import FileExistsInRunError, InputError, OutputError, 
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.reading import read_bytes
 from granphon.base.staging import write_bytes
-from granphon.base.text import shown
+from granphon.base.text import show
 
 __all__ = ["IDENTITY", "Part", "Store", "Task", "open_store", "solve_all"]
 
@@ -270,7 +270,7 @@ def _different(there: Any, here: Any, where: str) -> Iterator[str]:
             for index, (one, other) in enumerate(zip(there, here, strict=True)):
                 yield from _different(one, other, f"{where}[{index}]")
     elif there != here:
-        yield f"{where} is {shown(there)} there, and {shown(here)} here"
+        yield f"{where} is {show(there)} there, and {show(here)} here"
 
 
 # -- doing it -------------------------------------------------------------------------------------------------------
