@@ -675,7 +675,8 @@ def test_atoms_are_read_back(spread, tmp_path):
 @pytest.mark.parametrize(
     ("keywords", "words"),
     [
-        ({"shape": (0, 3)}, "shape: found 0"), ({"shape": (2.0, 3)}, "shape: found 2.0"), ({"shape": 5}, "two whole numbers"),
+        ({"shape": (0, 3)}, "shape: found 0"), ({"shape": (2.0, 3)}, "shape: found 2.0"),
+        ({"shape": 5}, "two whole numbers"),
         ({"shape": (1, 2, 3)}, "two whole numbers"), ({"shape": "ab"}, "shape: found 'a'"), ({"seed": -1}, "seed: found -1"),
         ({"seed": 0.5}, "seed: found 0.5"), ({"samples": 0}, "samples: found 0"), ({"samples": True}, "samples: found true"),
         ({"workers": 0}, "workers: found 0"), ({"executor": 5}, "executor is 5"),
