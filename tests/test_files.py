@@ -4,7 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
@@ -134,20 +134,21 @@ def test_closest() -> None:
 
 # -- writing --------------------------------------------------------------------------------------------------------
 
+#: words, and any other text
+keys = st.from_regex(r"k[a-z]{0,5}", fullmatch=True) | st.text(st.characters(codec="utf-8"), max_size=8)
 plain = st.recursive(
     st.none()
     | st.booleans()
     | st.integers()
     | st.floats(allow_nan=False)
     | st.text(st.characters(codec="utf-8"), max_size=8),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.from_regex(r"k[a-z]{0,5}", fullmatch=True), inner, max_size=3)
-    ),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3),
     max_leaves=10,
 )
 
 
-@given(st.dictionaries(st.from_regex(r"k[a-z]{0,5}", fullmatch=True), plain, min_size=1, max_size=4))
+@example({"a: b": 1, "yes": {"#": [{"": None}]}})
+@given(st.dictionaries(keys, plain, min_size=1, max_size=4))
 def test_dumped_yaml_is_read_back_by_another_reader(data: dict[str, object]) -> None:
     assert YAML(typ="safe", pure=True).load(dump_yaml(data)) == data
 

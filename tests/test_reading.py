@@ -208,11 +208,11 @@ def test_a_kept_part_of_a_sweep_is_never_unpickled(tmp_path):
     assert_array_equal(store.read(Piece())["x"], np.arange(3.0))
     stream = io.BytesIO()
     np.savez(stream, x=np.array([Bomb(marker)], dtype=object))
-    from granphon.sweeps.tasks import _digest
+    from granphon.sweeps.tasks import _digest_result
 
     # with the right digest too
     for data in (stream.getvalue(), pickle.dumps(Bomb(marker)), b"", b"PK\x03\x04" + bytes(50)):
-        path.write_bytes(_digest("piece", data) + data)
+        path.write_bytes(_digest_result("piece", data) + data)
         assert store.read(Piece()) is None
     assert not marker.exists()
 

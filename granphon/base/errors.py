@@ -37,7 +37,13 @@ _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
 
 class GranphonError(Exception):
-    """Root of every error that granphon raises on purpose."""
+    """Root of every error that granphon raises on purpose.
+
+    ``load_index`` is the place of the load that cannot be carried among several; None if the error is not one of a load. It
+    comes back from a worker process too.
+    """
+
+    load_index: int | None = None
 
 
 class InputError(GranphonError, ValueError):

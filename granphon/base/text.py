@@ -35,6 +35,9 @@ MAX_DEPTH = 12
 #: what is no text: control characters and lone surrogates
 _ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
+#: words that readers of YAML 1.1 or 1.2 take for something else than a text
+_NO_TEXTS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
+
 Path_ = tuple[str | int, ...]
 
 
@@ -217,18 +220,24 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     for key, value in data.items():
         plain = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(plain, Mapping) and plain:
-            out.append(f"{indent}{key}:\n{dump_yaml(plain, indent + '  ')}")
+            out.append(f"{indent}{_key(key)}:\n{dump_yaml(plain, indent + '  ')}")
         elif isinstance(plain, list | tuple) and any(isinstance(v, list | tuple | Mapping) for v in plain):
-            out.append(f"{indent}{key}:\n" + "".join(f"{indent}  - {_flow(v)}\n" for v in plain))
+            out.append(f"{indent}{_key(key)}:\n" + "".join(f"{indent}  - {_flow(v)}\n" for v in plain))
         else:
-            out.append(f"{indent}{key}: {_flow(plain)}\n")
+            out.append(f"{indent}{_key(key)}: {_flow(plain)}\n")
     return "".join(out)
+
+
+def _key(key: Any) -> str:
+    """A key, in quotes unless it is a word that is a text to every reader."""
+    is_word = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", str(key)) and str(key).lower() not in _NO_TEXTS
+    return str(key) if is_word else _flow(str(key))
 
 
 def _flow(value: Any) -> str:
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_flow(v)}" for key, v in value.items()) + "}"
+        return "{" + ", ".join(f"{_key(key)}: {_flow(v)}" for key, v in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_flow(v) for v in value) + "]"
     if isinstance(value, float):

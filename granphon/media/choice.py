@@ -116,7 +116,7 @@ class AutoMedium(Loaded[ContactState]):
         if np.any(best > self.tolerance):
             worst = int(np.argmax(best))
             unmet = self._unmet(load[worst], float(best[worst]))
-            vars(unmet)["load_index"] = worst
+            unmet.load_index = worst
             raise unmet
         return options, errors
 

@@ -71,7 +71,7 @@ def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers
             last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
             _ = last.stiffness  # needed by every state; here, so that it is worked out side by side
         except GranphonError as error:
-            vars(error)["load_index"] = place
+            error.load_index = place
             raise
     stencils.forget()
     return out

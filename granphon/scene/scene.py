@@ -204,9 +204,9 @@ class Scene:
         try:
             return sweep(self.packing, progress=progress, executor=executor, **given)
         except GranphonError as error:
-            if (index := getattr(error, "load_index", None)) is None:
+            if error.load_index is None:
                 raise
-            with self._origin.at_load(self.load.kind, index):
+            with self._origin.at_load(self.load.kind, error.load_index):
                 raise
 
     def to_yaml(self) -> str:

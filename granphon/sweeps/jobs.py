@@ -85,7 +85,7 @@ class Job:
         try:
             return self.medium.rungs(self.packing, self.load)
         except InputError as error:
-            raise (_locate if "load_index" in vars(error) else _name_task)(self, error) from error
+            raise (_locate if error.load_index is not None else _name_task)(self, error) from error
 
     def _delegate(self) -> list[tuple[Job, Rung]]:
         """The jobs that an automatic medium leaves to others, each with the rung of the ladder that it is."""
@@ -202,16 +202,16 @@ def tell_warnings(part: Part) -> list[str]:
 def _locate(job: Job, error: GranphonError) -> GranphonError:
     """``error``, or that of the first load which alone gives one, with the task and the load before it.
 
-    The index of that load is its attribute ``load_index``, which comes back from a worker process too.
+    The index of that load is its ``load_index``.
     """
 
     def at(index: int, error: GranphonError) -> GranphonError:
         located = type(error)(f"{job.where}, {job.load[index]} {job.load.unit}: {error}")
-        vars(located)["load_index"] = index if job.places is None else job.places[index]
+        located.load_index = index if job.places is None else job.places[index]
         return located
 
-    if (known := vars(error).get("load_index")) is not None:  # that of a simulation, which is not worked out again
-        return at(known, error)
+    if error.load_index is not None:  # that of a simulation, which is not worked out again
+        return at(error.load_index, error)
     for index in range(job.load.size):
         try:
             job.observe(job.state(job.load[[index]]))
@@ -270,7 +270,7 @@ class _SampleJob(Job):
             found = SampleRecord.to_part([SampleRecord.of(sample)])
         except GranphonError as error:
             if index is not None:
-                vars(error)["load_index"] = index
+                error.load_index = index
             raise _locate(self, error) from error
         found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
         if self.done(found) < len(order):
