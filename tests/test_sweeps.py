@@ -206,6 +206,16 @@ def test_samples_apart_are_samples_together(rough, load, values):
         assert np.all(ds["longitudinal_error"] > 0.0)
 
 
+def test_a_sweep_of_samples_warns_as_their_state_does(rough):
+    """Of loose balls, whose shear modulus is too small, too."""
+    medium = gp.DirectSimulation(rough, (10, 10), 2, 3)
+    least = 0.01 * rough.law.force(rough.width)  # f* = 0.01
+    warnings = gp.validity(medium.at_force([least, 100.0 * least])).warnings
+    assert any("shear modulus" in warning for warning in warnings)
+    ds = sweep(rough, force=[least, 100.0 * least], media=SAMPLES)
+    assert [text.split(": ", 1)[1] for text in json.loads(ds.attrs["warnings"])] == list(warnings)
+
+
 def test_media_that_sample_nothing_have_no_error(rough):
     ds = sweep(rough, force=FORCES, media=["ema", SAMPLES, "ala"])
     assert ds["medium"].values.tolist() == ["ema", "simulation(samples=3, seed=2, shape=10 10)", "ala"]

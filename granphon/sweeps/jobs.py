@@ -30,7 +30,7 @@ from granphon.observables.catalogue import Analysis, find_all, missing_error
 from granphon.observables.validity import Tally, validity
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
-from granphon.sweeps.tasks import Part
+from granphon.sweeps.tasks import TaskResult
 
 __all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "tell_warnings"]
 
@@ -115,7 +115,7 @@ class Job:
             out.append(_SampleJob(where, self.packing, alone, self.load, self.finite_overlap, None, self.places))
         return out
 
-    def join(self, parts: Sequence[Part]) -> Part:
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
         """The result, from those of its :attr:`pieces`."""
         if self.medium.is_automatic:
             return self._merge(parts)
@@ -125,21 +125,21 @@ class Job:
         records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
         return self.observe(RecordedState.of(medium, records, self.load))
 
-    def _merge(self, parts: Sequence[Part]) -> Part:
+    def _merge(self, parts: Sequence[TaskResult]) -> TaskResult:
         """The results of the media that were chosen, each at its loads, of what all of them have."""
         left, found = list(parts), []
         for job, rung in self._delegate():
             count = len(job.pieces)
             found.append((job.join(left[:count]), rung))
             del left[:count]
-        out: Part = {"warnings": _merge_notes([text for part, _ in found for text in part["warnings"].tolist()])}
+        out: TaskResult = {"warnings": _merge_notes([text for part, _ in found for text in part["warnings"].tolist()])}
         for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
             values = np.concatenate([part[name] for part, _ in found])
             order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
             out[name] = values[order]
         return out
 
-    def choices(self) -> Part:
+    def choices(self) -> TaskResult:
         """At each load the medium that served it, and its expected error, +inf if that is not known."""
         choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
         for rung in self.rungs:
@@ -151,18 +151,18 @@ class Job:
         """One: all loads together."""
         return 1
 
-    def done(self, part: Part) -> int:
+    def done(self, part: TaskResult) -> int:
         """How many steps are in a result."""
         return 1
 
-    def solve(self, begun: Part | None = None) -> Part:
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Find every variable at every load, and "warnings", for :func:`tell_warnings`; an error names its load and task."""
         try:
             return self.observe(self.state(self.load))
         except GranphonError as error:
             raise _locate(self, error) from error
 
-    def observe(self, state: ContactState) -> Part:
+    def observe(self, state: ContactState) -> TaskResult:
         """What is found of a state."""
         out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
@@ -193,7 +193,7 @@ def _merge_notes(texts: Sequence[str]) -> NDArray[Any]:
     return _write_notes(list(found.values()))
 
 
-def tell_warnings(part: Part) -> list[str]:
+def tell_warnings(part: TaskResult) -> list[str]:
     """The warnings of a result, a sentence for each condition that fails."""
     sentences = (note if isinstance(note, str) else note.warning for note in map(_read_note, part["warnings"].tolist()))
     return [sentence for sentence in sentences if sentence is not None]
@@ -252,11 +252,11 @@ class _SampleJob(Job):
         """One for each load."""
         return self.load.size
 
-    def done(self, part: Part) -> int:
+    def done(self, part: TaskResult) -> int:
         """How many loads are in a result."""
         return len(part["force"])
 
-    def solve(self, begun: Part | None = None) -> Part:
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """What is begun and one load more; with the last (n_loads, ...) every number of the sample that is averaged."""
         index: int | None = None
         try:
@@ -278,6 +278,6 @@ class _SampleJob(Job):
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
-    def observe(self, state: ContactState) -> Part:
+    def observe(self, state: ContactState) -> TaskResult:
         """Every number of the samples that is averaged, (n_loads, ...)."""
         return SampleRecord.to_part([SampleRecord.of(sample) for sample in state.samples])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from granphon.array.sample import Sample
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
-from granphon.sweeps.tasks import Part
+from granphon.sweeps.tasks import TaskResult
 
 __all__ = ["RecordedState", "SampleRecord"]
 
@@ -51,12 +51,12 @@ class SampleRecord(Result):
         )  # fmt: skip
 
     @classmethod
-    def from_part(cls, part: Part, index: int) -> Self:
+    def from_part(cls, part: TaskResult, index: int) -> Self:
         """Take the record at one of the loads from the result of a task."""
         return cls(**{one.name: part[one.name][index] for one in fields(cls)})
 
     @classmethod
-    def to_part(cls, records: Sequence[Self]) -> Part:
+    def to_part(cls, records: Sequence[Self]) -> TaskResult:
         """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
         return {one.name: np.array([getattr(record, one.name) for record in records]) for one in fields(cls)}
 

@@ -35,7 +35,7 @@ from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
 from granphon.sweeps.jobs import Job, packages, tell_warnings, to_json
-from granphon.sweeps.tasks import Part, Store, open_store, solve_all
+from granphon.sweeps.tasks import Store, TaskResult, open_store, solve_all
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -240,7 +240,7 @@ def _identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[Part], axes: Sequence[Axis]) -> Dataset:
+def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[TaskResult], axes: Sequence[Axis]) -> Dataset:
     """The data set: the frame with what was found."""
     load = jobs[0].load
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]

@@ -29,10 +29,10 @@ from granphon.base.reading import read_bytes
 from granphon.base.staging import write_bytes
 from granphon.base.text import show
 
-__all__ = ["IDENTITY", "Part", "Store", "Task", "open_store", "solve_all"]
+__all__ = ["IDENTITY", "TaskResult", "Store", "Task", "open_store", "solve_all"]
 
 #: the result of a task, or of its first steps; no array holds Python objects
-Part = dict[str, NDArray[Any]]
+TaskResult = dict[str, NDArray[Any]]
 #: the file of a store that says what its results belong to
 IDENTITY = "identity.json"
 #: differences that a message names
@@ -52,11 +52,11 @@ class Task(Protocol):
         """In how many it is done."""
         ...
 
-    def done(self, part: Part) -> int:
+    def done(self, part: TaskResult) -> int:
         """How many steps are in ``part``."""
         ...
 
-    def solve(self, begun: Part | None = None) -> Part:
+    def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """What is ``begun`` and the next step, or the first; the result if that was the last."""
         ...
 
@@ -150,7 +150,7 @@ class Store:
             return None
         return raw[32:] if raw[:32] == _digest_result(name, raw[32:]) else None
 
-    def read(self, task: Task) -> Part | None:
+    def read(self, task: Task) -> TaskResult | None:
         """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
         data = self._data(task.name)
         if data is None:
@@ -161,7 +161,7 @@ class Store:
         except (BadZipFile, EOFError, KeyError, OSError, ValueError):
             return None
 
-    def write(self, task: Task, part: Part) -> None:
+    def write(self, task: Task, part: TaskResult) -> None:
         """Keep the result of ``task``, or of its first steps; :class:`~granphon.base.errors.OutputError` if that fails.
 
         It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that
@@ -282,7 +282,7 @@ def solve_all(
     executor: Executor | None = None,
     progress: Progress = silent,
     store: Store | None = None,
-) -> list[Part]:
+) -> list[TaskResult]:
     """The results of ``tasks`` in their order, whichever is finished first.
 
     Parameters
@@ -311,18 +311,18 @@ def solve_all(
 class _Work:
     """Tasks under way; ``parts`` are their results so far, by index."""
 
-    def __init__(self, tasks: Sequence[Task], parts: dict[int, Part], store: Store, step: Step) -> None:
+    def __init__(self, tasks: Sequence[Task], parts: dict[int, TaskResult], store: Store, step: Step) -> None:
         self.tasks, self.parts, self.store, self.step = tasks, parts, store, step
 
     def _is_left(self, index: int) -> bool:
         return index not in self.parts or self.tasks[index].done(self.parts[index]) < self.tasks[index].steps
 
-    def _keep(self, index: int, part: Part) -> None:
+    def _keep(self, index: int, part: TaskResult) -> None:
         self.store.write(self.tasks[index], part)
         self.parts[index] = part
         self.step.advance()
 
-    def _rescue(self, index: int, part: Part) -> None:
+    def _rescue(self, index: int, part: TaskResult) -> None:
         """Keep what an error or an interruption has overtaken."""
         with suppress(OutputError):  # that is the error itself
             self.store.write(self.tasks[index], part)
@@ -340,8 +340,8 @@ class _Work:
 
     def spread_out(self, executor: Executor) -> None:
         """Have them done side by side, the next step of a task when the one before is there."""
-        running: dict[Future[Part], int] = {}
-        ready: SimpleQueue[Future[Part]] = SimpleQueue()
+        running: dict[Future[TaskResult], int] = {}
+        ready: SimpleQueue[Future[TaskResult]] = SimpleQueue()
 
         def submit(index: int) -> None:
             future = executor.submit(self.tasks[index].solve, self.parts.get(index))
