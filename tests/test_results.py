@@ -208,7 +208,7 @@ def every(packing, results):
     from granphon.fits.measurements import Measurements
     from granphon.sweeps.records import RecordedState, SampleRecord
     from granphon.tradeoffs.ensemble import Ensemble
-    from granphon.tradeoffs.measure import Measured, TradeOff
+    from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
@@ -218,7 +218,7 @@ def every(packing, results):
     recorded = RecordedState.of(medium, records, Load("force", (1.0, 5.0)))
     assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
     phonons = gp.Phonons(results["state"])
-    point = Measured("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     found = [
         *results.values(), simulated, recorded, records[0], simulated.samples[0], simulated.samples[0].equilibrium,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),

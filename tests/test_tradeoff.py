@@ -28,7 +28,7 @@ from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.disorder import Disorder
 from granphon.tradeoffs.ensemble import observe
 from granphon.tradeoffs.grid_study import GridStudy
-from granphon.tradeoffs.measure import BETTER, Measured, TradeOff, carry_out, tradeoff
+from granphon.tradeoffs.measure import BETTER, MeasuredPoint, TradeOff, carry_out, tradeoff
 from granphon.tradeoffs.media_study import MediaStudy
 from granphon.tradeoffs.mesh_study import MeshStudy, compare_counts
 from granphon.tradeoffs.questions import choose_studies
@@ -718,10 +718,12 @@ def test_a_density_of_states_beside_media_is_written_at_its_own_load(clock):
 
 
 def test_a_result_comes_back_from_its_dictionary(found):
-    back = TradeOff.from_dict(found.to_dict())
+    data = found.to_dict()
+    assert data["points"][0]["class"] == "Measured"  # the name of the class when such data were first written
+    back = TradeOff.from_dict(data)
     assert back == found
     assert back.csv() == found.csv()
-    assert isinstance(back.points[0], Measured)
+    assert isinstance(back.points[0], MeasuredPoint)
     assert work_and_precision(back) == work_and_precision(found)
 
 

@@ -87,7 +87,7 @@ class Result:
         there is a ``digest`` that is not that of the data. Without one, damage that leaves all these right is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}
-        if _class_of(given) != cls.__name__:
+        if _class_of(given) != _written_name(cls):
             raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
         schema = given.get("schema", cls.schema)
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
@@ -171,7 +171,7 @@ def _same(a: Any, b: Any) -> bool:
 def plain(value: Any) -> Any:
     """Plain data of a value: of a dataclass its class and its fields, of arrays lists; other values as they are."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {"class": type(value).__name__, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+        return {"class": _written_name(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -206,7 +206,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and _class_of(value) == getattr(hint, "__name__", None):
+        if isinstance(value, Mapping) and _class_of(value) == _written_name(hint):
             return _restore_fields(value, hint)
     elif _is_scalar(value, hint):
         return value
@@ -225,6 +225,11 @@ def _class_of(data: Mapping[str, Any]) -> str:
     """The name of the class that plain data are of; "" if they name none, or something else than a text as one."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
+
+
+def _written_name(kind: Any) -> str:
+    """The name of a dataclass in plain data: its ``written_as``, if it once had another name than today's."""
+    return str(getattr(kind, "written_as", kind.__name__))
 
 
 def _kind(value: Any) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from granphon.media.cost import Cost
     from granphon.scene.run import RunResult, SweepResult
     from granphon.scene.scene import Scene
-    from granphon.tradeoffs.measure import Measured, TradeOff
+    from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 __all__ = [
     "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "human", "span",
@@ -163,7 +163,7 @@ def work_and_precision(result: TradeOff) -> list[str]:
     return [*lines, "", f"took {human(result.seconds, 's')} of {human(result.budget, 's')}"]
 
 
-def _point_cells(point: Measured) -> tuple[str, ...]:
+def _point_cells(point: MeasuredPoint) -> tuple[str, ...]:
     if point.failure and not point.seconds:
         return point.method, point.knob, *[""] * 6, point.failure
     times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from granphon.base.errors import InputError, message
 from granphon.figures.style import BLUE, DPI, GREEN, ORANGE, PURPLE, STYLE, VERMILION
-from granphon.tradeoffs.measure import Measured, TradeOff
+from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 __all__ = ["plot_work_precision", "tradeoff_figure"]
 
@@ -105,12 +105,12 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     return ax
 
 
-def _bar(point: Measured) -> float:
+def _bar(point: MeasuredPoint) -> float:
     """The spread as it is drawn, which ends above zero."""
     return min(point.spread, 0.9 * point.seconds)
 
 
-def _draw_floor(points: Sequence[Measured], ax: Axes) -> None:
+def _draw_floor(points: Sequence[MeasuredPoint], ax: Axes) -> None:
     """That of rounding: a line if it is near, else words at the bottom."""
     floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
     if floor == 0.0:
@@ -123,9 +123,9 @@ def _draw_floor(points: Sequence[Measured], ax: Axes) -> None:
         ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
 
 
-def _labelled(points: list[Measured]) -> list[Measured]:
+def _labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
     """Those whose knobs can be read: of points that lie on each other the first."""
-    kept: list[Measured] = []
+    kept: list[MeasuredPoint] = []
     for point in points:
         if all(
             abs(math.log10(point.seconds / other.seconds)) > 0.25 or abs(math.log10(point.error / other.error)) > 0.6

@@ -27,7 +27,7 @@ from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.tradeoffs.questions import choose_studies
 from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
-__all__ = ["BETTER", "TRADEOFF_FILES", "Measured", "TradeOff", "carry_out", "tradeoff"]
+__all__ = ["BETTER", "TRADEOFF_FILES", "MeasuredPoint", "TradeOff", "carry_out", "tradeoff"]
 
 Array = NDArray[np.float64]
 #: the error of a point over that of its reference, at least, for the reference to judge it
@@ -47,7 +47,7 @@ TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Measured(Result):
+class MeasuredPoint(Result):
     """What was found for one point of a study.
 
     Attributes
@@ -63,6 +63,7 @@ class Measured(Result):
     failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
     """
 
+    written_as = "Measured"
     units: ClassVar[dict[str, str]] = {
         "errors": "1", "reference_errors": "1", "floor": "1", "seconds": "s", "spread": "s", "setup": "s", "memory": "B",
     }  # fmt: skip
@@ -129,7 +130,7 @@ class TradeOff(Result):
 
     units: ClassVar[dict[str, str]] = {"seconds": "s", "budget": "s"}
 
-    points: tuple[Measured, ...]
+    points: tuple[MeasuredPoint, ...]
     kind: str
     loads: tuple[float, ...]
     observed: dict[str, tuple[str, ...]]
@@ -143,7 +144,7 @@ class TradeOff(Result):
         """Names of the studies."""
         return tuple(dict.fromkeys(point.study for point in self.points))
 
-    def of(self, study: str) -> tuple[Measured, ...]:
+    def of(self, study: str) -> tuple[MeasuredPoint, ...]:
         """The points of one study."""
         return tuple(point for point in self.points if point.study == study)
 
@@ -234,7 +235,7 @@ def carry_out(
 ) -> TradeOff:
     """Carry out studies of loads of one ``kind`` within a ``budget`` (s, as ``stopwatch`` tells it)."""
     begun = stopwatch.now()
-    points: list[Measured] = []
+    points: list[MeasuredPoint] = []
     references: dict[str, str] = {}
     for place, study in enumerate(studies):
         # the others share the rest evenly; what a study leaves of its part is for those after it
@@ -259,7 +260,7 @@ class _Runs(NamedTuple):
 
 def _carry_out_one(
     study: Study, deadline: Deadline, runs: int, progress: Progress, references: dict[str, str]
-) -> list[Measured]:
+) -> list[MeasuredPoint]:
     """Measure the points of a study in a part of the time to the deadline, and find its reference in the rest.
 
     How the reference was made is added to ``references``.
@@ -302,14 +303,14 @@ def _carry_out_one(
         one = known.get(point)
         if one is None:
             why = failures.get(point, problem)
-            measured.append(Measured(study.name, point.method, point.knob, nothing, nothing, failure=why))
+            measured.append(MeasuredPoint(study.name, point.method, point.knob, nothing, nothing, failure=why))
             continue
         errors, known_errors, floor = nothing, nothing, 0.0
         if reference is not None:
             errors, floor = study.errors(one.outcomes, reference), study.floor(point, one.outcomes)
             known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
         low, middle, high = statistics.quantiles(one.seconds, n=4)
-        measured.append(Measured(
+        measured.append(MeasuredPoint(
             study.name, point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
             statistics.median(one.setups), one.memory, floor, point.random,
             "" if reference is not None else problem,
