@@ -1,4 +1,4 @@
-"""The process of the command line, ``granphon`` or ``python -m granphon``, which can be interrupted from its start on."""
+"""The entry of the command line, ``granphon`` or ``python -m granphon``, which can be interrupted from the start."""
 
 import signal
 import sys
@@ -7,7 +7,7 @@ __all__ = ["main"]
 
 
 def main() -> int:
-    """Run the command line; returns the exit code. An interruption before it has begun is told as any other."""
+    """Run the command line and return its exit code; an interruption is reported even before the command has begun."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from granphon.cli.commands import main as command  # takes a moment
@@ -16,10 +16,10 @@ def main() -> int:
     except KeyboardInterrupt:
         print("granphon: error: interrupted.", file=sys.stderr)
         code = 130
-    # an interruption that has passed through exec() of a text, as in dataclasses, is remembered as one that nobody has
-    # caught, and the interpreter would end by the signal; each exec() forgets what was before
+    # an interruption within exec() of a text, as dataclasses use it, stays marked as not caught, and the interpreter would
+    # end by the signal; the next exec() removes the mark
     exec("")
-    # all is said and done: what comes now would only disturb the end of the interpreter
+    # the work is done: a signal from now on would only disturb the end of the interpreter
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, signal.SIG_IGN)
     return code

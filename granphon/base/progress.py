@@ -1,7 +1,7 @@
-"""Saying how far long work has come.
+"""Reports of how far long work has come.
 
-Whoever does long work takes a :class:`Progress` and tells it; by default nobody listens. The command line passes in one that
-draws on stderr, and does so only if stderr is a terminal.
+A function that does long work takes a :class:`Progress` and reports to it; by default nobody listens. The command line
+passes one that draws on stderr, if stderr is a terminal.
 """
 
 from __future__ import annotations
@@ -21,52 +21,52 @@ __all__ = ["Progress", "Silent", "Step", "Terminal", "on_stderr", "silent"]
 
 
 class Step(Protocol):
-    """One piece of work that is under way."""
+    """A piece of work that is under way."""
 
     def advance(self, amount: float = 1.0) -> None:
-        """So much more of it is done."""
+        """Report that ``amount`` more of this step has been completed."""
         ...
 
 
 class Progress(Protocol):
-    """Is told what work begins, how far it has come, and that it is over."""
+    """Receives reports of which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a piece of work of size ``total`` (None: not known); it is over when the context is left."""
+        """Begin a step of size ``total`` (None: not known); it is over when the context is left."""
         ...
 
 
 class Silent:
-    """Says nothing."""
+    """A progress that ignores all reports."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a piece of work."""
+        """Begin a step."""
         return nullcontext(self)
 
     def advance(self, amount: float = 1.0) -> None:
-        """So much more of it is done."""
+        """Report that ``amount`` more of this step has been completed."""
 
 
-#: the progress that is used unless another is given
+#: the progress used unless another is given
 silent = Silent()
 
 
 class Terminal:
     """Draws a line on stderr for the work under way, and wipes it when the work is over.
 
-    Of work whose size is known: how many parts of it are done, and the time that the others take if they take what these
-    have on average. Time is that of ``clock``, s.
+    For work of known size, the line shows how many parts are done, and the time that the others will take at the same
+    average rate. ``clock`` tells the time, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a piece of work."""
-        return self._drawn(label, total)
+        """Begin a step."""
+        return self._draw(label, total)
 
     @contextmanager
-    def _drawn(self, label: str, total: float | None) -> Iterator[Step]:
+    def _draw(self, label: str, total: float | None) -> Iterator[Step]:
         from rich.console import Console
         from rich.progress import (
             BarColumn,
@@ -83,7 +83,7 @@ class Terminal:
             columns += [TimeElapsedColumn()]
         else:
             columns += [MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
-        # the rate is that since the work began: one part may well take longer than any shorter time to look back on
+        # the average rate since the work began: one part may take longer than any shorter time to look back on
         with Progress(
             *columns, console=Console(stderr=True), transient=True, get_time=self._clock, speed_estimate_period=math.inf
         ) as drawing:
@@ -99,5 +99,5 @@ class _DrawnStep:
 
 
 def on_stderr(quiet: bool = False) -> Progress:
-    """A :class:`Terminal` if stderr is one and ``quiet`` is off, else :data:`silent`."""
+    """A :class:`Terminal` if stderr is a terminal and ``quiet`` is off, else :data:`silent`."""
     return Terminal() if not quiet and sys.stderr is not None and sys.stderr.isatty() else silent
