@@ -8,9 +8,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import files_written, open_folder
-from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.scene.result_files import figure_name
-from granphon.scene.scene import Scene
 
 __all__ = ["redraw"]
 
@@ -94,6 +92,10 @@ def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> An
     dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
     lattice = None
     if asymptotes and bands is not None:
+        # here: what is on disk is drawn without the media
+        from granphon.media.acoustics import contact_lattice, ideal_lattice
+        from granphon.scene.scene import Scene
+
         scene = Scene.from_yaml(source / "scene.yaml")
         # in the paper's limit it is the same under every load: nothing need be solved
         lattice = contact_lattice(scene.state()) if scene.finite_overlap else ideal_lattice(scene.packing)
