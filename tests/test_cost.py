@@ -117,9 +117,8 @@ def test_equal_balls_cost_next_to_nothing():
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")]
 )
-def test_durations_are_read_at_a_glance(seconds, text, monkeypatch):
-    monkeypatch.setattr(cost, "_second_per_ball", lambda: 1.0)
-    one = cost.Cost(2.5e9 - cost._BASE, work=seconds, balls=10_000_000, equilibria=1)
+def test_durations_are_read_at_a_glance(seconds, text):
+    one = cost.Cost(2.5e9 - cost._BASE, known=seconds, balls=10_000_000, equilibria=1)
     assert one.text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
 
 

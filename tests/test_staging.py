@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granphon.base import staging as module
 from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.staging import (
     LIST,
@@ -256,10 +255,10 @@ def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
 
 
 def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: int) -> None:
+    def refuse(*_: int) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(module, "_lock", refuse)
+    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", refuse)
     put(tmp_path, a="a")
     assert tree(tmp_path)["a"] == "a"
 
