@@ -17,7 +17,7 @@ from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, TR
 from granphon.dynamics.compatibility import GYRATION, Compatibility
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
-from granphon.phonons.calculator import contact_blocks
+from granphon.phonons.force_constants import contact_blocks
 
 FCC = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]) / math.sqrt(2.0)
 #: stiffness over that of elongation

@@ -22,8 +22,9 @@ from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
-from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, with_keyword
+from granphon.phonons.force_constants import assemble
 from granphon.phonons.neighbours import PairList, Pairs
 
 if TYPE_CHECKING:
@@ -379,36 +380,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         """
         if format not in ("dense", "csr"):
             raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
-        lattice = self.contact_lattice(atoms)
-        table, n, blocks = lattice.contacts, len(atoms), contact_blocks(lattice)
-        ends = np.stack([table.i, table.j], axis=1)
-        index = (3 * ends[:, :, None] + np.arange(3)).reshape(len(table), 6)
-        first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
-        second = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
-        if format == "csr":
-            from scipy.sparse import coo_array
-
-            matrix = coo_array((blocks.ravel(), (first, second)), shape=(3 * n, 3 * n)).tocsr()
-            matrix.sum_duplicates()
-            return matrix
-        dense = np.zeros((3 * n, 3 * n))
-        np.add.at(dense, (first, second), blocks.ravel())
-        return dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
-
-
-def contact_blocks(lattice: ContactLattice) -> Array:
-    """(n_c, 6, 6) force constants of each contact alone, in (x, y, w) of ball i and then of ball j; units of k.
-
-    With all six motions (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each.
-    """
-    slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
-    springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
-    if lattice.is_prestressed:
-        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
-    entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
-    for entry, (row, _) in zip(entries, springs, strict=True):
-        entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T
-    return np.asarray(np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries))
+        return assemble(self.contact_lattice(atoms), sparse=format == "csr")
 
 
 class _Deformations(NamedTuple):

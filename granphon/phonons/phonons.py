@@ -26,9 +26,10 @@ from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.validity import validity
 from granphon.phonons.bands import Bands, PhononModes
-from granphon.phonons.calculator import HertzMindlin, contact_blocks
+from granphon.phonons.calculator import HertzMindlin
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
+from granphon.phonons.force_constants import contact_blocks
 from granphon.phonons.paths import LARGEST_COUNT, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
 

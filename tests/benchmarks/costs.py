@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 WATCHED = {
     ("granphon.laws.collocation", "solved"): "effective medium",
     ("granphon.dynamics.local_field", "_local_field"): "local field",
-    ("granphon.phonons.calculator", "contact_blocks"): "force constants",
+    ("granphon.phonons.force_constants", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
     ("granphon.dynamics.modes", "ContactLattice.modes"): "modes",
