@@ -21,7 +21,8 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import FileExistsInRunError, InputError
-from granphon.base.staging import LIST, LOCK, open_folder
+from granphon.base.staging import LOCK, open_folder
+from granphon.base.written_files import LIST
 from granphon.cli.commands import main
 from granphon.cli.wording import human
 from granphon.scene.redraw import redraw

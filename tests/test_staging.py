@@ -17,17 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import (
-    LIST,
-    LOCK,
-    PREFIX,
-    check_free,
-    files_written,
-    open_folder,
-    staging,
-    write_bytes,
-    write_text,
-)
+from granphon.base.staging import LOCK, PREFIX, check_free, open_folder, staging, write_bytes, write_text
+from granphon.base.written_files import LIST, files_written
 
 
 def tree(folder: Path) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Result folders: files arrive whole and together, one run at a time, and nothing of the user's is replaced.
 
-Three hidden names may stand in a folder. ``.granphon-files`` lists the files that granphon wrote there, each with its
-SHA-256: a file that is not in the list, or has been changed since, belongs to the user and is never replaced or deleted.
+Three hidden names may stand in a folder. ``.granphon-files`` lists the files that granphon wrote there
+(:mod:`granphon.base.written_files`): what is the user's is never replaced or deleted.
 ``.granphon-lock`` is locked by the run that writes into the folder, and free as soon as that process has ended, however it
 ended. ``.granphon-staging-*`` holds new files until all of them are complete.
 
@@ -25,27 +25,14 @@ from pathlib import Path
 from typing import Any
 
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
-from granphon.base.reading import read_bytes
+from granphon.base.written_files import LIST, digest_file, files_written, is_written, list_text, read_record
 
-__all__ = [
-    "ResultFolder",
-    "check_free",
-    "files_written",
-    "is_written",
-    "open_folder",
-    "staging",
-    "write_bytes",
-    "write_text",
-]
+__all__ = ["ResultFolder", "check_free", "open_folder", "staging", "write_bytes", "write_text"]
 
-#: the list of the files that granphon wrote into a folder
-LIST = ".granphon-files"
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
 #: how names of staging folders begin
 PREFIX = ".granphon-staging-"
-#: number of the layout of the list of files
-LIST_SCHEMA = 1
 #: inside a staging folder: the record of its exchange
 _RECORD = ".exchange"
 #: inside a staging folder: the folder of the files that are being replaced
@@ -67,36 +54,7 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-# -- whose files they are -------------------------------------------------------------------------------------------
-
-
-def files_written(folder: StrPath) -> dict[str, str]:
-    """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
-    data = _plain(Path(folder) / LIST)
-    files = data.get("files") if data.get("schema") == LIST_SCHEMA else None
-    return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
-
-
-def _plain(path: Path) -> dict[str, Any]:
-    """What one of our hidden files says; empty if it is not there, or not as we write it."""
-    with suppress(GranphonError, ValueError, RecursionError):
-        data = json.loads(read_bytes(path))
-        return data if isinstance(data, dict) else {}
-    return {}
-
-
-def _digest_file(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def is_written(path: Path, *digests: str) -> bool:
-    """Whether the file is one that granphon wrote, byte for byte."""
-    return bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
+# -- whether files may be written ------------------------------------------------------------------------------------
 
 
 def _is_same_file(path: Path, other: StrPath) -> bool:
@@ -151,7 +109,8 @@ def _check(
             nearest = nearest.parent
         if not nearest.is_dir():
             raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-        _check_replaceable(target, names, force, earlier, inputs, {_sha256(text.encode("utf-8")) for text in known})
+        digests = {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in known}
+        _check_replaceable(target, names, force, earlier, inputs, digests)
         if not os.access(nearest, os.W_OK | os.X_OK):
             raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
     except OSError as error:
@@ -340,8 +299,8 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
     written = files_written(target)
     old = {name: written[name] for name in (*names, *stale) if os.path.lexists(target / name)}
     files = {name: digest for name, digest in written.items() if name not in stale}
-    files |= {name: _digest_file(place / name) for name in names}
-    (place / LIST).write_text(json.dumps({"schema": LIST_SCHEMA, "files": files}, indent=1) + "\n", encoding="utf-8")
+    files |= {name: digest_file(place / name) for name in names}
+    (place / LIST).write_text(list_text(files), encoding="utf-8")
     replaced = place / _REPLACED
     replaced.mkdir()
     draft = place / (_RECORD + ".draft")
@@ -379,7 +338,7 @@ def _recover(target: Path) -> None:
         if place.is_symlink() or not place.is_dir():  # none of ours, and it may lead elsewhere
             continue
         if os.path.lexists(place / _RECORD):
-            record = _plain(place / _RECORD)
+            record = read_record(place / _RECORD)
             new, old = record.get("new"), record.get("old")
             if not isinstance(new, list) or not isinstance(old, dict) or not all(map(_is_name, [*new, *old])):
                 continue  # none of ours

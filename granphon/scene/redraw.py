@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from granphon.base.errors import InputError, message
-from granphon.base.staging import files_written, open_folder
+from granphon.base.staging import open_folder
+from granphon.base.written_files import files_written
 from granphon.scene.result_files import figure_name
 
 __all__ = ["redraw"]

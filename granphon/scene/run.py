@@ -31,8 +31,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, Step, silent
-from granphon.base.staging import files_written, is_written, open_folder
+from granphon.base.staging import open_folder
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
+from granphon.base.written_files import files_written, is_written
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium

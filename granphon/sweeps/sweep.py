@@ -27,9 +27,10 @@ from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
 from granphon.base.results import restore
-from granphon.base.staging import files_written, is_written, open_folder
+from granphon.base.staging import open_folder
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
+from granphon.base.written_files import files_written, is_written
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points

@@ -1,0 +1,55 @@
+"""The list of the files that granphon wrote into a folder, by which they are told from the user's.
+
+A file that is not in the list, or has been changed since, belongs to the user.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from granphon.base.errors import GranphonError
+from granphon.base.reading import read_bytes
+
+__all__ = ["LIST", "digest_file", "files_written", "is_written", "list_text", "read_record"]
+
+#: the list of the files that granphon wrote into a folder, each with its SHA-256
+LIST = ".granphon-files"
+#: number of the layout of the list of files
+LIST_SCHEMA = 1
+
+
+def files_written(folder: str | os.PathLike[str]) -> dict[str, str]:
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
+    data = read_record(Path(folder) / LIST)
+    files = data.get("files") if data.get("schema") == LIST_SCHEMA else None
+    return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """What one of our hidden files says; empty if it is not there, or not as we write it."""
+    with suppress(GranphonError, ValueError, RecursionError):
+        data = json.loads(read_bytes(path))
+        return data if isinstance(data, dict) else {}
+    return {}
+
+
+def list_text(files: Mapping[str, str]) -> str:
+    """The text of the list of these ``files``, names and SHA-256."""
+    return json.dumps({"schema": LIST_SCHEMA, "files": files}, indent=1) + "\n"
+
+
+def digest_file(path: Path) -> str:
+    """The SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def is_written(path: Path, *digests: str) -> bool:
+    """Whether the file is one that granphon wrote, byte for byte."""
+    return bool(digests) and path.is_file() and not path.is_symlink() and digest_file(path) in digests
