@@ -1,17 +1,17 @@
 r"""G/K against load: a conjecture put to the test
 ==============================================
 
-Does friction stiffen a disordered array as it stiffens the ideal lattice? Arrays of steel balls that differ by 2.04
-microns are simulated, with shear springs at every contact that carries load.
+Does friction stiffen a disordered array as much as it stiffens the ideal lattice? We simulate arrays of steel balls whose
+diameters differ by 2.04 microns, with shear springs at every contact that carries load.
 
 B. Velický and C. Caroli, Phys. Rev. E 65, 021307 (2002), assume that an effective contact has
-:math:`\tilde\kappa=\eta\tilde k` (equation 41, "not susceptible of direct verification"), and have from it
-:math:`G/K=(1+\eta)/2` at any load (47). The stiffnesses of an effective contact are those that the bulk and shear modulus
-ask for by (17): :math:`\tilde k=2Kd/\sqrt3` and :math:`\tilde\kappa=4Gd/\sqrt3-\tilde k`.
+:math:`\tilde\kappa=\eta\tilde k` (equation 41, "not susceptible of direct verification"), and conclude that
+:math:`G/K=(1+\eta)/2` at any load (47). The stiffnesses of an effective contact follow from the bulk and shear moduli by
+(17): :math:`\tilde k=2Kd/\sqrt3` and :math:`\tilde\kappa=4Gd/\sqrt3-\tilde k`.
 
-Left, their ratio, with friction and without, and dashed the conjecture. Right, the sound velocities of the simulation
-over those of the effective medium at the same force; the thin line is the same medium with the frictionless law f(a), as
-the samples have it. Bars are standard errors over four arrays.
+Left: the ratio of these stiffnesses, with friction and without; dashed lines are the conjecture. Right: the sound
+velocities of the simulation over those of the effective medium at the same force; the thin line is the same medium with
+the frictionless law f(a), which the samples obey. Bars are standard errors over four arrays.
 """
 
 import sys
@@ -40,8 +40,8 @@ def ratio_of_moduli(sample):
 
 
 # %%
-# The conjecture is the limit of high load, and fails gradually: G is too small, and the more so the less the load. It
-# holds to 1 % above :math:`f^*=0.38` and to 5 % above 0.15; without friction, above 0.52 and 0.25.
+# The conjecture holds in the limit of high load, and fails gradually below: the lower the load, the more G falls short of
+# it. It holds to 1 % above :math:`f^*=0.38` and to 5 % above 0.15; without friction, above 0.52 and 0.25.
 
 ratio = {f: states[f].over_samples(ratio_of_moduli) / (0.5 * (1.0 + packings[f].mindlin_ratio)) for f in NAMES}
 for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525, 0.05: 0.25})):
@@ -55,8 +55,8 @@ for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525,
 
 # %%
 # At :math:`f^*=0.08`, the limit of validity of the effective medium, :math:`\tilde\kappa` is 23 % less than
-# :math:`\eta\tilde k`; at 0.008 none is left. But friction stiffens the array against compression too, where contacts are
-# open: at 0.08 by 4 to 5 %.
+# :math:`\eta\tilde k`; at 0.008 it is zero. But where contacts are open, friction also stiffens the array against
+# compression: at 0.08 by 4 to 5 %.
 
 eta = packings[True].mindlin_ratio
 kappa = {f: ratio[f] * (1.0 + packings[f].mindlin_ratio) - 1.0 for f in NAMES}
@@ -66,9 +66,9 @@ assert 0.04 < stiffer[3] < 0.05
 assert stiffer[-1] < 1e-5
 
 # %%
-# That, and at low load a k above the medium's, makes up for the lack of :math:`\tilde\kappa`: the medium's transverse
-# velocity is right at all loads. Its longitudinal one is right down to :math:`f^*=0.15`, and then too low. Without
-# friction nothing makes up for it.
+# Two effects compensate for the missing :math:`\tilde\kappa`: this stiffening, and at low load a k above that of the medium.
+# So the transverse velocity of the medium is right at all loads. Its longitudinal velocity is right down to
+# :math:`f^*=0.15`, and too low below. Without friction nothing compensates.
 
 velocity, error = {}, {}
 for friction in NAMES:

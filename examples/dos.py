@@ -1,9 +1,9 @@
 """Density of states, and where its peaks come from
 ================================================
 
-The density of states of steel balls has sharp peaks and steps. In two dimensions van Hove's theorem says where: at the
-frequencies at which a branch stands still, that is, where its group velocity is zero. At a saddle of the branch the
-density has a logarithmic peak, at a maximum or minimum a step.
+The density of states of steel balls has sharp peaks and steps. In two dimensions van Hove's theorem tells where they are:
+at the frequencies at which the group velocity of a branch is zero. At a saddle of the branch the density of states has a
+logarithmic peak, at a maximum or minimum a step.
 """
 
 import sys
@@ -23,8 +23,8 @@ phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_for
 dos = phonons.dos((192, 192), points=1001)
 
 # %%
-# The zeros of the group velocity, looked for from a coarse mesh of the triangle Γ-K-M: frequency, and the curvatures of
-# the branch there, which tell saddles from maxima and minima.
+# We search for zeros of the group velocity from a coarse mesh of points in the triangle Γ-K-M. The curvatures of the branch
+# at each zero tell saddles from maxima and minima.
 
 lattice, unit = phonons.lattice, phonons.scales.frequency / 1e3  # kHz
 K, M = lattice.wavevectors([[1 / 3, 1 / 3], [1 / 2, 0]])
@@ -47,8 +47,8 @@ print("saddles (kHz):", *sorted(saddles), "\nmaxima and minima (kHz):", *sorted(
 
 # %%
 # Every tall peak is at a saddle. (The two saddles at 37.7 kHz lie so close to the cone at K that their peaks are too
-# narrow to be seen.) The step at the top is that of the rotational branch at Γ, :math:`\omega^2=30\eta(1-q^2/10)`:
-# :math:`5\sqrt3/2\pi\omega` per ball, which the density of states reaches from below.
+# narrow to be seen.) The step at the top comes from the rotational branch at Γ, :math:`\omega^2=30\eta(1-q^2/10)`. Its
+# height is :math:`5\sqrt3/2\pi\omega` per ball, which the density of states reaches from below.
 
 kilohertz, density = dos.frequencies / 1e3, dos.total * 1e3
 peaks = kilohertz[1:-1][(density[1:-1] > np.maximum(density[:-2], density[2:])) & (density[1:-1] > 0.11)]

@@ -1,9 +1,9 @@
 """The width of the balls from times of flight
 ===========================================
 
-How much do the balls differ? Sound tells. The data are made, not measured (the published ones are not available as
-numbers): group velocities of 6.5 kHz pulses across a frame of steel balls that differ by 2.04 microns, with 0.4 % of
-noise. The fit finds the width again within its standard error.
+How much do the diameters of the balls differ? The velocity of sound tells. The data here are computed, not measured, as
+the published ones are not available as numbers: group velocities of 6.5 kHz pulses across a frame of steel balls whose
+diameters differ by 2.04 microns, with 0.4 % of noise. The fit recovers this width within its standard error.
 """
 
 import sys
@@ -24,7 +24,7 @@ assert abs(fit.width - TRUE) < 2.0 * fit.stderr
 assert fit.stderr < 0.02 * TRUE
 
 # %%
-# Without the frequency, as though the pulses were long waves, it would find a width a quarter too large.
+# If the frequency is left out, the pulses are taken for long waves, and the width comes out a quarter too large.
 
 long = gp.fit_width(packing, data.force, data.velocity, data.sigma)
 print(f"as long waves: W = {long.width * 1e6:.3f} microns")

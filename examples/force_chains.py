@@ -1,9 +1,10 @@
 """Force chains near the rigidity threshold
 ========================================
 
-How does an array of balls that differ carry its load? Contact forces in periodic arrays of 48 x 48 steel balls, as wide
-and as dark as their part of the mean force: where nearly all contacts are closed (left), and just above the load at which
-the array gives way (right). Below them, how the forces of four such arrays are distributed.
+How does an array of balls of different diameters carry its load? Lines are contact forces in periodic arrays of 48 x 48
+steel balls; the larger the force, the wider and darker the line. On the left nearly all contacts are closed; on the right
+the load is just above that at which the array loses its rigidity. Below, the distribution of the forces in four such
+arrays.
 """
 
 import sys
@@ -24,8 +25,8 @@ packed, loose = (simulation.at_overlap(packing.width * (spacing - 0.5)) for spac
 SHIFTS = TRIANGULAR.contacts.shift.tolist()
 
 # %%
-# Close to the threshold half of the contacts and one ball in eight carry nothing, and a tenth of the contacts carries
-# nearly half of the load.
+# Close to the threshold half of the contacts and one ball in eight carry no load, and a tenth of the contacts carries
+# nearly half of it.
 
 idle = loose.over_samples(lambda sample: np.mean(sample.atoms().arrays["contacts"] == 0))
 print(f"contacts that carry: {packed.contact_fraction:.3f}, {loose.contact_fraction:.2f}; idle balls: {np.mean(idle):.2f}")
@@ -38,8 +39,9 @@ for state, part in ((packed, 0.18), (loose, 0.47)):
     assert abs(np.sum(forces[:, -forces.shape[-1] // 10 :]) / np.sum(forces) - part) < 0.01
 
 # %%
-# Chains are short, and longer near the threshold: the forces of two contacts on one straight line, three balls apart,
-# have a correlation of 0.1, and there of 0.3. In all of it every ball is in balance, summed here contact by contact.
+# Chains of large forces are short, though longer near the threshold: two contacts on one straight line, three balls apart,
+# have forces with a correlation of 0.1, and of 0.3 near the threshold. Every ball is in balance: the forces on it add up
+# to zero.
 
 
 def along(sample, steps):

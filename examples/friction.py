@@ -2,11 +2,11 @@ r"""What friction does to the bands
 ===============================
 
 Without friction (left) the contacts resist compression only: balls slide on each other, nothing makes them turn, and
-there are two branches. With friction (right) the same steel balls under the same load have a third, the rotational one,
-that starts near 66 kHz, far above the others.
+there are two branches. With friction (right) the same steel balls under the same load have a third branch, the rotational
+one, which starts near 66 kHz, far above the others.
 
-Both sounds are faster with friction: the transverse one by a third, by :math:`\sqrt{1+\eta}` in the Mindlin ratio
-:math:`\eta`. Dashed, the long waves.
+Friction makes both kinds of sound faster. The transverse one gains a third: it is :math:`\sqrt{1+\eta}` times as fast,
+with Mindlin's ratio :math:`\eta`. Dashed lines are the limit of long waves.
 """
 
 import sys

@@ -1,9 +1,9 @@
 """Sound in all directions
 =======================
 
-Long waves are isotropic on the triangular lattice, and shorter ones nearly so: "the anisotropy of the spectrum is small",
-says the paper of its Figure 2. That is true of longitudinal waves at all the frequencies shown here. Transverse waves of
-30 kHz, close to the top of their branch, are faster along Γ-M (30°) than along Γ-K (0°) by more than half.
+On the triangular lattice long waves are isotropic, and shorter ones nearly so: "the anisotropy of the spectrum is small",
+the paper says of its Figure 2. That holds for longitudinal waves at all the frequencies shown here. But transverse waves
+of 30 kHz, close to the top of their branch, are more than half as fast again along Γ-M (30°) as along Γ-K (0°).
 """
 
 import sys
@@ -34,8 +34,8 @@ assert np.allclose(anisotropy[-1], [0.0168, 0.567], rtol=1e-2)
 assert np.all(anisotropy[0] < 0.002)  # the pulses of the experiments
 
 # %%
-# The contours of constant frequency of the two lower branches, over the Brillouin zone: circles, and where they are no
-# longer.
+# The contours of constant frequency of the two lower branches over the Brillouin zone: they are circles near the centre,
+# and deviate from circles towards the edge.
 
 zone = zone_polygon(lattice.reciprocal)
 x, y = np.meshgrid(*[np.linspace(-4.3, 4.3, 301)] * 2)

@@ -1,10 +1,10 @@
 """The ladder of media against the array itself
 ============================================
 
-Three media stand in for an array of balls that differ: the averaged lattice takes all balls for equal, the averaged force
-averages over pairs of balls held in place, and the effective medium lets each ball give way. The simulation, which
-presses the array ball by ball and averages nothing, is their judge. Here with friction, for 8 mm steel balls that differ
-by 2.04 microns; points are the means of four arrays of 48 x 48 balls.
+Three media approximate an array of balls of different diameters. The averaged lattice takes all balls for equal; the
+averaged force averages over pairs of balls held in place; the effective medium lets each ball give way. We judge them by
+the simulation, which finds the equilibrium of every ball and averages nothing. Here with friction, for 8 mm steel balls
+whose diameters differ by 2.04 microns; points are means of four arrays of 48 x 48 balls.
 """
 
 import sys
@@ -28,8 +28,9 @@ media = {
 }
 
 # %%
-# How far each is off. The effective medium's longitudinal velocity is right from :math:`f^*=0.15` up, and the transverse
-# one everywhere (by luck: two errors cancel, as :ref:`another example <sphx_glr_gallery_conjecture.py>` shows).
+# The errors of the media. The longitudinal velocity of the effective medium is right above :math:`f^*=0.15`, and its
+# transverse velocity at all loads (by luck: two errors cancel, as :ref:`another example <sphx_glr_gallery_conjecture.py>`
+# shows).
 
 valid = array.reduced_force > 0.15
 error = {}

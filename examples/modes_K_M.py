@@ -1,9 +1,9 @@
 r"""Modes at K and M: what moves, and what turns
 ============================================
 
-The three modes of steel balls at K (above) and at M (below), frequency rising to the right. Arrows are displacements; the
-sector of each ball is the angle through which it has turned, in vermilion against the clock and in blue with it, on the
-scale of the arrows.
+The three modes of steel balls at K (upper row) and at M (lower row), in order of frequency from left to right. Arrows are
+displacements. The sector on each ball is the angle through which it has turned, vermilion anticlockwise and blue
+clockwise, on the same scale as the arrows.
 """
 
 import sys

@@ -5,9 +5,9 @@ The dispersion of a triangular lattice of equal balls, with friction (left) and 
 Caroli, Phys. Rev. E 65, 021307 (2002).
 
 Frequency is angular, in :math:`(k/M)^{1/2}`, and the wave vector in :math:`2\pi/d`, along two principal directions, Γ-K
-to the left and Γ-M to the right. Full lines are exact, dashed lines the long waves (equations 13 to 15; the rotational
-branch with :math:`d^2/10` where the paper prints :math:`d^2/20`). Branches are named after what they are for long waves:
-longitudinal, transverse, rotational.
+to the left and Γ-M to the right. Full lines are exact; dashed lines are the limit of long waves (equations 13 to 15, the
+rotational branch with :math:`d^2/10` where the paper prints :math:`d^2/20`). Branches are named after their motion in
+that limit: longitudinal, transverse, rotational.
 """
 
 import sys
@@ -30,8 +30,8 @@ rough, smooth = (
 bands = rough.bands("KGM", npoints=151)
 
 # %%
-# The lengths of Γ-K and Γ-M; how much friction raises the slopes at Γ (equations 13 and 14); where the rotational branch
-# starts.
+# We check the lengths of Γ-K and Γ-M, how much friction raises the slopes at Γ (equations 13 and 14), and the frequency at
+# which the rotational branch starts.
 
 assert np.allclose(np.diff(bands.distances[:, [0, -1]], axis=1).ravel(), [2.0 / 3.0, 1.0 / np.sqrt(3.0)])
 eta = steel.mindlin_ratio

@@ -1,10 +1,10 @@
 r"""Figure 5 of the paper: stiffness against force
 ==============================================
 
-The root of the effective normal stiffness of steel balls that differ by 2.04 microns, as in B. Velický and C. Caroli,
-Phys. Rev. E 65, 021307 (2002): effective medium with friction and without, and the ideal lattice. The measured points of
-Gilles and Coste are not published as numbers, and left out. Friction hardly changes the stiffness: what it changes, the
-velocities, it changes through the shear stiffness.
+The square root of the effective normal stiffness of steel balls whose diameters differ by 2.04 microns, as in B. Velický
+and C. Caroli, Phys. Rev. E 65, 021307 (2002): effective medium with friction and without, and the ideal lattice. The
+measured points of Gilles and Coste are left out, as they are not published as numbers. Friction hardly changes the normal
+stiffness; it changes the velocities through the shear stiffness.
 """
 
 import sys
@@ -21,9 +21,9 @@ scene = gp.Scene.from_yaml(Path(sys.argv[0]).with_name("paper_ladder.yaml"))
 packing = scene.packing
 
 # %%
-# The numbers that Section IV quotes for this array: the unit of :math:`f^*`, the velocity, and what friction adds.
-# Without it :math:`v_L` is 11.6 % lower ("11 %", counted from the value with friction), and with it :math:`v_T` is 35.6 %
-# higher ("35 %", counted from the value without).
+# We check the numbers that Section IV quotes for this array: the unit of :math:`f^*`, the velocity, and the effect of
+# friction. Without friction :math:`v_L` is 11.6 % lower (the paper's "11 %" is relative to the value with friction); with
+# friction :math:`v_T` is 35.6 % higher (its "35 %" is relative to the value without).
 
 unit = packing.law.coefficient * packing.width**1.5
 frictionless = gp.Packing(packing.material, packing.diameter, friction=False)

@@ -7,10 +7,10 @@ The force and the stiffness of the disordered array in its own units, as in B. V
 Forces are in units of :math:`\frac23E^*d^{1/2}W^{3/2}`, lengths in the width W: the curves are then the same for all
 materials, sizes and widths. The force from the rigidity threshold :math:`a^*=0.343` on logarithmic scales (Figure 6) and
 to the power 2/3, in which the ideal lattice is straight (Figure 7); the root of the stiffness (Figure 8). Points, where
-the paper has Roux's, are four arrays of 64 x 64 balls, with standard errors. Their statics have no friction, as Roux's;
-nor has the medium that the paper compares with them. With friction the medium is stiffer to local rearrangement, and
-nearer to the averaged force. Thin lines: the effective medium with the printed :math:`\alpha` and :math:`\beta`, which
-the paper drew.
+the paper has Roux's, are four arrays of 64 x 64 balls, with standard errors. Their statics have no friction, as Roux's
+have none; nor has the medium that the paper compares with them. With friction the medium resists local rearrangement more,
+and is nearer to the averaged force. Thin lines are the effective medium with the printed :math:`\alpha` and
+:math:`\beta`, which the paper drew.
 """
 
 import sys
@@ -46,7 +46,7 @@ assert np.all(np.abs([force[ABOVE >= 0.3], rough_force[ABOVE >= 0.3]]) < 0.03)
 assert np.allclose([force[4], rough_force[4]], [-0.32, -0.40], atol=0.03)
 
 # %%
-# At a given force the array is stiffer than either medium says, where few contacts carry it: by half at
+# At a given force that few contacts carry, the array is stiffer than either medium predicts: by half at
 # :math:`f^*=0.011`.
 
 stiffness = [simulated.normal_stiffness / medium.at_force(simulated.force).normal_stiffness for medium in (smooth, rough)]

@@ -43,8 +43,9 @@ assert np.all(np.abs(rough.force_fluctuation / fluctuation - 1.15)[high] < 0.015
 assert np.all((smooth.force_fluctuation > fluctuation)[SPACING < 1.2])
 
 # %%
-# "Systematically underestimates": :math:`N_c` of the medium is too small, though not near saturation. 87 % of the
-# contacts carry load at :math:`f^*=0.08`: "the validity of the mean field extends down to 85 %" is the simulation's.
+# The paper says that the medium "systematically underestimates" :math:`N_c`. It does, except near saturation. In the
+# simulation 87 % of the contacts carry load at :math:`f^*=0.08`; this is what the paper's "the validity of the mean field
+# extends down to 85 %" refers to.
 
 contacts = simulated.contact_fraction
 assert np.all((smooth.contact_fraction < contacts)[SPACING <= 0.7])

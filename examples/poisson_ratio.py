@@ -1,8 +1,8 @@
 r"""Poisson's ratio orders the branches
 ===================================
 
-Which branch is the highest? At the corner M of the Brillouin zone the modes are a transverse, a longitudinal and a purely
-rotational one, and Poisson's ratio decides on their order.
+Which branch is the highest? At the point M of the Brillouin zone one mode is transverse, one longitudinal and one purely
+rotational, and Poisson's ratio decides their order.
 
 They depend on the ratio of the shear to the normal stiffness of a contact alone, Mindlin's :math:`\eta=2(1-\nu)/(2-\nu)`
 with Poisson's ratio :math:`\nu`. Rotation crosses the transverse mode at :math:`\eta=1/2` and the longitudinal one at
@@ -32,7 +32,8 @@ def mode(name, point, eta):
 
 
 # %%
-# Where branches cross, by what they are and not by their order; and the closed forms at M and K.
+# We find where branches cross, told apart by their motion and not by their order, and compare with the closed forms at M
+# and K.
 
 
 def crossing(first, second, point, low, high):
@@ -56,7 +57,7 @@ for eta in (0.3, 0.84):
     assert np.allclose(mode("longitudinal", "K", eta) ** 2, 4.5 * (1 + eta), rtol=1e-12)
 
 # %%
-# White, what Poisson's ratio of a material can make of :math:`\eta`.
+# The white range of the figure holds all values of :math:`\eta` that Poisson's ratio of a material can give.
 
 NU = (0.5, 0.4, 0.2, 0.0, -0.5, -1.0)
 ETA = np.linspace(0.303, 1.403, 120)

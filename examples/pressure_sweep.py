@@ -1,12 +1,12 @@
 r"""Sound under pressure
 ====================
 
-In an ideal array of Hertz contacts the velocity of sound goes as the power 1/6 of the pressure. Real balls differ by a
-few microns, and it rises faster.
+In an ideal array of Hertz contacts the velocity of sound is proportional to the power 1/6 of the pressure. The diameters
+of real balls differ by a few microns, and the velocity rises faster.
 
-Under a low load some of the balls do not touch, and as they are pressed together one contact after another closes. The
-velocity comes back to :math:`P^{1/6}` when the overlap is large against the spread. Here for spreads of 1, 2 and 4
-microns of 8 mm steel balls, by the effective medium; thin and dashed where the load is below its range.
+Under a low load some of the balls do not touch; as the load grows, one contact after another closes. The velocity follows
+:math:`P^{1/6}` again when the overlap is large against the spread. The figure is for 8 mm steel balls with spreads of 1, 2
+and 4 microns, by the effective medium; lines are thin and dashed where the load is below its range of validity.
 """
 
 import sys
@@ -22,7 +22,8 @@ sweep = gp.sweep(packing, force=np.geomspace(0.5, 500.0, 121), media="ema", widt
 
 # %%
 # The local exponent :math:`\mathrm{d}\log v/\mathrm{d}\log P` is a function of the reduced force :math:`f^*` alone, whose
-# unit goes as the power 3/2 of the width: one curve, shifted. It passes through 1/4, and does not stay there.
+# unit is proportional to the power 3/2 of the width. So the three curves are one curve, shifted. It passes through 1/4, and
+# does not stay there.
 
 exponent, reduced = (sweep[name].squeeze().values.T for name in ("exponent", "reduced_force"))
 quarter = [float(np.interp(-0.25, -each, force)) for each, force in zip(exponent, reduced, strict=True)]

@@ -1,9 +1,9 @@
 """Pulses are slower than long waves
 =================================
 
-Phase (full) and group velocity (dashed) of sound in steel balls along Γ-K against frequency, up to the first maximum of
-each branch. The vertical line marks 6.5 kHz, the ground frequency of the pulses of Gilles and Coste: at it group
-velocities are already 1.5 % below those of long waves, which are the values at zero frequency.
+Phase velocity (full lines) and group velocity (dashed lines) of sound in steel balls along Γ-K against frequency, up to
+the first maximum of each branch. The vertical line marks 6.5 kHz, the main frequency of the pulses of Gilles and Coste.
+There the group velocities are already 1.5 % below those of long waves, which are the values at zero frequency.
 """
 
 import sys
@@ -22,7 +22,7 @@ steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 state = gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446)
 
 # %%
-# Long waves bend down as :math:`1-c(qd)^2` in the phase velocity, and by three times that in the group velocity.
+# Near zero frequency the phase velocity falls as :math:`1-c(qd)^2`, and the group velocity three times as fast.
 
 limit = gp.sound_velocities(state)
 pulse = gp.pulse_velocities(state, PULSE, ALONG)

@@ -1,9 +1,9 @@
 """Waves that roll
 ===============
 
-With friction a transverse wave turns the balls, and a rotational wave moves them: both are mixed. The animation shows the
-two at the same wave vector along a row of steel balls, four balls to a wave. Colours and marks say how far a ball is
-turned: red against the clock, blue with it. The waves run to the right; the energy of the lower one runs to the left.
+With friction a transverse wave also turns the balls, and a rotational wave also displaces them. The animation shows both
+waves at the same wave vector along a row of steel balls, four balls to a wavelength. Colours and marks show how far a ball
+has turned: red anticlockwise, blue clockwise. Both waves run to the right; the energy of the lower one runs to the left.
 """
 
 import sys
@@ -23,9 +23,9 @@ lattice, q = phonons.lattice, np.array([2.0 * np.pi / 4.0, 0.0])
 modes = lattice.modes([q], direction=(1, 0))
 
 # %%
-# An eigenvector is (x, y, w), where :math:`w=R_g\phi` stands for the angle. Long transverse waves turn each ball by just
-# as much as they turn the medium, :math:`\frac12\partial u_y/\partial x`; these turn it by 8 % more. The rotational waves
-# turn it the other way, and their group velocity is negative.
+# An eigenvector is (x, y, w), where :math:`w=R_g\phi` stands for the angle. A long transverse wave turns each ball exactly
+# as much as it turns the medium, :math:`\frac12\partial u_y/\partial x`; the wave shown here turns it 8 % more. The
+# rotational wave turns it the other way, and its group velocity is negative.
 
 mixed = {"transverse": modes.eigenvectors[0, :, 0], "rotational": modes.eigenvectors[0, :, 2]}
 turn = {name: (e[2] / lattice.gyration[0]) / (0.5j * q[0] * e[1]) for name, e in mixed.items()}
@@ -35,7 +35,7 @@ assert np.allclose(np.imag(list(turn.values())), 0.0, atol=1e-12)
 assert modes.group_velocities[0, 0, 0] > 0.0 > modes.group_velocities[0, 2, 0]
 
 # %%
-# At time t every ball has the phase :math:`qx-\omega t`. Both waves are drawn at the same pace.
+# At time t a ball at x has the phase :math:`qx-\omega t`. Both waves are drawn with the same period.
 
 sites = np.array([[x + 0.5 * (y % 2), y * np.sqrt(0.75)] for x in range(-2, 11) for y in range(3)])
 

@@ -1,10 +1,10 @@
 """Bands of steel balls
 ====================
 
-Steel balls, 8 mm in diameter, in a triangular array, pressed together with 18.4 N. The three branches along Γ-K-M-Γ are
-coloured by the part of the kinetic energy that is rotation; dashed, the long waves (equations 13 to 15 of the paper, with
-the corrected d²/10); inset, the Brillouin zone and the path; right, the density of states per ball, and what translation
-and rotation contribute to it.
+Steel balls, 8 mm in diameter, lie in a triangular array and are pressed together with 18.4 N at each contact. The three
+branches along Γ-K-M-Γ are coloured by the part of the kinetic energy that is rotation. Dashed lines are the limit of long
+waves (equations 13 to 15 of the paper, with the corrected d²/10); the inset shows the Brillouin zone and the path. On the
+right is the density of states per ball, with the contributions of translation and rotation.
 """
 
 import sys
@@ -17,7 +17,7 @@ from granphon.figures.bands import bands_figure
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 state = gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446)
 
-# the longitudinal velocity that the paper quotes for it, in Section IV
+# the longitudinal velocity that Section IV of the paper quotes for these balls
 velocity = gp.sound_velocities(state).longitudinal
 print(f"v_L = {velocity:.0f} m/s")
 assert round(velocity) == 791
