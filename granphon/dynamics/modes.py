@@ -188,8 +188,10 @@ class ContactLattice(LongWaves):
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
-        toward = np.pad(as_direction(ahead), ((0, 0), (0, 3 - self.dimension)))[:, list(self.motions.translations)]
-        parallel = np.abs(np.einsum("qiab,qa->qib", motion[:, :, self.motions.translating], toward)) ** 2
+        toward = np.zeros((len(q), 3))
+        toward[:, : self.dimension] = as_direction(ahead)
+        displacement = motion[:, :, self.motions.translating]
+        parallel = np.abs(np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])) ** 2
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
 

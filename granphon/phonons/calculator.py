@@ -293,12 +293,16 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             stiffness = self._stiffness(law, rest.overlap)
             for row in contact_rows(rest.axis, arm_i, arm_j, self._motions, elongation=0.0, slip=self._eta):
                 (x, y, turn_j), (_, _, turn_i) = row.head.T, row.tail.T
-                change = x * moved[:, 0] + y * moved[:, 1] + turn_j * angles[j] - turn_i * angles[i]
+                change = x * moved[:, 0]
+                change += y * moved[:, 1]
+                change += turn_j * angles[j]
+                change -= turn_i * angles[i]
                 tension = row.stiffness * stiffness * change
-                energy = energy + 0.5 * tension * change
+                energy += 0.5 * tension * change
                 pull[:, 0] -= tension * x
                 pull[:, 1] -= tension * y
-                torque_i, torque_j = torque_i + tension * turn_i, torque_j - tension * turn_j
+                torque_i += tension * turn_i
+                torque_j -= tension * turn_j
         return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
     def _at_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
