@@ -42,7 +42,7 @@ def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # less than what is announced, and not less than half of it
-    assert 0.5 < peak / (guess.memory - cost._BASE) < 1.0
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
 
 
 def test_every_equilibrium_takes_time():
@@ -68,7 +68,7 @@ def test_exponents_take_two_states_more_beside_each():
     _ = medium.at_force(5.0).exponent
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.5 < peak / (guess.memory - cost._BASE) < 1.0
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
 
 
 def test_the_kinds_of_load_agree():
@@ -118,7 +118,7 @@ def test_equal_balls_cost_next_to_nothing():
     ("seconds", "text"), [(0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")]
 )
 def test_durations_are_read_at_a_glance(seconds, text):
-    one = cost.Cost(2.5e9 - cost._BASE, known=seconds, balls=10_000_000, equilibria=1)
+    one = cost.Cost(2.5e9 - cost._PYTHON_BYTES, known=seconds, balls=10_000_000, equilibria=1)
     assert one.text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
 
 
@@ -221,7 +221,7 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # less than what is announced, and not less than a quarter of it
-    assert 0.25 < peak / (guess.memory - cost._BASE) < 1.0
+    assert 0.25 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
 
 
 @pytest.mark.claim("told-above")
@@ -235,6 +235,6 @@ def test_what_takes_more_than_a_second_or_100_mb_is_told():
 def test_costs_add_up_to_one_after_the_other():
     one, two = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",)), cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
     assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))
-    assert (one + two).memory == cost._BASE + 8.0
+    assert (one + two).memory == cost._PYTHON_BYTES + 8.0
     assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
     assert sum([one, two], cost.Cost()) == one + two

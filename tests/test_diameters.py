@@ -422,7 +422,7 @@ def test_a_hundred_thousand_balls_need_little():
 def test_blocks_do_not_show(monkeypatch):
     y = np.linspace(-0.4, 2.0, 7)
     whole = [shape.force(y) for shape in SHAPES.values()]
-    monkeypatch.setattr("granphon.balls.distributions._BLOCK", 8)
+    monkeypatch.setattr("granphon.balls.distributions._NUMBERS_AT_ONCE", 8)
     for shape, expected in zip(SHAPES.values(), whole, strict=True):
         np.testing.assert_array_equal(shape.force(y), expected)
 

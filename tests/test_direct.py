@@ -84,7 +84,7 @@ def test_an_array_that_carries_no_load_is_refused(overlap):
 
 def test_newtons_method_ends(monkeypatch):
     array = SparseArray(balls((12, 12), 3))
-    monkeypatch.setattr(direct, "_NEWTON", 2)
+    monkeypatch.setattr(direct, "_FACTORISATIONS", 2)
     with pytest.raises(ConvergenceError, match="not come to rest"):
         array.forces(0.0)
 

@@ -26,7 +26,7 @@ from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import collocation
 from granphon.laws.effective import DensityAverages, EffectiveLaw, effective_curve
-from granphon.laws.effective_curve import LEAST_FORCE, VALID_FORCE
+from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE
 from granphon.laws.listed import PointAverages
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 
@@ -319,7 +319,7 @@ def test_no_seam_between_steps(shape, xi):
 def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
     points = isinstance(shape, PointShape)
     averages = PointAverages(shape, XI[0.0]) if points else DensityAverages(shape, XI[0.0], order)
-    return collocation.solved(shape, XI[0.0], averages, stages, tolerance, most)
+    return collocation.solve_curve(shape, XI[0.0], averages, stages, tolerance, most)
 
 
 @pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["0.5 large"]], ids=["uniform", "normal", "two kinds"])
@@ -416,7 +416,7 @@ def test_lots_against_scipys_radau_split_at_the_openings(name):
     curve = effective_curve(LOTS[name], XI[0.0])
     y, f, k = integrated(curve.shape, curve.xi, 2.0 * curve.far.start, 1e-9)
     assert f[-1] == pytest.approx(1e-4, rel=1e-5)
-    assert curve.least_force == LEAST_FORCE
+    assert curve.least_force == LEAST_SOLVED_FORCE
     assert_agrees(curve, y, f, k)
 
 
@@ -435,7 +435,7 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
         origin = max(o for o in shape.openings if o <= y)
         return balance(*mixture(origin, np.sqrt(y - origin)), k, xi)
 
-    if curve.least_force > LEAST_FORCE:  # only where the equation itself has no more: k' > 0 at k = 0
+    if curve.least_force > LEAST_SOLVED_FORCE:  # only where the equation itself has no more: k' > 0 at k = 0
         assert curve.vanishes
         assert curve.least_force < VALID_FORCE
         _, by_y, by_k = state(curve.start, 0.0)
@@ -494,7 +494,7 @@ def bounds(curve, points=5):
 )
 def test_residuals_bound_the_errors_of_lots(shape):
     curve = effective_curve(shape, XI[0.0])
-    assert curve.least_force == LEAST_FORCE
+    assert curve.least_force == LEAST_SOLVED_FORCE
     force, stiffness = bounds(curve)
     assert np.max(force) < 1e-10
     assert np.max(stiffness) < 1e-8
@@ -508,7 +508,7 @@ def test_long_lots_with_more_stages_and_half_the_steps(name):
     kind, n = name.split()
     shape = lot(int(n), 5, kind)
     curve, finer = effective_curve(shape, XI[0.0]), solved(shape, 16, tolerance=1e-13, most=0.01)
-    assert curve.least_force == LEAST_FORCE
+    assert curve.least_force == LEAST_SOLVED_FORCE
     y = finer.overlap(np.geomspace(1e-4, 0.99 * curve.far.value(curve.far.start, FORCE), 5001))
     np.testing.assert_allclose(curve.value(y, FORCE), finer.value(y, FORCE), rtol=1e-11)
     np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-9)
@@ -626,7 +626,7 @@ def test_a_sample_of_the_same_shape_in_another_size_shares_the_curve():
 def test_below_the_start_of_the_curve_there_is_an_error():
     law = EffectiveLaw(1.0, 1.0, UNIFORM, XI[0.0])
     start = law.curve.start
-    assert law.force(start * (1.0 - 1e-12)) == pytest.approx(LEAST_FORCE, rel=1e-9)
+    assert law.force(start * (1.0 - 1e-12)) == pytest.approx(LEAST_SOLVED_FORCE, rel=1e-9)
     for values in (start - 1e-6, [0.3, start - 1e-6], -0.499):
         with pytest.raises(PrecisionError, match="1e-06"):
             law.force(values)
@@ -636,7 +636,7 @@ def test_below_the_start_of_the_curve_there_is_an_error():
 
 def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
     # steps that cannot be solved: below the limit of validity the curve ends there, above it there is none
-    whole = collocation._relaxed
+    whole = collocation._relax
 
     def until(least):
         def step(*given):
@@ -645,13 +645,13 @@ def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
 
         return step
 
-    monkeypatch.setattr(collocation, "_relaxed", until(1e-2))
+    monkeypatch.setattr(collocation, "_relax", until(1e-2))
     for shape in (UNIFORM, LOTS["three"]):
         curve = solved(shape)
         assert 1e-2 <= curve.least_force < 1.01e-2
         assert not curve.vanishes
         assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(curve.least_force, rel=1e-12)
-    monkeypatch.setattr(collocation, "_relaxed", until(1.0))
+    monkeypatch.setattr(collocation, "_relax", until(1.0))
     with pytest.raises(PrecisionError, match="settled"):
         solved(UNIFORM)
 

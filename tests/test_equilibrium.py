@@ -434,7 +434,7 @@ def test_equal_balls_at_no_overlap_carry_no_load():
 
 @pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
-    monkeypatch.setattr(module, "_NEWTON", 3)
+    monkeypatch.setattr(module, "_NEWTON_STEPS", 3)
     with pytest.raises(ConvergenceError, match="not come to rest after 3 steps") as error:
         equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])
@@ -444,7 +444,7 @@ def test_what_is_reached_is_said(monkeypatch):
 
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
-    monkeypatch.setattr(module, "_CONJUGATE", 0.05)
+    monkeypatch.setattr(module, "_CONJUGATE_STEPS", 0.05)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 

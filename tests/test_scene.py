@@ -830,7 +830,7 @@ def test_long_lists_are_left_to_the_run(monkeypatch, tmp_path):
     mean = gp.Measured(sizes).mean
     text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
     solved = []
-    monkeypatch.setattr("granphon.laws.effective.solved", lambda *_: solved.append(1))
+    monkeypatch.setattr("granphon.laws.effective.solve_curve", lambda *_: solved.append(1))
     for medium, few in (("ema", 0), ("[ala, ema]", 1)):
         (tmp_path / "scene.yaml").write_text(text + f"medium: {medium}\n")
         states, left = Scene.from_yaml(tmp_path / "scene.yaml").survey()

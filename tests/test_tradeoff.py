@@ -644,7 +644,7 @@ def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, cl
         clock.work(3.0)
         lists.append(shape)
 
-    monkeypatch.setattr(disorder_module, "solved", solved)
+    monkeypatch.setattr(disorder_module, "solve_curve", solved)
     rng = np.random.default_rng(0)
 
     def study(count):

@@ -26,8 +26,9 @@ from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
 __all__ = [
-    "LEAST_FORCE",
-    "TOLERANCE",
+    "CARRIED_FORCE",
+    "REST_TOLERANCE",
+    "THRESHOLD_FORCE",
     "Equilibrium",
     "Prescribed",
     "equilibrate",
@@ -38,24 +39,29 @@ __all__ = [
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
-TOLERANCE = 1e-10
+REST_TOLERANCE = 1e-10
 #: f* below which a sample with open contacts is said to carry no load: it is at its rigidity threshold to 1e-5 W, or below
-LEAST_FORCE = 1e-8
-#: steps of Newton's method, and of conjugate gradients in each
-_NEWTON, _CONJUGATE = 1000, 3000
+THRESHOLD_FORCE = 1e-8
+#: most steps of Newton's method
+_NEWTON_STEPS = 1000
+#: most steps of conjugate gradients in one of Newton's
+_CONJUGATE_STEPS = 3000
 #: f* below which an equilibrium at given force is approached from ten times the force
-_EASY = 1e-2
-#: what rounding may leave of a load, as a part of it; and how much nearer than the tolerance a load is met
-_ROUNDING, _EXACTLY = 1e-15, 1e-3
+_DIRECT_FORCE = 1e-2
+#: part of a load that rounding may leave unmet
+_LOAD_ROUNDING = 1e-15
+#: residual of the load over the tolerance of forces: the load is met to more digits
+_LOAD_TOLERANCE = 1e-3
 #: part of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
-#: stiffness that is lent to all contacts, as a part of the mean one and of the distance from equilibrium: where many are
-#: open the rest is no solid, and a step would have no end
-_LENT = 1e-2
-#: trials of the length of a step
-_SEARCH = 30
-#: times the residual force on a ball, the least that a contact carries: others are far below one, or above a hundred
-_CARRIED = 10.0
+#: stiffness that each contact gets in a step beside its own, as a part of the mean stiffness and of the distance from
+#: equilibrium: where many contacts are open the rest is no solid, and a step would have no end
+_ADDED_STIFFNESS = 1e-2
+#: most trials of the length of a step
+_LENGTH_TRIALS = 30
+#: force of a contact, over the largest residual force on a ball, above which the contact carries load: that of others is far
+#: below one, or above a hundred
+CARRIED_FORCE = 10.0
 #: relative residual of linear responses: stiffnesses have errors of its square, times the condition of the array
 _RESPONSE = 1e-7
 
@@ -145,7 +151,7 @@ class Equilibrium(Result):
         Balls that nothing holds are left where they touch by a trace of it. Shear springs there would hold them.
         """
         overlaps = self.overlaps
-        least = (_CARRIED * self.residual * self.force) ** (2.0 / 3.0)
+        least = (CARRIED_FORCE * self.residual * self.force) ** (2.0 / 3.0)
         return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
 
     @property
@@ -211,7 +217,7 @@ def equilibrate(
     load: Prescribed,
     stencils: Stencils | None = None,
     start: Equilibrium | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REST_TOLERANCE,
 ) -> Equilibrium:
     """The array of balls at rest under a load.
 
@@ -233,16 +239,16 @@ def equilibrate(
     free = load.overlap is None
     means = _pair_means(deviations, stencils)
     equal = not np.ptp(deviations)
-    if free and start is None and load.force < LEAST_FORCE and not equal:
+    if free and start is None and load.force < THRESHOLD_FORCE and not equal:
         raise too_small(load.force)
-    if start is None and free and load.force < _EASY and not equal:
+    if start is None and free and load.force < _DIRECT_FORCE and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     if start is None or equal:  # Hertz's law, from which equal balls do not differ
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
     contacts = means.size
-    for newton in range(_NEWTON):
+    for newton in range(_NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
         for rows in stencils.blocks():
@@ -252,19 +258,19 @@ def equilibrate(
         pull = stencils.forces(excess)
         push = (load.force - common) - mean if free else 0.0
         # near the rigidity threshold overlaps are so small that y itself is not fine enough for the load
-        push *= abs(push) > _ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
+        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
         scale = min(force, float(np.std(excess)))
-        if not free and force < LEAST_FORCE and not np.all(root):
+        if not free and force < THRESHOLD_FORCE and not np.all(root):
             raise InputError(
                 message(
                     f"at an overlap of {y:.6g} widths this sample carries no load",
-                    f"Its force is below f* = {LEAST_FORCE:g}: too few balls touch to hold each other",
+                    f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
                     "Press it together more",
                 )
             )
         # the load itself is met to more digits: it is a number that the user gave
-        distance = max(left / scale if left else 0.0, abs(push) / (_EXACTLY * force) if push else 0.0)
+        distance = max(left / scale if left else 0.0, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
         if distance <= tolerance:
             found = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
@@ -272,13 +278,13 @@ def equilibrate(
             return found.sharing(found.deviations, stencils)  # with its Green's function
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
-        stiffness += _LENT * min(1.0, distance) * np.mean(stiffness)
+        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
         step, taken = _conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, free)
         length = _step_length(y, differences, step, stencils, load if free else None)
         y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
     raise ConvergenceError(
         message(
-            f"the sample has not come to rest after {_NEWTON} steps",
+            f"the sample has not come to rest after {_NEWTON_STEPS} steps",
             f"At an overlap of {y:.6g} widths a force of {left / force:.2g} of the mean contact force is left on a ball",
             "Raise the load, or take fewer balls",
         )
@@ -286,10 +292,10 @@ def equilibrate(
 
 
 def too_small(force: float) -> InputError:
-    """What to say of a reduced force below :data:`LEAST_FORCE`."""
+    """What to say of a reduced force below :data:`THRESHOLD_FORCE`."""
     return InputError(
         message(
-            f"a mean contact force of f* = {force:.3g} is below {LEAST_FORCE:g}",
+            f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
             "There a sample is at its rigidity threshold, and what holds it is not found",
             "Raise the load",
         )
@@ -320,7 +326,7 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
 
     first = slope(0.0)[0]
     low, high, length = 0.0, math.inf, 1.0
-    for _ in range(_SEARCH):
+    for _ in range(_LENGTH_TRIALS):
         value, rise = slope(length)
         if abs(value) <= 0.1 * abs(first):
             break
@@ -344,7 +350,7 @@ def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Arr
     force = Motion(stencils.forces(tension), 0.0)
     # a tension that is balanced by itself but for rounding moves nothing
     floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
-    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE, floor=floor)[0].balls
+    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE_STEPS, floor=floor)[0].balls
 
 
 def _conjugate_gradients(
@@ -373,7 +379,7 @@ def _conjugate_gradients(
     inner[...] = better
     squeeze, count = held * press, 0
     while product > max(reduction**2 * first, floor):
-        if count == (most or _CONJUGATE):
+        if count == (most or _CONJUGATE_STEPS):
             if most is None:
                 break
             raise ConvergenceError(message(f"the linear response of the sample is not found in {most} steps"))

@@ -14,25 +14,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import LEAST_FORCE, TOLERANCE
+from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, message
 
 __all__ = ["SparseArray"]
 
 Array = NDArray[np.float64]
-#: steps of Newton's method
-_NEWTON = 200
-#: residual force over the mean contact force that rounding may leave
-_ROUNDING = 1e-14
-#: stiffness lent to all contacts, as a part of the mean one and of the distance from equilibrium
-_LENT = 1e-2
-#: times the residual force on a ball, the least that a contact carries
-_CARRIED = 10.0
-#: springs that hold what nothing else holds, as a part of the largest stiffness; and how often a solution is mended for them
-_HOLD, _MENDED = 1e-12, 3
-#: trials of the length of a step
-_SEARCH = 30
+#: most steps of Newton's method, each with an LU factorisation
+_FACTORISATIONS = 200
+#: residual force on a ball over the mean contact force that rounding may leave
+_FORCE_ROUNDING = 1e-14
+#: stiffness that each contact gets in a factorisation beside its own, as a part of the mean stiffness and of the distance
+#: from equilibrium
+_SHIFT = 1e-2
+#: stiffness of springs that hold what nothing else holds, as a part of the largest stiffness
+_HOLDING_STIFFNESS = 1e-12
+#: solutions, each of what the last one has left, by which the share of these springs is taken away
+_REFINEMENTS = 3
+#: most trials of the length of a step
+_SLOPES = 30
 
 
 class SparseArray:
@@ -97,7 +98,7 @@ class SparseArray:
 
     # -- at rest ----------------------------------------------------------------------------------------------------
 
-    def forces(self, overlap: float, tolerance: float = TOLERANCE, check: Callable[[], object] | None = None) -> Array:
+    def forces(self, overlap: float, tolerance: float = REST_TOLERANCE, check: Callable[[], object] | None = None) -> Array:
         """(3, L1, L2) contact forces at rest at the common overlap y, c W^(3/2).
 
         ``tolerance``: largest force left on a ball, over the mean contact force or the rms difference of contact forces, if
@@ -105,7 +106,7 @@ class SparseArray:
         :class:`~granphon.base.errors.ConvergenceError` if that is not reached, or too few balls touch to carry a load.
         """
         h = overlap + self._means
-        for _ in range(_NEWTON):
+        for _ in range(_FACTORISATIONS):
             if check is not None:
                 check()
             closed = np.maximum(h, 0.0)
@@ -113,13 +114,13 @@ class SparseArray:
             forces = closed * root
             mean, pull = float(np.mean(forces)), self._transposed @ forces
             residual, scale = self._largest(pull), min(mean, float(np.std(forces)))
-            if mean < LEAST_FORCE and not np.all(closed):
+            if mean < THRESHOLD_FORCE and not np.all(closed):
                 break
-            if residual <= max(tolerance * scale, _ROUNDING * mean):
+            if residual <= max(tolerance * scale, _FORCE_ROUNDING * mean):
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = 1.5 * root
-            stiffness += _LENT * min(1.0, left) * np.mean(stiffness)
+            stiffness += _SHIFT * min(1.0, left) * np.mean(stiffness)
             strain = self._c @ self._step(stiffness, pull)
             h = h - self._length(h, strain) * strain
         raise ConvergenceError(
@@ -139,13 +140,13 @@ class SparseArray:
         from scipy.sparse import csc_array
 
         matrix = csc_array((self._fill @ stiffness, self._indices, self._starts), shape=(self._size, self._size))
-        return np.concatenate([[0.0, 0.0], _factorised(matrix).solve(force[2:])])
+        return np.concatenate([[0.0, 0.0], _factorise(matrix).solve(force[2:])])
 
     @staticmethod
     def _length(h: Array, strain: Array) -> float:
         """To where the slope of the energy has fallen to a tenth: Newton's method, kept between what is known."""
         first, low, high, length = 0.0, 0.0, math.inf, 0.0
-        for trial in range(_SEARCH):
+        for trial in range(_SLOPES):
             closed = np.maximum(h - length * strain, 0.0)
             root = np.sqrt(closed)
             slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
@@ -173,16 +174,16 @@ class SparseArray:
         from scipy.sparse import eye_array
 
         flat = np.asarray(forces, float).ravel()
-        carried = flat > _CARRIED * self._largest(self._transposed @ flat)
+        carried = flat > CARRIED_FORCE * self._largest(self._transposed @ flat)
         normal = 1.5 * np.cbrt(np.where(carried, flat, 0.0))
         stiffness = np.concatenate([normal, mindlin_ratio * normal]) if mindlin_ratio else normal
         c, strained = self._compatibility(mindlin_ratio), self._strained()[: stiffness.size]
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
-        hold = _HOLD * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
-        factors = _factorised((matrix + hold).tocsc())
+        hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
+        factors = _factorise((matrix + hold).tocsc())
         motion = np.zeros((c.shape[1], 3))
-        for _ in range(_MENDED):
+        for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
         return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.area * math.prod(self.shape)))
@@ -194,7 +195,7 @@ class SparseArray:
         return np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)
 
 
-def _factorised(matrix: Any) -> Any:
+def _factorise(matrix: Any) -> Any:
     """LU factors of a symmetric positive matrix."""
     from scipy.sparse.linalg import splu
 

@@ -23,10 +23,10 @@ from granphon.balls.distributions import (
     PointShape,
     Shape,
     UniformShape,
-    condensed,
+    condense,
     cut_rms,
-    merged,
-    passed,
+    find_quantiles,
+    merge,
 )
 from granphon.base.arguments import finite_list, not_negative, positive, whole_number
 from granphon.base.errors import InputError, brief, message
@@ -41,7 +41,7 @@ _RAREST = 1e-12
 #: balls of one sample that no machine holds
 _MOST_NUMBERS = 2**48
 #: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
-TOLERANCE = 1e-9
+_ROUNDED = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
@@ -114,7 +114,7 @@ class Spread(ABC):
 
         What passes has no effect: deviations are from the distribution's own mean.
         """
-        if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > TOLERANCE * diameter:
+        if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > _ROUNDED * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
             raise InputError(message(what, "Deviations are from the mean", mend))
@@ -192,13 +192,13 @@ class _Listed(Spread):
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
         """Mean diameter, deviations of different diameters, their probabilities."""
-        places, weights = merged(np.array(self.diameters), self._shares())
+        places, weights = merge(np.array(self.diameters), self._shares())
         off = places - places[0]  # exact within a factor of 2: equal balls have no width at all
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
 
     def _deviations(self, probability: Array) -> Array:
-        return self._table[1][passed(self._table[2], probability)]
+        return self._table[1][find_quantiles(self._table[2], probability)]
 
     @property
     def mean(self) -> float:
@@ -213,9 +213,9 @@ class _Listed(Spread):
 
     @cached_property
     def shape(self) -> PointShape:
-        """Each different diameter, to 2^-40 W; more than 192 of them are condensed to as many or fewer."""
+        """Each different diameter, to 2^-40 W; more than 192 of them are condense to as many or fewer."""
         x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
-        positions, weights = condensed(*merged(x, self._table[2]))
+        positions, weights = condense(*merge(x, self._table[2]))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
 
 
@@ -241,7 +241,7 @@ class Discrete(_Listed):
             mend = "Leave it out, or give the fraction 0"
             raise InputError(message(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend))
         over = math.fsum(self.fractions) - 1.0
-        if abs(over) > TOLERANCE:
+        if abs(over) > _ROUNDED:
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
             raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
 

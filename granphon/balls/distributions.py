@@ -34,8 +34,8 @@ Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
 GRAIN = 2.0**-40
 #: more different diameters than this are condensed to at most as many
 MOST_POINTS = 192
-#: numbers in one array of an average; more are worked through in blocks
-_BLOCK = 2**20
+#: most numbers in an array of an average; more are worked through in blocks
+_NUMBERS_AT_ONCE = 2**20
 
 
 class Nodes(NamedTuple):
@@ -261,7 +261,7 @@ class PointShape(Shape):
     def _pairs(self) -> tuple[Array, Array]:
         x, w = self._points
         i, j = np.triu_indices(x.size)
-        return merged(0.5 * (x[i] + x[j]), w[i] * w[j] * np.where(i == j, 1.0, 2.0))
+        return merge(0.5 * (x[i] + x[j]), w[i] * w[j] * np.where(i == j, 1.0, 2.0))
 
     @property
     def openings(self) -> Array:
@@ -271,7 +271,7 @@ class PointShape(Shape):
     def quantile(self, probability: ArrayLike) -> Any:
         """A step function."""
         x, w = self._points
-        return x[passed(w, np.asarray(probability, float))][()]
+        return x[find_quantiles(w, np.asarray(probability, float))][()]
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
         """As :meth:`Shape.nodes`."""
@@ -304,10 +304,10 @@ def _square_roots(start: Array, length: Array, order: int) -> tuple[Array, Array
     return root, nodes * step * (root + low), (1.0 - nodes) * step * (root + high), weights * step
 
 
-def _blockwise(evaluate: Callable[[Array], Array], overlap: Array, points: int) -> Array:
-    """``evaluate`` (n, 1) -> (n,) for an array of any shape, in blocks."""
-    flat, size = overlap.reshape(-1, 1), max(1, _BLOCK // points)
-    return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, len(flat)), size)]).reshape(overlap.shape)
+def in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
+    """``evaluate`` (n,) -> (n,) for an array of any shape, ``size`` numbers at once."""
+    flat, size = values.reshape(-1), max(1, size)
+    return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]).reshape(values.shape)
 
 
 def _whole_power(root: Array, exponent: int) -> Array:
@@ -334,7 +334,7 @@ def _integral(overlap: Array, power: float, pieces: Sequence[Piece], order: int)
             total += np.sum(2.0 * _whole_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
         return total
 
-    return _blockwise(evaluate, overlap, order)
+    return in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // order)
 
 
 def _finite_sum(overlap: Array, power: float, places: Array, weights: Array) -> Array:
@@ -346,22 +346,22 @@ def _finite_sum(overlap: Array, power: float, places: Array, weights: Array) -> 
         terms = _whole_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
         return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
 
-    return _blockwise(evaluate, overlap, places.size)
+    return in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // places.size)
 
 
-def passed(weights: Array, probability: Array) -> NDArray[np.intp]:
-    """Where the running sum of the weights passes the probability."""
+def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
+    """Indices at which the running sum of the weights passes each probability."""
     return np.minimum(np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1)
 
 
-def merged(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Different places that have weight, ascending, and the sums of their weights."""
+def merge(places: Array, weights: Array) -> tuple[Array, Array]:
+    """Merge equal places: those that have weight, ascending, and the sums of their weights."""
     different, index = np.unique(places[weights > 0.0], return_inverse=True)
     return different, np.bincount(index, weights[weights > 0.0]).astype(float)
 
 
-def condensed(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Many places (ascending) as at most ``most``: the first, the last, and two in each of the cells between.
+def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
+    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of the cells between.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that only pairs near the kink
     are in error. Cells are narrower where balls are many: their edges are even in 0.3 times the part of the balls that lies
@@ -386,7 +386,7 @@ def condensed(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[A
     few, many, reach = count[cell] <= 2, count > 2, np.hypot(1.0, skew)
     new = [(mean + std * (skew + side * reach), 0.5 * mass * (1.0 - side * skew / reach)) for side in (-1.0, 1.0)]
     x = np.concatenate([places[few], *(place[many] for place, _ in new)])
-    return merged(x, np.concatenate([weights[few], *(share[many] for _, share in new)]))
+    return merge(x, np.concatenate([weights[few], *(share[many] for _, share in new)]))
 
 
 @lru_cache(maxsize=64)

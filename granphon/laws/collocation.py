@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
 from granphon.base.errors import PrecisionError, message
-from granphon.laws.effective_curve import LEAST_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
+from granphon.laws.effective_curve import LEAST_SOLVED_FORCE, VALID_FORCE, VANISHED, EffectiveCurve
 from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
 
-__all__ = ["Averages", "Balls", "Block", "radau", "solved"]
+__all__ = ["Averages", "Balls", "Block", "radau", "solve_curve"]
 
 Array = NDArray[np.float64]
 #: steps begin halved while an opening is nearer below the interval than this part of the step: k is the less smooth
@@ -39,7 +39,7 @@ _SETTLED = 1e-8
 _SHORTEST = 1e-12
 
 
-class Rule(NamedTuple):
+class RadauRule(NamedTuple):
     """Collocation on [-1, 1]: ``points`` (s + 1,), the Radau points, which include -1, and then +1.
 
     ``derivative`` (s, s + 1) of the polynomial through values at the points, at the Radau points; ``coefficients``
@@ -52,7 +52,7 @@ class Rule(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def radau(stages: int) -> Rule:
+def radau(stages: int) -> RadauRule:
     """The rule of s ``stages``."""
     from scipy.special import roots_jacobi
 
@@ -60,7 +60,7 @@ def radau(stages: int) -> Rule:
     points = np.concatenate([[-1.0], inner, [1.0]])
     inverse = np.linalg.inv(chebyshev.chebvander(points, stages))
     slopes = np.stack([chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1)
-    return Rule(points, slopes, inverse)
+    return RadauRule(points, slopes, inverse)
 
 
 class Block(NamedTuple):
@@ -76,7 +76,7 @@ class Block(NamedTuple):
     drop: Array
 
     @classmethod
-    def of(cls, steps: list[tuple[float, float, float]], rule: Rule) -> Block:
+    def of(cls, steps: list[tuple[float, float, float]], rule: RadauRule) -> Block:
         """From origin and both ends of the root of each."""
         origin, low, high = np.array(steps).T[:, :, None]
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -125,7 +125,7 @@ class Averages(Protocol):
         ...
 
 
-def solved(
+def solve_curve(
     shape: Shape, xi: float, averages: Averages, stages: int, tolerance: float, most: float = np.inf
 ) -> EffectiveCurve:
     """The solution for a shape and Xi with a rule of s ``stages``; steps in the square root are no longer than ``most``.
@@ -134,15 +134,15 @@ def solved(
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     rule, far = radau(stages), high_pressure_series(shape, xi)
-    pending = _intervals([*shape.openings.tolist(), far.start], most)
+    pending = _divide_into_steps([*shape.openings.tolist(), far.start], most)
     first = pending[0][0]
     top, force = far.value(far.start, STIFFNESS), far.value(far.start, FORCE)
     places, series = [], []
     count, guess = 1, None
-    while force > LEAST_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > VANISHED * force:
+    while force > LEAST_SOLVED_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > VANISHED * force:
         # where the first contact opens there is neither force nor stiffness: that end is approached only
         if pending[-1][:2] == (first, 0.0):
-            pending[-1:] = _halved(pending[-1])
+            pending[-1:] = _halve(pending[-1])
             continue
         steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
         block = Block.of(steps, rule)
@@ -152,7 +152,7 @@ def solved(
         balls = averages.balls(block)
         # in units of the mean, a smooth function: that of the last attempt, or a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-        found = _relaxed(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
+        found = _relax(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
         if found is None:
             rough = np.ones(len(steps), bool)
         else:
@@ -169,14 +169,14 @@ def solved(
             place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
             raise PrecisionError(message(f"the effective medium has no settled solution below {place}"))
         if np.any(rough):
-            finer = [_halved(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
+            finer = [_halve(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
             pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]
             count = sum(map(len, finer))
             if found is not None:
                 order = np.argsort(block.y, axis=None)
                 guess = block.y.ravel()[order], (k / balls.mean).ravel()[order]
             continue
-        kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_FORCE)))
+        kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         places.append(np.concatenate([block.origin, block.middle, block.half], axis=1)[:kept])
         series.append(table[:kept])
         top, force = float(k[kept - 1, 0]), float(forces[kept - 1])
@@ -186,7 +186,7 @@ def solved(
     return EffectiveCurve.of(shape, xi, far, where, stiffness, force)
 
 
-def _intervals(ends: list[float], most: float) -> list[tuple[float, float, float]]:
+def _divide_into_steps(ends: list[float], most: float) -> list[tuple[float, float, float]]:
     """Steps to begin with, ascending: origin and both ends of the root."""
     steps = []
     for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
@@ -200,12 +200,12 @@ def _intervals(ends: list[float], most: float) -> list[tuple[float, float, float
     return steps
 
 
-def _halved(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:
+def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:
     origin, low, high = step
     return [(origin, low, 0.5 * (low + high)), (origin, 0.5 * (low + high), high)]
 
 
-def _relaxed(balls: Balls, rule: Rule, block: Block, k: Array, top: float) -> tuple[Array, Array] | None:
+def _relax(balls: Balls, rule: RadauRule, block: Block, k: Array, top: float) -> tuple[Array, Array] | None:
     """k at the points of a block, and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner, last = rule.derivative[:, :-1], rule.derivative[:, -1]

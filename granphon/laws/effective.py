@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError, message
 from granphon.base.scales import WidthUnits
-from granphon.laws.collocation import Averages, Block, solved
+from granphon.laws.collocation import Averages, Block, solve_curve
 from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
 from granphon.laws.listed import PointAverages
 from granphon.laws.spread import SpreadLaw
@@ -22,12 +22,18 @@ from granphon.laws.spread import SpreadLaw
 __all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "averages_of", "effective_curve"]
 
 Array = NDArray[np.float64]
-#: points of collocation on a step, without its upper end, and what the last coefficients of k may be, relative to its least
-#: value on the step; for this many openings, which leave short steps only, fewer points and a larger tolerance
-_STAGES, _TOLERANCE = 16, 1e-12
-_MANY, _FEWER, _LARGER = 100, 12, 1e-10
-#: what rounding may make of that
-_WORST = 1e-8
+#: points of collocation on a step, without its upper end
+_STAGES = 16
+#: largest of the last coefficients of k over the least value of k on a step
+_LAST_COEFFICIENTS = 1e-12
+#: openings from which on all steps are short, so that fewer points do, and a larger tolerance
+_MANY_OPENINGS = 100
+#: points of collocation on short steps
+_STAGES_OF_SHORT = 12
+#: tolerance of the last coefficients on short steps
+_LAST_OF_SHORT = 1e-10
+#: largest tolerance that the rounding of a step may ask for
+_WORST_NOISE = 1e-8
 #: nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
 
@@ -38,8 +44,10 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 
     Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """
-    stages, tolerance = (_STAGES, _TOLERANCE) if shape.openings.size < _MANY else (_FEWER, _LARGER)
-    return solved(shape, xi, averages_of(shape, xi), stages, tolerance)
+    stages, tolerance = _STAGES, _LAST_COEFFICIENTS
+    if shape.openings.size >= _MANY_OPENINGS:
+        stages, tolerance = _STAGES_OF_SHORT, _LAST_OF_SHORT
+    return solve_curve(shape, xi, averages_of(shape, xi), stages, tolerance)
 
 
 def averages_of(shape: Shape, xi: float) -> Averages:
@@ -68,7 +76,7 @@ class DensityAverages:
         mean = np.sum(nodes.weights * stiffness, axis=-1)
         # on a short step differentiation amplifies the rounding of y and of forces, which are counted from the mean
         amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
-        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST)
+        noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
         return DensityBalls(self.xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
 
 

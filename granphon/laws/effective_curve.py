@@ -17,25 +17,26 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import PointShape, Shape
+from granphon.base.results import read_only
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 
-__all__ = ["LEAST_FORCE", "VALID_FORCE", "VANISHED", "EffectiveCurve"]
+__all__ = ["LEAST_SOLVED_FORCE", "VALID_FORCE", "VANISHED", "EffectiveCurve"]
 
 Array = NDArray[np.float64]
 #: a step, or that of each of the values
 Index = int | NDArray[np.intp]
-#: the curve ends where f* has fallen to this, far below the paper's limit of validity
-LEAST_FORCE = 1e-6
+#: f* to which the curve is solved, far below the paper's limit of validity
+LEAST_SOLVED_FORCE = 1e-6
 #: the limit of validity that Section IV states
 VALID_FORCE = 0.08
 #: stiffness of a contact that is none, relative to the mean one since the first contact: a law that stiffens has one or more
 VANISHED = 1e-7
 #: coefficients of the overlap as a function of the force
-_INVERSE = 16
-#: values in one block, where each brings the coefficients of its own step
-_BLOCK = 2**13
+_INVERSE_TERMS = 16
+#: values that are worked on at once, where each brings the coefficients of its own step
+_VALUES_AT_ONCE = 2**13
 #: values for each step, from which on they are sorted by step
-_FEW = 64
+_MANY_VALUES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +57,17 @@ class EffectiveCurve:
     def of(cls, shape: Shape, xi: float, far: Series, places: Array, stiffness: Array, force: float) -> EffectiveCurve:
         """From the (s + 1, steps) table of k, and the force at the lower end of the first step."""
         rise = 2.0 * places[2] * places[1:]  # dy/dt, as a series
-        forces = _integrated(stiffness, rise, force)
-        tables = _integrated(forces, rise, 0.0), forces, stiffness
+        forces = _integrate_over_steps(stiffness, rise, force)
+        tables = _integrate_over_steps(forces, rise, 0.0), forces, stiffness
         # rounding alone separates the two here; without it there is no seam
         scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
-        energy, force_table, stiffness = (_read_only(scale * table) for table in tables)
-        return cls(shape, xi, far, _read_only(places), (energy, force_table, stiffness))
+        energy, force_table, stiffness = (read_only(scale * table) for table in tables)
+        return cls(shape, xi, far, read_only(places), (energy, force_table, stiffness))
 
     @cached_property
     def least_force(self) -> float:
         """f* at the start of the curve."""
-        return max(LEAST_FORCE, float(self.ends(FORCE)[0, 0]))
+        return max(LEAST_SOLVED_FORCE, float(self.ends(FORCE)[0, 0]))
 
     @cached_property
     def start(self) -> float:
@@ -151,8 +152,8 @@ class EffectiveCurve:
     @cached_property
     def _inverse(self) -> Array:
         """(n, steps): t as a series in 2 w - 1, w the variable of :meth:`_smooth`."""
-        nodes, steps = chebyshev.chebpts1(_INVERSE), self.places.shape[1]
-        w = np.broadcast_to(0.5 + 0.5 * nodes[:, None], (_INVERSE, steps))
+        nodes, steps = chebyshev.chebpts1(_INVERSE_TERMS), self.places.shape[1]
+        w = np.broadcast_to(0.5 + 0.5 * nodes[:, None], (_INVERSE_TERMS, steps))
         low, span = self._forces
         force = low + np.where(self._touching, span * w * w, low * np.expm1(w * np.log1p(span / low)))
 
@@ -162,7 +163,7 @@ class EffectiveCurve:
             return np.asarray((self._descended(index, start, part) - middle) / half)
 
         t = self._by_step(np.broadcast_to(np.arange(steps), w.shape), force, of)
-        return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _INVERSE - 1), t), float)
+        return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _INVERSE_TERMS - 1), t), float)
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
@@ -193,9 +194,9 @@ class EffectiveCurve:
     def _by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]) -> Array:
         flat, numbers = values.ravel(), index.ravel()
         out = np.empty(flat.size)
-        if flat.size < _FEW * self.places.shape[1]:
-            for begin in range(0, flat.size, _BLOCK):
-                part = slice(begin, begin + _BLOCK)
+        if flat.size < _MANY_VALUES * self.places.shape[1]:
+            for begin in range(0, flat.size, _VALUES_AT_ONCE):
+                part = slice(begin, begin + _VALUES_AT_ONCE)
                 out[part] = of(numbers[part], flat[part])
             return out.reshape(values.shape)
         # sorted by step, so that each works on one piece; small integers sort in linear time
@@ -207,7 +208,7 @@ class EffectiveCurve:
         return out.reshape(values.shape)
 
 
-def _integrated(table: Array, rise: Array, start: float) -> Array:
+def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
     """Table of the integral over y, (n + 2, steps), from ``start`` at the lower end of the first step; ``rise`` is dy/dt."""
     product = np.zeros((len(table) + 1, table.shape[1]))
     product[:-1] += rise[0] * table
@@ -217,8 +218,3 @@ def _integrated(table: Array, rise: Array, start: float) -> Array:
     integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)
     integral[0] += start + np.append(0.0, np.cumsum(np.sum(integral, axis=0))[:-1])
     return integral
-
-
-def _read_only(array: Array) -> Array:
-    array.flags.writeable = False
-    return array

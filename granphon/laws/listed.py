@@ -29,12 +29,14 @@ from granphon.laws.collocation import Block
 __all__ = ["PointAverages"]
 
 Array = NDArray[np.float64]
-#: contacts are far whose overlap is this many times half the block's range; degree of their polynomials (1e-15)
-_FAR, _DEGREE = 6.0, 14
-#: steps of a block: a third of the number of diameters balances the two kinds of sums, and more costs little
-_STEPS = 32
-#: numbers in an array of near contacts
-_NUMBERS = 2**21
+#: overlap over half the range of a block from which on a contact is far
+_FAR_OVERLAP = 6.0
+#: degree of the polynomials of far contacts, which have errors of 1e-15
+_DEGREE = 14
+#: least steps of a block: a third of the number of diameters balances the two kinds of sums, and more costs little
+_LEAST_STEPS = 32
+#: most numbers in an array of near contacts
+_MOST_NEAR = 2**21
 
 
 class _Range(NamedTuple):
@@ -81,15 +83,15 @@ class PointAverages:
         least, openings = block.origin[-1, 0], self._contacts[0]
         low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        last = least - max(0.0, _FAR * half - middle)
+        last = least - max(0.0, _FAR_OVERLAP * half - middle)
         begin, end = np.searchsorted(openings, [last, block.origin[0, 0]], side="right").tolist()
         return _Range(middle, half, last, slice(begin, end))
 
     def count(self, block: Block) -> int:
         """As :meth:`granphon.laws.collocation.Averages.count`."""
-        steps = min(len(block.root), max(_STEPS, len(self.shape.positions) // 3))
+        steps = min(len(block.root), max(_LEAST_STEPS, len(self.shape.positions) // 3))
         near = self._range(block).near
-        return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _NUMBERS else steps
+        return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
 
     def balls(self, block: Block) -> PointBalls:
         """Near contacts and far ones."""
@@ -127,8 +129,8 @@ class PointAverages:
         gap = np.where(far, gap, 0.0)
         root = np.sqrt(gap)
         series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
-        stiffness = _integrated(series, span.half, 1.5 * root @ w)
-        force = _integrated(stiffness, span.half, gap * root @ w)
+        stiffness = _integrate_series(series, span.half, 1.5 * root @ w)
+        force = _integrate_series(stiffness, span.half, gap * root @ w)
         # T_m at the points, and less T_m at the upper end of the step, by recurrence: no digits are lost
         t = (block.origin - least + block.root**2 - span.middle) / span.half
         drop = block.drop * (block.root + block.root[:, -1:]) / span.half
@@ -144,7 +146,7 @@ class PointAverages:
         return [summed(stiffness, basis), summed(stiffness, change), summed(force, change), summed(force, basis[..., -1])]
 
 
-def _integrated(table: Array, scale: float, middle: Array) -> Array:
+def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
     """Series of the integral, with its values at 0."""
     out = np.asarray(chebyshev.chebint(table, scl=scale), float)
     out[0] += middle - chebyshev.chebval(0.0, out)

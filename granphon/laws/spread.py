@@ -13,13 +13,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, in_blocks
 from granphon.balls.hertz import HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.scales import WidthUnits
@@ -31,15 +31,16 @@ Array = NDArray[np.float64]
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: those of (2/5) y^(5/2), over the power of y that is left
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
-#: the series is used beyond this many times the largest deviation
-_FAR = 12.0
+#: y over the largest deviation from which on the series is used
+_SERIES_START = 12.0
+#: terms of the series
 _TERMS = 16
 #: least part of the range of overlaps above the first contact at which doubles hold eight digits of the force
 _LEAST_DEPTH = 1e-8
 #: nodes on either side, where contacts are counted: a count has a kink that the nodes do not know
 _COUNTING = 128
-#: loads in one block of an average over balls
-_BLOCK = 1024
+#: loads that an average over balls takes at once
+_LOADS_AT_ONCE = 1024
 
 
 class Series(NamedTuple):
@@ -86,7 +87,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     """
     n = np.arange(_TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
-    x, weights = shape.nodes(_FAR * scale)
+    x, weights = shape.nodes(_SERIES_START * scale)
     x = x / scale
     moments = [float(np.sum(weights * x**m)) for m in n]
     binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
@@ -94,7 +95,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     pairs = [sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1)) for m in n.tolist()]
     balls = np.array([binomial[m] * 0.5**m * pairs[m] for m in n])
     if math.isinf(xi):
-        return Series(balls @ weights, scale, _FAR * scale, balls, weights)
+        return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
     powers = _factors(STIFFNESS)
     mean, inverse = np.zeros(_TERMS), np.zeros_like(balls)
     mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
@@ -103,7 +104,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
         # 1/(K^Q + Xi k), to the same order
         inverse[m] = -inverse[0] * sum(powers[j] * (balls[j] + xi * mean[j]) * inverse[m - j] for j in n[1 : m + 1])
-    return Series(mean, scale, _FAR * scale, balls, weights)
+    return Series(mean, scale, _SERIES_START * scale, balls, weights)
 
 
 class SpreadLaw(ABC):
@@ -269,16 +270,10 @@ class SpreadLaw(ABC):
 
     def _joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
         """A function of y that is known in two parts."""
-        parts = (lambda values: _blockwise(far, values)), (lambda values: _blockwise(near, values))
+        parts = (partial(in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
             return self._parts(y, y >= self._series.start, *parts)
-
-
-def _blockwise(evaluate: Callable[[Array], Array], y: Array) -> Array:
-    """``evaluate`` (n,) -> (n,) for an array of any shape, in blocks."""
-    flat = y.reshape(-1)
-    return np.concatenate([evaluate(flat[i : i + _BLOCK]) for i in range(0, max(1, flat.size), _BLOCK)]).reshape(y.shape)
 
 
 # -- the averaged force ---------------------------------------------------------------------------------------------
@@ -301,7 +296,7 @@ class AveragedLaw(SpreadLaw):
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
     def _near_overlap(self, force: Array) -> Array:
-        depths, logs = _table(self.shape)
+        depths, logs = _tabulate_force(self.shape)
         first = -self.shape.bounds[1]
         with np.errstate(divide="ignore"):  # a force below the floating range is refused below
             wanted = np.log(force)
@@ -334,7 +329,7 @@ class AveragedLaw(SpreadLaw):
 
 
 @lru_cache(maxsize=128)
-def _table(shape: Shape) -> tuple[Array, Array]:
+def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
     """Logarithms of the depth y + max(x), and of F_ave there, up to the start of the series."""
     start, first = high_pressure_series(shape, math.inf).start, -shape.bounds[1]
     depths = np.linspace(math.log(_LEAST_DEPTH * abs(first)), math.log(start - first), 512)

@@ -65,7 +65,7 @@ class Accuracy:
 
     def least(self, kind: str) -> float:
         """The least load, f* or a*, from which errors are known."""
-        return float(self.data["loads"][_table(kind)][0])
+        return float(self.data["loads"][_tabulated_kind(kind)][0])
 
     def reduced(self, packing: Packing, load: Load) -> Array:
         """f* of an applied load, or a* of one that is given as an overlap."""
@@ -88,7 +88,7 @@ class Accuracy:
             return np.zeros(load.shape)
         if self.uncovered(packing) is not None:
             return np.full(load.shape, np.inf)
-        table = _table(load.kind)
+        table = _tabulated_kind(load.kind)
         at, known = np.array(self.data["loads"][table]), self.data["errors"][_family(packing)][table][medium]
         rows = np.array(known)[self._rows(packing.mindlin_ratio)].max(axis=0)
         place = np.maximum(self.reduced(packing, load), 0.0)
@@ -116,7 +116,7 @@ def _family(packing: Packing) -> str:
     return "normal" if isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0 else "any"
 
 
-def _table(kind: str) -> str:
+def _tabulated_kind(kind: str) -> str:
     return "overlap" if kind == "overlap" else "force"
 
 

@@ -39,13 +39,21 @@ __all__ = [
 Array = NDArray[np.float64]
 #: sides of the samples that are chosen among
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
-#: a relative error
-_TOLERANCE: Rule = partial(number, low=1e-12, high=0.99)
-#: about how many seconds the effective medium takes for a density, and for 64 listed diameters, whose pairs have so many
-#: openings, and by which power of these more take longer; and a simulation, for itself and each ball
-_SOLVED, _LISTED, _OPENINGS, _POWER, _SIMULATED, _BALL = 0.03, 0.25, 2080.0, 1.25, 0.04, 3e-6
-
-#: seconds; what takes less is done where a scene is only looked at
+#: a rule: a relative error
+relative_error: Rule = partial(number, low=1e-12, high=0.99)
+#: s; about what the effective medium takes for a density of diameters
+_DENSITY_TIME = 0.03
+#: s; about what the effective medium takes for 64 listed diameters
+_LIST_TIME = 0.25
+#: openings of the pairs of 64 listed diameters
+_LIST_OPENINGS = 2080.0
+#: power of the openings with which the time of a list grows
+_LIST_POWER = 1.25
+#: s; about what a simulation takes beside the time of its balls
+_SIMULATION_TIME = 0.04
+#: s; about what each ball of a simulation takes
+_BALL_TIME = 3e-6
+#: s; what takes less is done where a scene is only looked at
 _MOMENT = 0.1
 
 
@@ -85,7 +93,7 @@ class AutoMedium(Loaded[ContactState]):
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        object.__setattr__(self, "tolerance", require("tolerance", _TOLERANCE, self.tolerance))
+        object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
@@ -154,7 +162,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
-    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, _TOLERANCE)},
+    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, relative_error)},
 }
 
 
@@ -185,7 +193,7 @@ class MediumChoice:
     @property
     def label(self) -> str:
         """The name, with the options in brackets."""
-        options = ", ".join(f"{option}={_written(value)}" for option, value in self.options)
+        options = ", ".join(f"{option}={_write_option(value)}" for option, value in self.options)
         return f"{self.name}({options})" if options else self.name
 
     @property
@@ -245,8 +253,8 @@ class Rung:
 def solving_time(packing: Packing) -> float:
     """About how many seconds the effective medium takes for the distribution of a packing, at any number of loads."""
     shape = packing.spread.shape if packing.spread and packing.width else None
-    listed = _LISTED * (shape.openings.size / _OPENINGS) ** _POWER if isinstance(shape, PointShape) else 0.0
-    return max(_SOLVED, listed) if shape else 0.0
+    listed = _LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER if isinstance(shape, PointShape) else 0.0
+    return max(_DENSITY_TIME, listed) if shape else 0.0
 
 
 def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
@@ -260,7 +268,7 @@ def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
     def seconds(option: MediumChoice) -> float:
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
-            return _SIMULATED + _BALL * estimate(medium, least).work
+            return _SIMULATION_TIME + _BALL_TIME * estimate(medium, least).work
         return solving_time(packing) if isinstance(medium, EffectiveMedium) else 0.0
 
     return sorted([*media, *simulations], key=seconds)
@@ -299,6 +307,6 @@ def _options(name: str, given: Any) -> dict[str, Any]:
     return block(given, {option: known.rule for option, known in OPTIONS[name].items()})
 
 
-def _written(value: Any) -> str:
+def _write_option(value: Any) -> str:
     """As a scene may have it."""
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -30,20 +30,33 @@ __all__ = ["Cost", "available_memory", "bands", "density_of_states", "estimate",
 
 Array = NDArray[np.float64]
 #: what Python and its libraries take, bytes
-_BASE = 80e6
-#: bytes for each ball at work, without and with rotations; of each further sample and equilibrium that is kept
-_WORKING, _TURNING, _SAMPLE, _KEPT = 450.0, 620.0, 8.0, 17.0
-#: a* and f* of uniform diameters, between which loads given as overlaps are placed
-_SPACING = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
-_FORCE = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
-#: a linear response over its equilibrium, without and with rotations
-_STILL, _TURNED = 0.8, 1.4
-#: an equilibrium beside another, from which it is found, over that one
-_BESIDE = 0.6
-#: the small sample
-_SHAPE, _AT = (96, 96), 1.0
-#: a part that takes less, in seconds and bytes, is not worth telling
-_SHORT, _SMALL = 1.0, 1e8
+_PYTHON_BYTES = 80e6
+#: bytes for each ball while a sample without rotations is worked on
+_BALL_BYTES = 450.0
+#: bytes for each ball while a linear response with rotations is worked on
+_ROTATING_BALL_BYTES = 620.0
+#: bytes for each ball of a further sample that is kept
+_SAMPLE_BYTES = 8.0
+#: bytes for each ball of a further equilibrium that is kept
+_EQUILIBRIUM_BYTES = 17.0
+#: a* of uniform diameters, between which loads given as overlaps are placed
+_SPACINGS = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
+#: f* of uniform diameters at each of these a*
+_FORCES = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
+#: time of a linear response without rotations over that of its equilibrium
+_RESPONSE_TIME = 0.8
+#: time of a linear response with rotations over that of its equilibrium
+_ROTATING_RESPONSE_TIME = 1.4
+#: time of an equilibrium that is found from one beside it, over that of the other
+_BESIDE_TIME = 0.6
+#: balls along the sides of the small sample
+_SMALL_SHAPE = (96, 96)
+#: a* of the small sample
+_SMALL_SPACING = 1.0
+#: s; work that takes less is not worth telling
+_TOLD_SECONDS = 1.0
+#: bytes; work that takes less is not worth telling
+_TOLD_BYTES = 1e8
 
 
 @dataclass(frozen=True)
@@ -84,7 +97,7 @@ class Cost:
     @property
     def memory(self) -> float:
         """Bytes at the most, with Python and its libraries."""
-        return _BASE + self.working + self.kept
+        return _PYTHON_BYTES + self.working + self.kept
 
     @property
     def seconds(self) -> float:
@@ -94,7 +107,7 @@ class Cost:
     @property
     def tells(self) -> bool:
         """Whether it is worth telling: a simulation always is."""
-        return bool(self.equilibria) or self.known > _SHORT or self.memory - _BASE > _SMALL
+        return bool(self.equilibria) or self.known > _TOLD_SECONDS or self.memory - _PYTHON_BYTES > _TOLD_BYTES
 
     @property
     def text(self) -> str:
@@ -202,15 +215,15 @@ def estimate(
     balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
     packing = simulation.packing
     turning = moduli and select_motions(packing.mindlin_ratio).rotate
-    kept = _SAMPLE * (simulation.samples - 1) + _KEPT * (count - 1)
-    memory = balls * ((_TURNING if turning else _WORKING) + kept)
+    kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES * (count - 1)
+    memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES) + kept)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(_reduced_force(packing, load.applied), _FORCE[0])
+    force = np.maximum(_reduced_force(packing, load.applied), _FORCES[0])
     rest = _steps(force)
-    linear = rest * (_TURNED if turning else _STILL) if moduli else 0.0
-    beside = 2.0 * (_BESIDE * rest + linear) if exponents else 0.0
-    relative = float(np.sum(rest + linear + beside) / _steps(np.interp(_AT, _SPACING, _FORCE)))
+    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME) if moduli else 0.0
+    beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
+    relative = float(np.sum(rest + linear + beside) / _steps(np.interp(_SMALL_SPACING, _SPACINGS, _FORCES)))
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 
@@ -219,8 +232,8 @@ def _reduced_force(packing: Packing, load: Load) -> Array:
     loads = np.ravel(load.array)
     if load.kind == "overlap":
         spacing = packing.width_units.reduced_spacing(loads)
-        near = np.exp(np.interp(np.log(np.maximum(spacing, _SPACING[0])), np.log(_SPACING), np.log(_FORCE)))
-        return np.asarray(np.where(spacing > _SPACING[-1], np.maximum(spacing - 0.5, 0.0) ** 1.5, near))
+        near = np.exp(np.interp(np.log(np.maximum(spacing, _SPACINGS[0])), np.log(_SPACINGS), np.log(_FORCES)))
+        return np.asarray(np.where(spacing > _SPACINGS[-1], np.maximum(spacing - 0.5, 0.0) ** 1.5, near))
     if load.kind == "pressure":
         loads = loads * packing.diameter / packing.structure.pressure_factor
     return np.asarray(packing.width_units.reduced_force(loads))
@@ -234,12 +247,12 @@ def _steps(force: ArrayLike) -> Array:
 @cache
 def _second_per_ball() -> float:
     """Of the small sample at a* = 1, with its stiffness, on this machine."""
-    deviations = uniform_numbers(_SHAPE, 0) - 0.5
+    deviations = uniform_numbers(_SMALL_SHAPE, 0) - 0.5
     deviations -= np.mean(deviations)
     times = []
     for _ in range(3):
         start = perf_counter()
-        _ = equilibrate(deviations, Prescribed(overlap=_AT - 0.5)).stiffness
+        _ = equilibrate(deviations, Prescribed(overlap=_SMALL_SPACING - 0.5)).stiffness
         times.append(perf_counter() - start)
     return min(times) / deviations.size
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import LEAST_FORCE, Equilibrium, Prescribed, equilibrate, too_small
+from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate, too_small
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -41,7 +41,7 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     hertz = AveragedLattice(replace(packing, spread=None))
     if load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
-        if packing.width and least < LEAST_FORCE:
+        if packing.width and least < THRESHOLD_FORCE:
             raise too_small(least)
     elif not packing.width:
         hertz.at(load)

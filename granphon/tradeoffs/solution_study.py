@@ -15,7 +15,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import local_field
-from granphon.laws.collocation import solved
+from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import EffectiveLaw, averages_of
 from granphon.laws.effective_curve import EffectiveCurve
 from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
@@ -56,7 +56,7 @@ class SolutionStudy(DisorderStudy):
 
         def make_point(stages: int, tolerance: float) -> Point:
             def solve(averages: Any) -> Array:
-                law = _LawOfCurve(1.0, 1.0, shape, xi, solved(shape, xi, averages, stages, tolerance))
+                law = _LawOfCurve(1.0, 1.0, shape, xi, solve_curve(shape, xi, averages, stages, tolerance))
                 return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
 
             return Point(

@@ -24,7 +24,7 @@ from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon.array import equilibrium as module
-from granphon.array.equilibrium import TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import TRIANGULAR
@@ -124,7 +124,7 @@ def growth(repeats: int) -> list[Row]:
     return [
         *rows,
         Row(f"{of}: iterations, mean of four seeds", many / few, "", 1.5, note=f"{many:.4g} against {few:.4g}"),
-        Row(f"{of}: largest residual of all", worst, "", TOLERANCE),
+        Row(f"{of}: largest residual of all", worst, "", REST_TOLERANCE),
     ]
 
 
@@ -157,7 +157,7 @@ def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
         return [
             Row(f"{of}: peak memory of the process", seen["GiB"], "GiB", bound),
             Row(f"{of}: time of the first sample", seen["s"], "s", note=took),
-            Row(f"{of}: residual", seen["residual"], "", TOLERANCE),
+            Row(f"{of}: residual", seen["residual"], "", REST_TOLERANCE),
         ]
 
     return part
@@ -188,7 +188,7 @@ def seconds(repeats: int) -> list[Row]:
         (median,) = alternate(min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)).values()
         of, took = f"{length}x{length}, a* = {spacing:g}", f"{state.newton} steps, {state.conjugate} iterations"
         rows.append(Row(f"{of}, to 1e-10", median, "s", note=took))
-        rows.append(Row(f"{of}: residual", residual(state), "", TOLERANCE))
+        rows.append(Row(f"{of}: residual", residual(state), "", REST_TOLERANCE))
     return rows
 
 
