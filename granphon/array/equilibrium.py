@@ -26,16 +26,9 @@ from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
 __all__ = [
-    "CARRIED_FORCE",
-    "REST_TOLERANCE",
-    "THRESHOLD_FORCE",
-    "Equilibrium",
-    "Prescribed",
-    "equilibrate",
-    "linear_response",
-    "too_small",
-    "uniform_part",
-]
+    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "equilibrate", "linear_response",
+    "too_small", "uniform_part",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
