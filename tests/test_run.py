@@ -846,10 +846,10 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
     from granphon.base import staging
-    from granphon.cli import commands as cli
+    from granphon.cli import scenes
     from granphon.sweeps import tasks
 
-    places = {"_exchange": staging, "clear": tasks.Store, "_table": cli}
+    places = {"_exchange": staging, "clear": tasks.Store, "say_table": scenes}
     name = moment.rpartition(".")[2]
     before = getattr(places[name], name)
 
