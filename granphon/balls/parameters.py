@@ -38,7 +38,7 @@ class Axis:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Axis:
-        """``given`` is one value or a list; :class:`InputError` for an unknown name, no value, or what is no number."""
+        """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or a wrong value."""
         if name not in PARAMETERS:
             guess = closest(name, PARAMETERS)
             raise InputError(
@@ -52,7 +52,7 @@ class Axis:
 
     @property
     def unit(self) -> str | None:
-        """Of the values; None if they are no numbers."""
+        """SI unit of the values; None for parameters that are not numbers."""
         return PARAMETERS[self.name]
 
     @property
@@ -130,7 +130,7 @@ def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
-    """How many combinations of values there are; :class:`InputError` if they are too many for a sweep."""
+    """Count the combinations of values; :class:`InputError` if they are too many for a sweep."""
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
         what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"

@@ -1,4 +1,4 @@
-"""What is given in Python, checked by name: the rules of :mod:`granphon.base.validation` as functions of a name and a value.
+"""Checks of the arguments of Python calls: the rules of :mod:`granphon.base.validation`, with the name of the argument.
 
 Each returns the value as a plain number, array or tuple, or raises :class:`~granphon.base.errors.InputError`.
 """

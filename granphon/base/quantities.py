@@ -76,7 +76,7 @@ class Quantity:
 
     @property
     def allowed(self) -> str:
-        """What may be written for it."""
+        """The sentence that says what may be written for such a quantity."""
         sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
         return f"a {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
 
@@ -108,7 +108,7 @@ class Quantity:
         return self._value(number, factor, value)
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
-        """As :meth:`read` of each number with the ``unit``, to the last bit; None if one should be looked at by itself.
+        """Read many numbers of one ``unit``, each to the last bit as :meth:`read` does; None if one needs a look by itself.
 
         A unit that is a power of ten moves the point of the decimal, whose nearest float is then the value.
         """
@@ -170,7 +170,7 @@ def _shifted(number: str, power: int) -> str:
 
 @lru_cache(maxsize=256)  # the cells of a column share their unit
 def _factor(kind: Quantity, unit: str) -> Fraction:
-    """How many SI units of its ``kind`` a unit is, exactly; ValueError says why it is none."""
+    """The factor from a unit to the SI unit of its ``kind``, exactly; ValueError says why it is no such unit."""
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     registry, own = _registry(), kind.unit.replace("%", "percent")

@@ -22,7 +22,7 @@ _MAX_DEPTH = 12
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
-    """What stands in a regular file of no more than ``limit`` bytes.
+    """Read the bytes of a regular file that holds no more than ``limit`` of them.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
 
 
 class _Refused(Exception):
-    """What a plain text does not hold."""
+    """A part of a YAML text that is not plain data."""
 
 
 def _check_node(event: Any) -> None:

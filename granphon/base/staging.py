@@ -243,7 +243,7 @@ def open_folder(
 def staging(
     folder: StrPath, names: Sequence[str], force: bool = False, inputs: Iterable[StrPath] = (), optional: Sequence[str] = ()
 ) -> Iterator[Path]:
-    """:func:`open_folder` and :meth:`ResultFolder.staging` in one, for what is written as soon as it is known."""
+    """Open a folder and stage files there, for results that are written as soon as they are known."""
     with open_folder(folder, names, force, inputs=inputs) as target, target.staging(names, optional) as place:
         yield place
 
@@ -262,7 +262,7 @@ def _locked(target: Path) -> Iterator[bool]:
 
 
 def _lock_file(path: Path) -> int | None:
-    """Its descriptor, with the lock; None on a file system that knows no locks."""
+    """Lock the file, and return its descriptor; None on a file system that knows no locks."""
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -355,7 +355,7 @@ def _recover(target: Path) -> None:
 
 
 def _recover_unless_locked(target: Path) -> None:
-    """:func:`_recover` if a run has left something, and none is under way."""
+    """Call :func:`_recover` if a run has left something, and none is under way."""
     with suppress(OSError, ValueError):  # what is wrong with the folder, the check says
         if any(target.glob(PREFIX + "*")):
             with _locked(target) as alone:
@@ -364,7 +364,7 @@ def _recover_unless_locked(target: Path) -> None:
 
 
 def _is_name(name: Any) -> bool:
-    """Whether it is a name alone, which leads nowhere else."""
+    """Tell whether ``name`` is the name of a file alone, which leads into no other folder."""
     return isinstance(name, str) and Path(name).name == name and name not in ("", ".", "..")
 
 
@@ -396,5 +396,5 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
 
 
 def write_text(path: StrPath, text: str) -> None:
-    """:func:`write_bytes` of a text in UTF-8."""
+    """Write a text in UTF-8 by :func:`write_bytes`."""
     write_bytes(path, text.encode("utf-8"))

@@ -186,7 +186,7 @@ def _hint(problem: str) -> str:
 
 
 def show(value: Any) -> str:
-    """``value`` as a message shows it: short, on one line, without control characters."""
+    """Write a value as messages have it: short, on one line, without control characters."""
     if isinstance(value, Mapping):
         return "a block of keys"
     if isinstance(value, list | tuple):
@@ -212,7 +212,7 @@ def closest(word: str, options: Iterable[str]) -> str | None:
 
 
 def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
-    """``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
+    """Write ``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
 
     Mappings, lists, strings, numbers, booleans, None and whatever has ``tolist`` (numpy). Floats come back to the last bit.
     """

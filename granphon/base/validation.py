@@ -32,7 +32,7 @@ _DEEPEST = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """``rule(value)`` for what stands at ``key``; a refusal says so."""
+    """Read the value at ``key`` by its rule; a refusal has the key in its path."""
     try:
         return rule(value)
     except Refused as refused:
@@ -40,7 +40,7 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:
-    """``rule(value)`` for what is given in Python: :class:`~granphon.base.errors.InputError`, which calls it ``name``."""
+    """Read an argument of a Python call by a rule; :class:`~granphon.base.errors.InputError` calls it ``name``."""
     try:
         return rule(value)
     except Refused as refused:
@@ -71,7 +71,7 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
 
 
 def _allowed(rule: Rule) -> str:
-    """What a rule that does not take None allows, in words."""
+    """Find in words what a rule allows, by giving it None, which it does not take."""
     try:
         rule(None)
     except Refused as refused:
@@ -87,7 +87,7 @@ def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
 
 
 def choice(value: Any, options: Sequence[str]) -> str:
-    """One of some words."""
+    """Read a word that must be one of the ``options``."""
     if isinstance(value, str) and value in options:
         return value
     meant = closest(value, options) if isinstance(value, str) else None

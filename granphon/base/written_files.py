@@ -32,7 +32,7 @@ def files_written(folder: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """What one of our hidden files says; empty if it is not there, or not as we write it."""
+    """Read one of granphon's hidden files; empty if it is not there, or not as granphon writes it."""
     with suppress(GranphonError, ValueError, RecursionError):
         data = json.loads(read_bytes(path))
         return data if isinstance(data, dict) else {}
@@ -51,5 +51,5 @@ def digest_file(path: Path) -> str:
 
 
 def is_written(path: Path, *digests: str) -> bool:
-    """Whether the file is one that granphon wrote, byte for byte."""
+    """Tell whether a file has one of the ``digests`` of files that granphon wrote."""
     return bool(digests) and path.is_file() and not path.is_symlink() and digest_file(path) in digests

@@ -123,7 +123,7 @@ def run_scene(
     from granphon.sweeps.workers import worker_processes
 
     def left() -> str:
-        """What an interruption has left."""
+        """Say what an interruption has left in the folder."""
         if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
         kept = read.is_sweep and os.path.isdir(os.path.join(out, WORK_FOLDER))

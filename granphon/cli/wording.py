@@ -26,7 +26,7 @@ __all__ = [
 
 
 def human(value: float, unit: str) -> str:
-    """``value`` with five digits and a decimal prefix."""
+    """Write a value with five digits and a decimal prefix."""
     size, name = prefixed(value, unit)
     return f"{value / size:.5g} {name}"
 
@@ -100,7 +100,7 @@ def describe_choice(rung: Rung) -> str:
 
 
 def describe_cost(cost: Cost) -> str:
-    """What it will take."""
+    """Say how much memory and time some work will take."""
     return f"{cost.text} on one processor"
 
 

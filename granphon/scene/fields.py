@@ -42,7 +42,7 @@ AnySpread = Uniform | Normal | Discrete | Measured
 
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """One number or quantity, a list of them, or a range of them, {from, to, points, scale}, even on its scale."""
+    """Read a number or quantity, a list of them, or a range {from, to, points, scale} that is even on its scale."""
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
     if not isinstance(value, dict):
@@ -67,7 +67,7 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 
 def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """What :func:`read_values` reads to the last bit: one value, a range where it gives the same, or a list."""
+    """Write one value, a range where it gives the same, or a list, so that :func:`read_values` reads it to the last bit."""
     first, last, count = given[0], given[-1], len(given)
     if count == 1:
         return write(first)
@@ -151,7 +151,7 @@ _read_diameters = partial(each, rule=LENGTH.read, what="diameters")
 
 
 def write_spread(given: Any, table: str = "") -> dict[str, Any]:
-    """What :func:`read_spread` reads to the last bit; too many measured diameters are named by their ``table``."""
+    """Write a spread that :func:`read_spread` reads to the last bit; too many diameters are named by their ``table``."""
     if isinstance(given, Uniform):
         return {"uniform": WIDTH.write(given.width)}
     if isinstance(given, Normal):
@@ -165,7 +165,7 @@ def write_spread(given: Any, table: str = "") -> dict[str, Any]:
 
 
 def _is_long(given: Any) -> bool:
-    """Whether it is more measured diameters than a scene holds itself."""
+    """Tell whether a spread has more measured diameters than a scene file holds itself."""
     return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
 
 
@@ -180,7 +180,7 @@ def diameters_table(given: Any) -> str | None:
 
 
 def read_media(value: Any) -> tuple[MediumChoice, ...]:
-    """One medium, or a list of them."""
+    """Read one medium, or a list of them."""
     if not isinstance(value, list | tuple):
         return (medium(value),)
     found: tuple[MediumChoice, ...] = each(value, medium, "media")
@@ -195,7 +195,7 @@ _QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH,
 
 
 def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """What a sweep goes over besides loads and media: parameters of the packing with their values, in the order given."""
+    """Read the parameters of the packing that a sweep goes over, with their values, in the order given."""
     numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {
         "poisson_ratio": read_poisson_ratio
     }
@@ -206,7 +206,7 @@ def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...
 
 
 def write_parameter(name: str, given: Sequence[Any]) -> Any:
-    """What :func:`read_parameters` reads for one of them, to the last bit."""
+    """Write the values of one parameter, so that :func:`read_parameters` reads them to the last bit."""
     if name in _QUANTITIES:
         return write_values(given, _QUANTITIES[name].write)
     if name == "poisson_ratio":
@@ -225,7 +225,7 @@ def read_lattice(value: Any) -> str:
 
 
 def write_lattice(lattice: str | Lattice) -> str:
-    """Its name; :class:`~granphon.base.errors.InputError` if it is not a lattice of that name."""
+    """Write a lattice as its name; :class:`~granphon.base.errors.InputError` if the lattice of that name is another one."""
     structure = find_lattice(lattice)
     if LATTICES.get(structure.name) != structure:
         raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class Case:
         return self._state_at(0)
 
     def states(self, wanted: Callable[[Rung], bool]) -> Iterator[tuple[str, ContactState]]:
-        """In words what serves the loads, and its contacts at them: (n_loads,), or () if there is one load alone."""
+        """The states of the media that are wanted, each with its label: (n_loads,), or () if there is one load alone."""
         for rung in filter(wanted, self.rungs):
             label = f"{self.label}: {rung.medium.label}" if self.medium.is_automatic else self.label
             yield label, self.state if self.load.size == 1 else self._solve(rung, rung.load)
@@ -105,7 +105,7 @@ class Case:
                 contact_lattice(self._state_at(index) if index else self.state)
         return True
 
-    def at_load(self, index: int, before: str = "") -> Any:
+    def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
         """Errors of the block are those of the load number ``index``, at its place in the scene file."""
         return self.origin.at_load(self.written, index, before)
 
@@ -129,7 +129,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a ``scene`` goes over: the ``axes`` of its packing, its media, and its ``load``, counted before any is made."""
+    """The cases of a ``scene``: its media at every combination of values of its ``axes``, under its ``load``."""
 
     scene: Scene
     origin: Origin
@@ -255,7 +255,7 @@ class Plan:
 
     @cached_property
     def parts(self) -> list[CostPart]:
-        """What takes something of memory or time, with its place in the scene file."""
+        """The parts of the work that take memory or time, with their places in the scene file."""
         scene = self.scene
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
         out: list[CostPart] = [

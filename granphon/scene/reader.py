@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ class Origin:
 
     @property
     def folder(self) -> Path:
-        """Where files that the scene names are looked for."""
+        """The folder in which files that the scene names are looked for."""
         return self.path.parent if self.path else Path()
 
     @property
@@ -69,22 +69,22 @@ class Origin:
             place = path or getattr(error, "path", ())
             raise self.document.error(place, f"{before}{error}") from None
 
-    def at_medium(self, label: str, allowed: str) -> Any:
+    def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
         """Errors of the block belong to the medium."""
         return self.at("medium", before=f"found {label!r}; allowed: {allowed}. ")
 
-    def at_load(self, kind: str, index: int, before: str = "") -> Any:
+    def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
         """Errors of the block belong to the load number ``index``."""
         path, given = self._place("load", kind, index)
         return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry. {before}")
 
-    def at_value(self, parameter: str, index: int) -> Any:
+    def at_value(self, parameter: str, index: int) -> AbstractContextManager[None]:
         """Errors of the block belong to the value number ``index`` of a parameter that is swept."""
         path, given = self._place("sweep", parameter, index)
         return self.at(*path, before=f"found {given}; allowed: a value that the packing can have. ")
 
     def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
-        """Where one value of a key stands, and what stands there: the one value, one of a list, or an end of a range."""
+        """The path and the text of one value of a key: of the one value, of one in a list, or of an end of a range."""
         if self.document is None:
             return (block, key), ""
         given = self.document.data[block][key]

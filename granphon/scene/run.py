@@ -100,7 +100,7 @@ class RunResult:
 
     @cached_property
     def _exponents(self) -> dict[str, Any]:
-        """Those of a simulation take equilibria of their own: with the velocities only."""
+        """The local exponent; of a simulation, which takes equilibria of its own, with the velocities only."""
         asked = self.velocities is not None or not self.state.samples
         return find_all(self._analysis, ("exponent",)) if asked else {}
 
