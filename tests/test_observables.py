@@ -326,7 +326,7 @@ def test_the_group_velocity_is_the_gradient_of_the_frequency(steel, direction):
 )  # fmt: skip
 def test_a_direction_that_is_none_is_one_error(state, direction):
     for find in (gp.sound_velocities, lambda state, along: gp.pulse_velocities(state, 6500.0, along)):
-        with pytest.raises(InputError, match=r"^direction is") as told:
+        with pytest.raises(InputError, match=r"^direction(: found| is)") as told:
             find(state, direction)
         # what is no array of numbers is told so, as of any argument
         assert ("two finite numbers, x and y, not both zero" in str(told.value)) != ("a real number" in str(told.value))
