@@ -266,7 +266,7 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
 
 
 def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
-    """By the first of the hints that the value serves; if it names its class, by that one's alone."""
+    """Restore a value by the first of the hints that it serves; if it names its class, by that one's alone."""
     if isinstance(value, Mapping):
         hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _class_of(value)) or hints
     for hint in hints[:-1]:

@@ -43,7 +43,7 @@ class Heading:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """From ``name``, ``name (unit)`` or ``name [unit]``; ``frequency_Hz`` and ``total_per_Hz`` of dos.csv say theirs."""
+        """Read ``name``, ``name (unit)``, ``name [unit]``, or a name of dos.csv that ends in its unit: ``total_per_Hz``."""
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
         if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
             return cls(match[1], "1/Hz" if told[1] else "Hz")
@@ -231,7 +231,7 @@ def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
 
 
 def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """As many cells as headings: a short line lacks the last ones, a long one is an error unless its excess is empty."""
+    """Make as many cells as headings: a short line lacks the last, a long one is an error unless its excess is empty."""
     if len(cells) == count:
         return cells
     if any(cells[count:]):

@@ -67,7 +67,7 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
 
 
 def _height(sample: Sample) -> float:
-    """Of a figure, in inches, with the array 2.9 inches wide."""
+    """Height of a figure, in inches, in which the array is 2.9 inches wide."""
     rows, columns = sample.equilibrium.deviations.shape
     return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
 

@@ -61,7 +61,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         )
         order = np.argsort(horizontal, kind="stable")
         horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
-        simulated = _simulated(dataset, index)
+        simulated = _is_simulated(dataset, index)
         style: dict[str, Any] = {"color": colour, "marker": "o" if simulated or order.size == 1 else "", "markersize": 3.0}
         thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
         thin |= {"markerfacecolor": "white"}
@@ -85,7 +85,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     return ax
 
 
-def _simulated(dataset: Dataset, index: dict[str, int]) -> bool:
+def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
     """Whether the medium there is a simulation, by its label."""
     return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
 
@@ -135,7 +135,7 @@ def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
 
 
 def _shades(name: str, count: int) -> list[Any]:
-    """Of one colour, from darker than itself to lighter; one alone is the colour."""
+    """Shades of one colour, from darker than itself to lighter; one alone is the colour."""
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
@@ -161,7 +161,7 @@ def _legend(dataset: Dataset) -> list[Line2D]:
         shades = _shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
-    simulated = [_simulated(dataset, {"medium": m}) for m in range(len(media))]
+    simulated = [_is_simulated(dataset, {"medium": m}) for m in range(len(media))]
     point: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": "none"}
     entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
     entries += [(value, all(simulated)) for value in values]

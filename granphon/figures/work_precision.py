@@ -74,7 +74,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         for point in drawn:
             if not point.resolved:
                 ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_MARKER, mew=0.9, zorder=3.0)
-        for point in _labelled(drawn) if len(drawn) > 1 else ():
+        for point in _choose_labelled(drawn) if len(drawn) > 1 else ():
             ax.annotate(
                 point.knob.replace(" x ", "×"), (point.seconds, point.error), (3.0, 3.0), textcoords="offset points",
                 fontsize=7.0, color=colour,
@@ -111,7 +111,7 @@ def _bar(point: MeasuredPoint) -> float:
 
 
 def _draw_floor(points: Sequence[MeasuredPoint], ax: Axes) -> None:
-    """That of rounding: a line if it is near, else words at the bottom."""
+    """Draw the floor of rounding: a line if it is near, else words at the bottom."""
     floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
     if floor == 0.0:
         return
@@ -123,8 +123,8 @@ def _draw_floor(points: Sequence[MeasuredPoint], ax: Axes) -> None:
         ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
 
 
-def _labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
-    """Those whose knobs can be read: of points that lie on each other the first."""
+def _choose_labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
+    """The points whose knobs can be read: of several that lie on each other, the first."""
     kept: list[MeasuredPoint] = []
     for point in points:
         if all(

@@ -79,7 +79,7 @@ class Bands(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Also that there are two or three components of each ball, and that all numbers are finite."""
+        """Check, besides, that there are two or three components of each ball, and that all numbers are finite."""
         super().check()
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:

@@ -50,7 +50,7 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Also that all numbers are finite."""
+        """Check, besides, that all numbers are finite."""
         super().check()
         self.check_finite()
 

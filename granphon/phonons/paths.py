@@ -222,7 +222,7 @@ class BandPath:
 
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """From phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
+        """Read phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
         named = None if labels is None else require("band_labels", read_labels, labels)
         return cls(require("band", read_paths, points), named)
 

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
 
-FORMAT, SWEEP_SCHEMA = "granphon sweep", 1
+#: what a file of a sweep calls itself
+FORMAT = "granphon sweep"
+#: version of the format
+SWEEP_SCHEMA = 1
 #: the attribute with the digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs note what they did, and change no number
@@ -50,7 +53,7 @@ _REQUIRED = {"force", "longitudinal", "transverse", "valid", "medium"}
 
 
 def file_names(path: Path) -> list[str]:
-    """Of the netCDF file and of the table beside it."""
+    """Names of the netCDF file and of the table beside it."""
     return [path.name, path.with_suffix(".csv").name]
 
 
@@ -81,7 +84,7 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
 
 
 def _digest_numbers(dataset: Dataset) -> str:
-    """Of names, dimensions, kinds, numbers and attributes, and of nothing that depends on how they are stored."""
+    """Digest of names, dimensions, kinds, numbers and attributes, and of nothing that depends on how they are stored."""
     variables = {
         str(name): [list(variable.dims), list(variable.shape), *_content(variable.values), variable.attrs]
         for name, variable in dataset.variables.items()

@@ -75,7 +75,7 @@ class Job:
 
     @cached_property
     def name(self) -> str:
-        """Of its file: the medium, and a digest of everything that determines the numbers."""
+        """Name of its file: the medium, and a digest of everything that determines the numbers."""
         data = {**plain(self), "where": "", "places": "", "schema": SWEEP_SCHEMA, "versions": packages()}
         return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
@@ -140,7 +140,7 @@ class Job:
         return out
 
     def choices(self) -> TaskResult:
-        """At each load the medium that served it, and its expected error, +inf if that is not known."""
+        """The medium that serves each load, and its expected error, +inf where that is not known."""
         choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
         for rung in self.rungs:
             choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
@@ -148,7 +148,7 @@ class Job:
 
     @property
     def steps(self) -> int:
-        """One: all loads together."""
+        """Number of steps: one, all loads together."""
         return 1
 
     def done(self, part: TaskResult) -> int:

@@ -168,7 +168,7 @@ class _Way:
 
     @classmethod
     def of(cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
-        """That of all packings; :class:`InputError` if they have no one path."""
+        """Lay the path that all packings share; :class:`InputError` if there is no such path."""
         first = packings[0][1]
         if len({(one.structure, select_motions(one.mindlin_ratio)) for _, one in packings}) > 1:
             raise InputError(

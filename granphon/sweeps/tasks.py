@@ -49,7 +49,7 @@ class Task(Protocol):
 
     @property
     def steps(self) -> int:
-        """In how many it is done."""
+        """Number of steps that the task takes."""
         ...
 
     def done(self, part: TaskResult) -> int:
@@ -241,7 +241,7 @@ def _remove(path: Path) -> None:
 
 
 def _why(there: Any, here: Any) -> str:
-    """In words how the work there differs from the one here."""
+    """Say how the work there differs from the one here."""
     if here is None:
         return "A result of one state would stand beside it"
     differences = "; ".join(_differences(there, here))
@@ -249,7 +249,7 @@ def _why(there: Any, here: Any) -> str:
 
 
 def _differences(there: Any, here: Any) -> list[str]:
-    """In words where plain data differ, the first few."""
+    """The first few places where plain data differ, in words."""
     found = list(_different(there, here, ""))
     more = len(found) - _MOST_NAMED
     return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])

@@ -41,13 +41,13 @@ def _serve(pipe: Connection) -> None:
             function, args, kwargs = orders.get()
             answer = (True, function(*args, **kwargs))
         except BaseException as error:
-            answer = (False, _noted(error))
+            answer = (False, _note_place(error))
         try:
             pipe.send(answer)
         except OSError:  # nobody listens any more
             return
         except Exception as error:  # it cannot be pickled
-            pipe.send((False, _noted(RuntimeError(f"{type(error).__name__}: {error}"))))
+            pipe.send((False, _note_place(RuntimeError(f"{type(error).__name__}: {error}"))))
 
 
 def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
@@ -62,8 +62,8 @@ def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
         os._exit(1)
 
 
-def _noted(error: BaseException) -> BaseException:
-    """With the place where it arose, which is not sent with it."""
+def _note_place(error: BaseException) -> BaseException:
+    """``error`` with a note of the place where it arose, which is not sent with it."""
     error.add_note("In a worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
     return error
 
@@ -95,7 +95,7 @@ def _held_back() -> Iterator[None]:
 
 
 @contextmanager
-def _masked() -> Iterator[None]:
+def _mask_interrupts() -> Iterator[None]:
     """Let processes that are started in the block never be stopped by a signal that is meant for us: they inherit that."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -118,7 +118,7 @@ class _Workers(Executor):
         """Start so many."""
         context = multiprocessing.get_context("spawn")
         atexit.register(self.shutdown)  # before multiprocessing waits for them, should an interruption keep us from it
-        with _held_back(), _masked():
+        with _held_back(), _mask_interrupts():
             if os.name == "posix":
                 # the first start of a process would start it, and let signals through again
                 from multiprocessing import resource_tracker
