@@ -41,7 +41,7 @@ def run(tmp_path_factory):
             patch.chdir(folder)
             # budgets count looks at the stopwatch, not seconds of a machine that may be busy
             looks = itertools.count()
-            patch.setattr(Stopwatch, "now", lambda stopwatch: 0.05 * next(looks))
+            patch.setattr(Stopwatch, "now", lambda stopwatch: 0.1 * next(looks))
             names = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
         figure = names["figure"]
         assert isinstance(figure, Figure)

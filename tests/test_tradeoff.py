@@ -89,7 +89,7 @@ SMALL = {
     MediaStudy: {"sides": (8,), "counts": (1, 2), "reference_side": 16},
     GridStudy: {"graded": (2, 3, 4), "uniform": (4, 8, 16, 32)},
     SolutionStudy: {"tolerances": {6: (1e-1, 1e-4), 16: (1e-2, 1e-6)}},
-    MeshStudy: {"meshes": (8, 16, 32), "reference_lines": 64},
+    MeshStudy: {"meshes": (8, 16), "reference_lines": 64},
 }
 #: one setting of each
 LEAST = {
