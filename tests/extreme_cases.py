@@ -842,6 +842,7 @@ CASES = [
         "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way, η of 0 and 4/3",
         1e-8,
         uneven_mediums,
+        slow=True,
     ),
     Case(
         "force and stiffness at high pressure, all media",
@@ -868,6 +869,7 @@ CASES = [
         "the same cells, W from 1e-16 to 0.3 d, f* from 0.01 to 1e22; below 500 balls from 1e-6 (a* of 0.28 and less)",
         1e-9,
         disordered_cells,
+        slow=True,
     ),
     Case(
         "simulation near the rigidity threshold: contact forces and elastic tensor, against sparse matrices",

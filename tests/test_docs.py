@@ -54,6 +54,9 @@ NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks
 #: statements of values and commands in some pages, at least
 LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}
 
+#: pages that take seconds, by simulations or by measuring times
+LONG = ("how-to/material.md", "how-to/tradeoff.md")
+
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rf"{_NUMBER}(?:,\s+{_NUMBER})*(?=[\s:,;]|$)")
@@ -223,7 +226,12 @@ def performed(page: Path, folder: Path) -> Iterator[str | None]:
 
 # the commands of the page for developers are those of .ci/run
 @pytest.mark.parametrize(
-    "page", [one for one in having("python", "yaml", "text", "console", "sh") if one.id != "development.md"]
+    "page",
+    [
+        pytest.param(*one.values, id=one.id, marks=pytest.mark.exhaustive if one.id in LONG else ())
+        for one in having("python", "yaml", "text", "console", "sh")
+        if one.id != "development.md"
+    ],
 )
 def test_every_block_runs_and_gives_what_the_page_says(page, folder):
     if "from euphonic" in page.read_text(encoding="utf-8"):

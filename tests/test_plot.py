@@ -360,10 +360,12 @@ print(dict.__getitem__(matplotlib.rcParams, "backend"))
 @pytest.mark.parametrize(
     ("module", "backend", "kept"),
     [
-        ("bands", "nonsense", None), ("sweeps", "module://there.is.none", None), ("work_precision", "", None),
+        pytest.param("bands", "nonsense", None, marks=pytest.mark.exhaustive),
+        ("sweeps", "module://there.is.none", None),
+        pytest.param("work_precision", "", None, marks=pytest.mark.exhaustive),
         ("bands", "svg", "svg"),
     ],
-)  # fmt: skip
+)
 def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(tmp_path, module, backend, kept):
     run = subprocess.run(
         [sys.executable, "-W", "error", "-c", MADE.format(module=module), str(tmp_path / "bands.png")],

@@ -406,6 +406,7 @@ def test_what_no_run_has_written_is_not_removed(work):
     assert (work / "out" / "summary.yaml").read_text() == "files: 3"
 
 
+@pytest.mark.exhaustive
 def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
     names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(900))
     text = SWEEP.replace("[1 um, 2 um]", f"[{names}]").replace("points: 6", "points: 2").replace("[ala, afa, ema]", "ala")

@@ -589,6 +589,7 @@ def small(spread):
 
 
 @pytest.mark.claim("exponent-errors")
+@pytest.mark.exhaustive
 def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
     """Six experiments of four samples at each of four loads: differences from the truth over errors are Student's t."""
     truth = np.array([value for value, _ in EXPONENTS.values()])
@@ -608,6 +609,7 @@ def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
 
 
 @pytest.mark.claim("exponent-errors")
+@pytest.mark.exhaustive
 def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
     # which that of a variance without bound would not
     for state in (small[place] for place in range(4)):
