@@ -1,6 +1,6 @@
 """Checks of the arguments of Python calls: the rules of :mod:`granphon.base.validation`, with the name of the argument.
 
-Each returns the value as a plain number, array or tuple, or raises :class:`~granphon.base.errors.InputError`.
+Each check returns the value as a plain number, array or tuple, or raises :class:`~granphon.base.errors.InputError`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["finite_array", "finite_list", "not_negative", "positive", "real_arra
 
 
 def real_array(name: str, values: Any) -> NDArray[np.float64]:
-    """``values`` as an array of floats, of any shape, perhaps not finite; an array of floats is returned as it is."""
+    """``values`` as an array of floats of any shape, finite or not; an array of floats is returned without a copy."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
     found: NDArray[np.float64] = require(name, validation.real_numbers, values)
@@ -27,7 +27,10 @@ def real_array(name: str, values: Any) -> NDArray[np.float64]:
 
 
 def finite_array(name: str, values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
-    """``values`` as an array of floats: one or more finite numbers, "above zero" or "zero or above" if ``low`` says so."""
+    """``values`` as an array of floats: one or more finite numbers in the SI ``unit``.
+
+    ``low`` is "above zero", "zero or above", or empty for numbers of any sign.
+    """
     found: NDArray[np.float64] = require(name, partial(validation.finite_numbers, unit=unit, low=low), values)
     return found
 
@@ -56,12 +59,12 @@ def not_negative(name: str, value: float, unit: str = "") -> float:
 
 
 def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:
-    """``value`` as an int: a whole number from ``low`` on, to ``high`` if that is given."""
+    """``value`` as an int: a whole number from ``low`` to ``high``, without an upper limit if ``high`` is None."""
     return int(require(name, partial(validation.whole, low=low, high=high), value))
 
 
 def grid_numbers(name: str, values: Any, high: int, example: str) -> tuple[int, int]:
-    """Two whole numbers from 1 to ``high``; a 1 may follow if the ``example`` has three."""
+    """Two whole numbers from 1 to ``high``; a 1 may follow them if the ``example`` has three numbers."""
     found: tuple[int, int] = require(name, partial(validation.grid, low=1, high=high, example=example), values)
     return found
 

@@ -1,6 +1,6 @@
-"""Digests: by them a file, or plain data, that changed after granphon had written it is told from one that did not.
+"""Digests: they show whether a file, or plain data, has changed since granphon wrote it.
 
-They guard against damage and mistaken edits. They are no signature: whoever edits a file on purpose can make another digest.
+They guard against damage and mistaken edits. They are not signatures: whoever edits a file on purpose can make a new digest.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _SEAL = "# sha256 of all other lines: "
 
 
 def seal(lines: list[str], place: int = 0) -> str:
-    """The text of ``lines``, and a line of comment that holds their digest, before the line number ``place``."""
+    """The text of ``lines`` with a comment line that holds their digest, inserted before ``lines[place]``."""
     return "\n".join([*lines[:place], _SEAL + _of_lines([*lines, ""]), *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
-    """The text of a file without the line that :func:`seal` gave it, and whether it had one.
+    """Read a file: return its text without the line that :func:`seal` gave it, and whether there was such a line.
 
-    :class:`~granphon.base.errors.InputError` if the text does not have that digest, or cannot be read.
+    Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the file cannot be read.
     """
     lines = read_utf8(path).split("\n")
     places = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
@@ -45,7 +45,7 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
 
 def _of_lines(lines: list[str]) -> str:
-    # line by line: a text of millions of them is not held once more
+    # line by line, so that a text of millions of lines is not held in memory a second time
     found, between = hashlib.sha256(), ""
     for line in lines:
         found.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
@@ -54,7 +54,7 @@ def _of_lines(lines: list[str]) -> str:
 
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
-    """The error that says so: ``where`` holds a digest, which is not that of the data."""
+    """The error for a damaged file: the digest that is found at ``where`` is not that of the data."""
     return InputError(
         message(
             f"{path} was damaged, or edited after granphon wrote it",
@@ -65,7 +65,7 @@ def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:
-    """Warn the caller of the function that calls this (:class:`~granphon.base.errors.UnverifiedFileWarning`): no digest."""
+    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two callers up the stack."""
     text = message(
         f"{path} carries no digest", "Another program, or an older granphon, wrote it: damage would not be noticed",
         "Make it again if in doubt",
@@ -75,7 +75,7 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
-    """Whatever fails in the block shows that the file at ``path`` is no ``kind`` of granphon's: one error that says so."""
+    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon."""
     try:
         yield
     except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
@@ -91,8 +91,8 @@ def digest(data: Any) -> str:
 def canonical(data: Any) -> str:
     """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that they equal.
 
-    Mappings, lists, tuples, arrays, strings, numbers, booleans and None; :class:`~granphon.base.errors.InputError` for
-    others.
+    Takes mappings, lists, tuples, arrays, strings, numbers, booleans and None; raises
+    :class:`~granphon.base.errors.InputError` for anything else.
     """
     if isinstance(data, Mapping):
         return "{" + ",".join(sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())) + "}"
@@ -105,7 +105,7 @@ def canonical(data: Any) -> str:
     if data is None or isinstance(data, bool | str):
         return json.dumps(data)
     if isinstance(data, int):
-        # beyond 2^1024, and between the floats, a whole number is itself
+        # from 2^1023 on, and where no float equals it, a whole number is written with its own digits
         return float(data).hex() if abs(data) < 2**1023 and float(data) == data else str(data)
     if isinstance(data, float):
         return data.hex()

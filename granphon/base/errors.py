@@ -30,31 +30,31 @@ __all__ = [
     "message",
 ]
 
-#: bits of a whole number that no float holds
+#: bits; messages say of a whole number of this many or more that it is too large, as those of more are for floats
 _TOO_LARGE = 1024
-#: what ends a line, with the space about it
+#: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
 
 class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
-    ``load_index`` is the place of the load that cannot be carried among several; None if the error is not one of a load. It
-    comes back from a worker process too.
+    ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
+    load. It is kept when the error comes back from a worker process.
     """
 
     load_index: int | None = None
 
 
 class InputError(GranphonError, ValueError):
-    """A value that cannot be: of the wrong kind, out of range, or inconsistent with another."""
+    """A value of the wrong kind, out of range, or inconsistent with another."""
 
 
 class Refused(InputError):
     """A value that a rule of :mod:`granphon.base.validation` does not take.
 
-    ``found`` is the value, ``allowed`` what the rule takes, ``mend`` the likely intention. ``path`` are the keys and places
-    in lists that lead from the value which the rule was given to the one that it refuses.
+    ``found`` says what the value is, ``allowed`` what the rule takes, ``mend`` what was probably meant. ``path`` holds the
+    keys and list indices that lead from the value given to the rule to the part of it that is refused.
     """
 
     def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
@@ -62,23 +62,23 @@ class Refused(InputError):
         self.found, self.allowed, self.mend, self.path = found, allowed, mend, path
 
     def __reduce__(self) -> tuple[type[Refused], tuple[object, ...]]:
-        return Refused, (self.found, self.allowed, self.mend, self.path)  # it comes back from worker processes too
+        return Refused, (self.found, self.allowed, self.mend, self.path)  # keeps all fields through a worker process
 
     def under(self, *keys: str | int) -> Refused:
-        """The same refusal of a value that stands at ``keys``."""
+        """The same refusal with ``keys`` put before its path: the place of the value in what surrounds it."""
         return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
 
 
 class SceneError(InputError):
-    """A scene file that cannot be carried out; names file, line and key."""
+    """A scene file that cannot be carried out; the message names file, line and key."""
 
 
 class MissingFileError(InputError, FileNotFoundError):
-    """A file that is to be read is not there."""
+    """A file that should be read does not exist."""
 
 
 class MissingSceneError(SceneError, MissingFileError):
-    """A scene file that is not there."""
+    """A scene file that does not exist."""
 
 
 class MechanismError(InputError):
@@ -86,11 +86,11 @@ class MechanismError(InputError):
 
 
 class UnreachableFrequencyError(InputError):
-    """A branch does not reach the frequency that was asked of it."""
+    """A branch of the dispersion does not reach the requested frequency."""
 
 
 class PrecisionError(InputError):
-    """The result asked for has no correct digit in double precision."""
+    """The requested result would have no correct digit in double precision."""
 
 
 class InstabilityError(GranphonError, RuntimeError):
@@ -98,11 +98,11 @@ class InstabilityError(GranphonError, RuntimeError):
 
 
 class ConvergenceError(GranphonError, RuntimeError):
-    """An iteration has not reached its tolerance; says what it has reached."""
+    """An iteration has not reached its tolerance; the message says what it has reached."""
 
 
 class UnsupportedError(GranphonError, NotImplementedError):
-    """A method that exists, but would give a wrong answer for these objects."""
+    """A method that would give a wrong answer for these objects, though it works for others."""
 
 
 class FigureError(GranphonError, RuntimeError):
@@ -114,21 +114,24 @@ class OutputError(GranphonError, OSError):
 
 
 class FileExistsInRunError(OutputError):
-    """A result is already there, and overwriting was not asked for."""
+    """A file stands where a result is to be written, and it may not be overwritten."""
 
 
 class UnverifiedFileWarning(UserWarning):
-    """A file was read that carries no digest: whether it is as granphon wrote it cannot be told."""
+    """A file without a digest was read: nothing shows whether it is still as it was written."""
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Join the three parts of an error message, what is wrong, why, and how to mend it, to one line."""
+    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line."""
     sentences = [_one_line(part).rstrip(". ") for part in (what, why, mend) if part]
     return " ".join(one if one.endswith("?") else f"{one}." for one in sentences)
 
 
 def brief(value: object, most: int = 80) -> str:
-    """A value as a message shows it: its repr on one line, cut; a whole number beyond the range of floats by its size."""
+    """A value as a message shows it: its repr on one line, cut to ``most`` characters.
+
+    A whole number beyond the range of floats is described by its number of digits.
+    """
     if isinstance(value, int) and value.bit_length() >= _TOO_LARGE:
         return f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is too large"
     if isinstance(value, list | tuple) and any(isinstance(one, int) and one.bit_length() >= _TOO_LARGE for one in value):

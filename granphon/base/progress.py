@@ -1,7 +1,7 @@
 """Reports of how far long work has come.
 
-A function that does long work takes a :class:`Progress` and reports to it; by default nobody listens. The command line
-passes one that draws on stderr, if stderr is a terminal.
+A function that does long work takes a :class:`Progress` and reports to it; by default the reports are ignored. The command
+line passes one that draws on stderr, if stderr is a terminal.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Step(Protocol):
 
 
 class Progress(Protocol):
-    """Receives reports of which work begins, how far it has come, and that it is over."""
+    """A receiver of reports: which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
         """Begin a step of size ``total`` (None: not known); it is over when the context is left."""
@@ -47,15 +47,15 @@ class Silent:
         """Report that ``amount`` more of this step has been completed."""
 
 
-#: the progress used unless another is given
+#: the default progress, which ignores all reports
 silent = Silent()
 
 
 class Terminal:
-    """Draws a line on stderr for the work under way, and wipes it when the work is over.
+    """A progress that draws a line on stderr for the work under way, and wipes it when the work is over.
 
-    For work of known size, the line shows how many parts are done, and the time that the others will take at the same
-    average rate. ``clock`` tells the time, s.
+    For work of known size, the line shows how many parts are done, and the time that the rest will take at the average
+    rate so far. ``clock`` returns the time, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -83,7 +83,7 @@ class Terminal:
             columns += [TimeElapsedColumn()]
         else:
             columns += [MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
-        # the average rate since the work began: one part may take longer than any shorter time to look back on
+        # the rate is averaged since the work began: a single part may take longer than any shorter averaging period
         with Progress(
             *columns, console=Console(stderr=True), transient=True, get_time=self._clock, speed_estimate_period=math.inf
         ) as drawing:

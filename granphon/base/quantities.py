@@ -1,8 +1,8 @@
 """Quantities with their units, as people write them: "8 mm" is 0.008.
 
-A :class:`Quantity` is a rule: it takes what stood in a file or on the command line and returns SI, or raises
-:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and the likely intention. Units are read
-here and nowhere else; inside, everything is SI floats.
+:meth:`Quantity.read` is a rule: it takes what stood in a file or on the command line and returns the value in SI, or raises
+:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was probably meant. Units are
+read here and nowhere else; the rest of granphon computes with plain floats.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-#: the units that a scene knows; small and exact, so that "8 mm" is the float nearest to 0.008
+#: the units that a scene may use; decimal and exact, so that "8 mm" is the float nearest to 0.008
 _UNIT_DEFINITIONS = """
 pico- = 1e-12 = p-\nnano- = 1e-9 = n-\nmicro- = 1e-6 = u- = µ- = μ-\nmilli- = 1e-3 = m-\ncenti- = 1e-2 = c-
 kilo- = 1e3 = k-\nmega- = 1e6 = M-\ngiga- = 1e9 = G-\ntera- = 1e12 = T-
@@ -39,12 +39,12 @@ mile_per_hour = mile/hour = mph\nknot = 1852*meter/hour\nfoot_per_second = foot/
 percent = 0.01\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2
 kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-10*meter = Å\ntonne = 1e6*gram = t
 """
-#: how a number is written
+#: regular expression of a number without a unit
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBER = re.compile(NUMBER)
-#: a quantity has no more characters
+#: longest text of a quantity, in characters; a longer one is refused
 _MOST_SIGNS = 100
-#: numbers between this and its inverse are far from the ends of the floating range, with any unit
+#: numbers between this and its inverse stay far from the ends of the floating range when any unit is applied to them
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
@@ -64,7 +64,8 @@ def _registry() -> Any:
 class Quantity:
     """A kind of quantity: its name, its SI unit, an example, and the units to suggest.
 
-    ``least`` says which numbers are taken: above zero, zero and above, or any; ``negative`` what one below zero is called.
+    ``least`` says which numbers are taken: above zero, zero or above, or any. ``negative`` is the word that messages use
+    for a number below zero.
     """
 
     name: str
@@ -76,13 +77,15 @@ class Quantity:
 
     @property
     def allowed(self) -> str:
-        """The sentence that says what may be written for such a quantity."""
+        """What may be written for such a quantity, in words for a message."""
         sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
         return f"a {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
 
     def read(self, value: Any) -> float:
-        """The SI value of a text such as "8 mm", the float nearest to it; raises
-        :class:`~granphon.base.errors.Refused`."""
+        """Read a text such as "8 mm": return the float nearest to its SI value.
+
+        Raises :class:`~granphon.base.errors.Refused` for anything else, for a number without a unit too.
+        """
         tip = f"Write the unit too, such as '{self.example}'."
         if isinstance(value, int | float) and not isinstance(value, bool):
             if isinstance(value, float) and not math.isfinite(value):
@@ -108,9 +111,10 @@ class Quantity:
         return self._value(number, factor, value)
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
-        """Read many numbers of one ``unit``, each to the last bit as :meth:`read` does; None if one needs a look by itself.
+        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
 
-        A unit that is a power of ten moves the point of the decimal, whose nearest float is then the value.
+        Works for units that are a power of ten times the SI unit: shifting the decimal point of the text leaves it exact.
+        Returns None if the unit is another one, or if a number must be read by :meth:`read`.
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
@@ -122,7 +126,7 @@ class Quantity:
             return None
         values = np.array([float(number) if not power else float(_shifted(number, power)) for number in numbers])
         size = np.abs(values)
-        # zeros, what may be infinite or below the floating range, and negative numbers are for the rule of one number
+        # left to :meth:`read`: zeros, numbers near the ends of the floating range, and negative numbers that may be refused
         plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
         return values if plain else None
 
@@ -134,7 +138,7 @@ class Quantity:
             return False
 
     def write(self, value: float) -> str:
-        """The text of an SI value, from which :meth:`read` gives it back to the last bit."""
+        """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
         return f"{value!r} {self.unit}"
 
     def _value(self, number: str, factor: Fraction, value: str) -> float:
@@ -168,9 +172,9 @@ def _shifted(number: str, power: int) -> str:
     return f"{digits}e{int(exponent or 0) + power}"
 
 
-@lru_cache(maxsize=256)  # the cells of a column share their unit
+@lru_cache(maxsize=256)  # all cells of a column have the same unit
 def _factor(kind: Quantity, unit: str) -> Fraction:
-    """The factor from a unit to the SI unit of its ``kind``, exactly; ValueError says why it is no such unit."""
+    """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a unit of that kind."""
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     registry, own = _registry(), kind.unit.replace("%", "percent")
@@ -188,10 +192,10 @@ def _factor(kind: Quantity, unit: str) -> Fraction:
 LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")
 MODULUS = Quantity("pressure", "Pa", "211.65 GPa", "Pa, kPa, MPa, GPa, bar, psi")
 DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
-#: how far diameters differ; zero for equal balls
+#: width of the distribution of diameters; zero for equal balls
 WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
-#: an overlap may be negative where balls differ; whether it may is for the medium to say
+#: the quantity of each kind of load; an overlap may be negative where balls differ, and the medium checks whether it may
 LOADS: dict[str, Quantity] = {
     "force": Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
     "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),

@@ -1,6 +1,6 @@
-"""Reading files that may hold anything: bytes of regular files, text, and YAML that is plain data.
+"""Reading files of unknown origin: bytes of regular files, text, and YAML that is plain data.
 
-Nothing that stands in a file is run, and nothing but the named file is opened. Whatever cannot be read is an
+Nothing in a file is run, and only the named file is opened. Whatever cannot be read raises
 :class:`~granphon.base.errors.InputError`.
 """
 
@@ -27,7 +27,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is a folder, a device or a pipe, larger than ``limit``, or may not be read; or ``path`` is none.
+    InputError : the file is a folder, a device or a pipe, is larger than ``limit``, grows while it is read, or may not be
+        read; or ``path`` is not a path.
     """
     require_path(path)
     try:
@@ -36,7 +37,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
             if not stat.S_ISREG(about.st_mode):
                 what = f"{path} cannot be read: it is a device or a pipe"
                 raise InputError(message(what, mend="Give a regular file"))
-            # no more than is there: the room for what is asked is taken at once
+            # ask for little more than the file holds, as Python allocates the requested size at once
             raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
     except InputError:
         raise
@@ -55,18 +56,24 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
 
 
 def require_path(path: str | os.PathLike[str]) -> None:
-    """:class:`~granphon.base.errors.InputError` if ``path`` is no text or path: ``open`` takes a number for an open file."""
+    """Raise :class:`~granphon.base.errors.InputError` unless ``path`` is a text or a path.
+
+    A number is refused because ``open`` would take it for the descriptor of an open file.
+    """
     if not isinstance(path, str | os.PathLike):
         raise InputError(message(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path"))
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    # a pipe that nobody writes to would hold us up for good
+    # without O_NONBLOCK, opening a pipe that nobody writes to would never return
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8, its lines ended by a line feed; errors as :func:`read_bytes`, and for other bytes."""
+    """The text of a file in UTF-8, with line feeds as the ends of lines.
+
+    Raises the errors of :func:`read_bytes`, and :class:`~granphon.base.errors.InputError` for bytes that are not UTF-8.
+    """
     raw = read_bytes(path)
     try:
         return raw.decode("utf-8-sig").replace("\r\n", "\n")
@@ -79,17 +86,17 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
 def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
     """The data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing else.
 
-    The events of the parser are put together here, so that no tag can choose what is made. Refused, as
-    :class:`~granphon.base.errors.InputError`: broken YAML, tags, anchors and aliases, a key given twice, lists or blocks as
-    keys, a second document, deep nesting, an empty text. Scalars are those of YAML 1.2, see :func:`plain_scalar`.
+    The data are built here from the events of the parser, so that no tag can choose which objects are made. Raises
+    :class:`~granphon.base.errors.InputError` for broken YAML, tags, anchors and aliases, a key given twice, lists or blocks
+    as keys, a second document, deep nesting, and an empty text. Scalars are those of YAML 1.2, see :func:`plain_scalar`.
     """
     import yaml
 
-    # libyaml reads the same events some ten times faster, where it is there
+    # libyaml, where it is installed, reads the same events about ten times faster
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     root: list[Any] = []
-    stack: list[Any] = [root]  # lists and mappings that are not complete
-    keys: list[str | None] = [None]  # and the key that waits for its value in each
+    stack: list[Any] = [root]  # lists and mappings that are still open
+    keys: list[str | None] = [None]  # for each of them the key whose value comes next
     line = 1
     try:
         for event in yaml.parse(text, loader):
@@ -148,7 +155,7 @@ def _check_node(event: Any) -> None:
 
 
 def plain_scalar(text: str) -> Any:
-    """A value written without quotes, by the core schema of YAML 1.2."""
+    """The value of a text written without quotes, by the core schema of YAML 1.2."""
     if text in ("", "~", "null", "Null", "NULL"):
         return None
     if text.lower() in ("true", "false") and text in (text.lower(), text.upper(), text.title()):

@@ -15,12 +15,12 @@ from granphon.base.text import show
 
 __all__ = ["Result", "plain", "read_only", "restore"]
 
-#: what the plain data of a result hold besides its class and its fields
+#: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
-    """A copy of ``values`` as an array that refuses to be written to."""
+    """A copy of ``values`` as a read-only array."""
     array = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
@@ -30,11 +30,14 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 class Result:
     """Base of the frozen result classes.
 
-    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (those of its arrays, for
-    :meth:`check`: sizes by letters that mean the same in all of them, by numbers, "s+1", "..." for the shape of the load,
-    "|" between layouts that will both do, and "?" at the end of what may be None) and, when the meaning of a field changes,
-    a higher ``schema``. Arrays are made read-only; scalars stay floats. Two results are equal if all their fields that are
-    compared are, array by array; ``repr`` gives large arrays by their shape.
+    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (the shapes of its arrays,
+    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. Arrays are made read-only; scalars
+    stay floats. Two results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array
+    by its shape.
+
+    A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
+    or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the load, "|" parts layouts that are
+    both allowed, and "?" at the end marks a field that may be None.
     """
 
     schema: ClassVar[int] = 1
@@ -49,7 +52,7 @@ class Result:
             elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
                     object.__setattr__(self, field.name, value.item())
-                elif value.flags.writeable or value.base is not None:  # a view would show changes of what it views
+                elif value.flags.writeable or value.base is not None:  # a view would change with the array behind it
                     object.__setattr__(self, field.name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
@@ -59,7 +62,7 @@ class Result:
         return all(_same(a, b) for a, b in pairs)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # made anew, so that copies and pickles are read-only too
+        # built by the constructor, so that the arrays of copies and pickles are read-only too
         return type(self), tuple(getattr(self, f.name) for f in fields(self))
 
     __hash__ = None  # type: ignore[assignment]
@@ -70,21 +73,21 @@ class Result:
         return f"{type(self).__name__}({', '.join(shown)})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data: the class's name, its schema, the unit of each field, the fields, and a digest of all these.
+        """The result as plain data: class name, schema, the unit of each field, the fields, and a digest of all these.
 
-        Complex arrays become a mapping of ``real`` and ``imag`` lists; what a result holds (a packing, its scales) becomes a
-        mapping of its own. The digest survives JSON and YAML, see :func:`granphon.base.digests.canonical`.
+        Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a packing, its scales) become
+        mappings of their own. The digest stays valid through JSON and YAML, see :func:`granphon.base.digests.canonical`.
         """
         data = {**plain(self), "schema": self.schema, "units": self.said_units()}
         return data | {"digest": digest(data)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """The inverse of :meth:`to_dict`.
+        """Build a result from plain data: the inverse of :meth:`to_dict`.
 
         Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of a newer schema, in other units,
-        or incomplete, if a field is of another kind or shape than the class has, if there is a field that it has not, or if
-        there is a ``digest`` that is not that of the data. Without one, damage that leaves all these right is not noticed.
+        or incomplete, if a field has another kind or shape than in the class, if there is a field that the class lacks, or
+        if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}
         if _class_of(given) != _written_name(cls):
@@ -101,10 +104,10 @@ class Result:
             )
         try:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
-            # last, as the other errors say more
+            # after the other checks, whose errors say more
             if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
-            units = plain(given.get("units", restored.said_units()))  # an array among them becomes a list, which is no unit
+            units = plain(given.get("units", restored.said_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested without end")) from None
         if units != restored.said_units():
@@ -117,9 +120,9 @@ class Result:
         return dict(self.units)
 
     def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if fields are no numbers, or their shapes do not belong together.
+        """Raise :class:`~granphon.base.errors.InputError` if fields in ``shapes`` are not numbers or their shapes disagree.
 
-        Asked of what was read; the computations themselves make none that do not.
+        Called for results that were read; those that granphon computes pass by construction.
         """
         sizes: dict[str, Any] = {}
         for name, layout in self.shapes.items():
@@ -144,7 +147,7 @@ class Result:
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
-    """Whether a shape is as the words of ``layout`` say; ``sizes`` gathers what the letters stand for."""
+    """Whether a shape fits the words of ``layout``; ``sizes`` collects the sizes that the letters stand for."""
     if layout[:1] == ["..."]:
         layout, head = layout[1:], shape[: max(len(shape) - len(layout) + 1, 0)]
         shape = shape[len(head) :]
@@ -161,7 +164,7 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two fields are equal; in arrays a nan, what is not known, equals another."""
+    """Whether two fields are equal; in arrays nan, which stands for "not known", equals nan."""
     if not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray):
         return bool(a == b)
     nan = isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.dtype.kind in "fc" and b.dtype.kind in "fc"
@@ -169,7 +172,10 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Plain data of a value: of a dataclass its class and its fields, of arrays lists; other values as they are."""
+    """A value as plain data: a dataclass becomes a mapping of its class and fields, an array a list.
+
+    Values of other kinds are returned as they are.
+    """
     if is_dataclass(value) and not isinstance(value, type):
         return {"class": _written_name(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
@@ -186,8 +192,9 @@ def plain(value: Any) -> Any:
 
 
 def restore(value: Any, hint: Any, name: str = "the data") -> Any:
-    """Build what ``hint`` says from plain data: dataclasses, tuples, mappings, arrays and scalars, and unions of them.
+    """Build an object of the type ``hint`` from plain data.
 
+    The type is a dataclass, tuple, mapping, array or scalar, or a union of these. Raises
     :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of another kind.
     """
     origin, inner = get_origin(hint), get_args(hint)
@@ -222,13 +229,13 @@ def _is_scalar(value: Any, hint: Any) -> bool:
 
 
 def _class_of(data: Mapping[str, Any]) -> str:
-    """The name of the class that plain data are of; "" if they name none, or something else than a text as one."""
+    """The class name in plain data; "" if there is none, or if it is not a text."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
 
 
 def _written_name(kind: Any) -> str:
-    """The name of a dataclass in plain data: its ``written_as``, if it once had another name than today's."""
+    """The name of a dataclass in plain data: its ``written_as`` if it has one, which keeps a former name."""
     return str(getattr(kind, "written_as", kind.__name__))
 
 
@@ -244,7 +251,7 @@ def _hint_name(hint: Any) -> str:
 
 def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
     if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
-        return build.from_dict(value)  # what to_dict of a part gave
+        return build.from_dict(value)  # a field written by its own to_dict
     known, hints = [f.name for f in fields(build)], get_type_hints(build)
     what = f"the {build.__name__} data"
     if missing := [name for name in known if name not in value]:
@@ -266,7 +273,7 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
 
 
 def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
-    """Restore a value by the first of the hints that it serves; if it names its class, by that one's alone."""
+    """Restore a value by the first hint that it fits; if it names a class among the hints, by that class alone."""
     if isinstance(value, Mapping):
         hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _class_of(value)) or hints
     for hint in hints[:-1]:
@@ -309,7 +316,7 @@ def _restore_any(value: Any, name: str) -> Any:
 
 
 def _as_numbers(value: Any) -> np.ndarray[Any, Any] | None:
-    """``value`` as an array, None if it is none of one kind of numbers: booleans among numbers are none."""
+    """``value`` as an array; None if it is ragged or too large, or mixes booleans with numbers."""
     if isinstance(value, np.ndarray):
         return value
     try:

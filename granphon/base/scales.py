@@ -1,8 +1,8 @@
 """The scales that tie reduced units to SI.
 
 Inside, granphon measures length in the mean diameter d, stiffness in the normal contact stiffness k and
-mass in the ball's mass M. A frozen :class:`Units` carries the three scales; it travels with every object
-in reduced units, and is the only place where numbers change units.
+mass in the ball's mass M. A frozen :class:`Units` carries the three scales. Every object in reduced units
+holds one, and only there are numbers converted between reduced units and SI.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _INFO = {
     "mass": "granphon_mass_kg",
 }
 
-#: decimal prefixes, ascending
+#: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
 _SIZES = (
     1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21, 1e24,
 )  # fmt: skip
@@ -32,15 +32,16 @@ _PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P"
 
 
 def _multiple(value: float, unit: str) -> tuple[float, str]:
-    """The decimal multiple, its size and its name, in which ``value`` lies between 1 and 1000, or the nearest to that."""
+    """Size and name of the decimal multiple in which ``value`` lies between 1 and 1000, or of the nearest one."""
     place = max(bisect_right(_SIZES, value) - 1, 0)
     return _SIZES[place], _PREFIXES[place] + unit
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """The decimal multiple of ``unit`` in which people write ``value``: its size, 1e-6, and its name, "um".
+    """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and its name, such as "um".
 
-    One short of a multiple by its rounding counts as one. Zero, and what no prefix brings near to one, stay as they are.
+    A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero, and values beyond the
+    range of the prefixes, keep the ``unit`` itself, of size 1.
     """
     size = abs(value) * (1.0 + 1e-8)
     return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
@@ -57,14 +58,14 @@ class HertzPrefix:
     def for_top(cls, frequency: float) -> HertzPrefix:
         """The unit in which ``frequency`` (Hz) lies between 1 and 1000.
 
-        Beyond yHz and YHz the nearest of the two is taken.
+        The unit is yHz for all lower frequencies, and YHz for all higher ones.
         """
         hertz, name = _multiple(frequency, "Hz")
         return cls(name, hertz)
 
     @classmethod
     def named(cls, name: str) -> HertzPrefix:
-        """The unit called ``name``; :class:`InputError` if there is none."""
+        """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such unit."""
         known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
         if name not in known:
             raise InputError(message(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)))
@@ -75,8 +76,8 @@ class HertzPrefix:
 class Units:
     """The scales of reduced units, in SI: ``length`` (m), ``stiffness`` (N/m), ``mass`` (kg).
 
-    A quantity in reduced units times the property of its name is the quantity in SI. :class:`InputError` for a scale that
-    is not a finite number above zero.
+    Multiply a reduced quantity by the property of its name to get SI: a reduced force times :attr:`force` is in newtons.
+    Raises :class:`InputError` for a scale that is not a finite number above zero.
     """
 
     length: float
@@ -91,42 +92,45 @@ class Units:
 
     @property
     def angular_frequency(self) -> float:
-        """(k/M)^(1/2), rad/s."""
-        # the quotient is taken after the roots, so that it neither overflows nor underflows
+        """Scale of angular frequency (k/M)^(1/2), rad/s."""
+        # dividing the roots neither overflows nor underflows, where k/M itself could
         return math.sqrt(self.stiffness) / math.sqrt(self.mass)
 
     @property
     def frequency(self) -> float:
-        """(k/M)^(1/2) / 2 pi, Hz: what a reduced angular frequency of one is in hertz."""
+        """Frequency, Hz, that belongs to a reduced angular frequency of one: (k/M)^(1/2) / 2 pi."""
         return self.angular_frequency / (2.0 * math.pi)
 
     @property
     def velocity(self) -> float:
-        """d (k/M)^(1/2), m/s."""
+        """Scale of velocity d (k/M)^(1/2), m/s."""
         return self.length * self.angular_frequency
 
     @property
     def force(self) -> float:
-        """k d, N."""
+        """Scale of force k d, N."""
         return self.stiffness * self.length
 
     @property
     def energy(self) -> float:
-        """k d^2, J (also the unit of torque, N m)."""
+        """Scale of energy k d^2, J; also that of torque, N m."""
         return self.stiffness * self.length**2
 
     @property
     def modulus(self) -> float:
-        """k / d, Pa: the unit of stress in a layer one diameter thick."""
+        """Scale of modulus k / d, Pa: that of stress in a layer one diameter thick."""
         return self.stiffness / self.length
 
     def to_info(self) -> dict[str, float]:
-        """The scales under the names they have in ``Atoms.info`` and in exported files."""
+        """The three scales, SI, under their names in ``Atoms.info`` and in exported files."""
         return {key: getattr(self, name) for name, key in _INFO.items()}
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales back; :class:`InputError` if they are not all there, or not finite numbers above zero."""
+        """Read the scales that :meth:`to_info` gave.
+
+        Raises :class:`InputError` if one is missing, or is not a finite number above zero.
+        """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
             raise InputError(
@@ -143,8 +147,8 @@ class Units:
 class WidthUnits:
     """Reduced units of balls that differ: the width W of the diameters, and the force of equal balls at an overlap of W.
 
-    ``coefficient`` c of Hertz's law, N/m^(3/2); ``width`` W, m. A number in these units times the property of its name is
-    the number in SI. Products are of roots of W, so that they are in the floating range wherever W is near its ends.
+    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m. Multiply a number in these units by the property
+    of its name to get SI. Powers of W are taken from its square root, for widths near the ends of the floating range.
     """
 
     coefficient: float
@@ -152,39 +156,39 @@ class WidthUnits:
 
     @property
     def energy(self) -> float:
-        """c W^(5/2), J."""
+        """Unit of energy c W^(5/2), J."""
         return self.coefficient * math.sqrt(self.width) ** 5
 
     @property
     def force(self) -> float:
-        """c W^(3/2), N."""
+        """Unit of force c W^(3/2), N."""
         return self.coefficient * math.sqrt(self.width) ** 3
 
     @property
     def stiffness(self) -> float:
-        """c W^(1/2), N/m."""
+        """Unit of stiffness c W^(1/2), N/m."""
         return self.coefficient * math.sqrt(self.width)
 
     @property
     def stiffness_slope(self) -> float:
-        """c W^(-1/2), N/m^2."""
+        """Unit of the derivative of stiffness by overlap, c W^(-1/2), N/m^2."""
         return self.coefficient / math.sqrt(self.width)
 
     def reduced_force(self, force: Any) -> Any:
-        """f* of Section IV, of a force, N: a number or an array."""
+        """Reduced force f* of Section IV; ``force`` in N, a number or an array."""
         return force / self.force
 
     def reduced_overlap(self, overlap: Any) -> Any:
-        """y = (d - a)/W of an overlap, m: a number or an array."""
+        """Reduced overlap y = (d - a)/W; ``overlap`` in m, a number or an array."""
         return overlap / self.width
 
     def reduced_spacing(self, overlap: Any) -> Any:
-        """a* = (d + W/2 - a)/W of Section IV, of an overlap, m: a number or an array."""
+        """Reduced spacing a* = (d + W/2 - a)/W of Section IV; ``overlap`` in m, a number or an array."""
         return overlap / self.width + 0.5
 
 
 def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
-    """Lines of the block ``granphon`` at the head of files for phonopy: unit of frequency, coordinates, scales."""
+    """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit, coordinates, scales in SI."""
     return [
         "granphon:",
         "  schema: 1",
@@ -196,7 +200,10 @@ def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
 
 
 def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
-    """The unit of frequency in hertz, and the scales, of a block that :func:`file_header` made; InputError if it did not."""
+    """The frequency unit, Hz, and the scales from a block that :func:`file_header` made.
+
+    Raises :class:`InputError` for another schema, or for a frequency unit or scales that cannot be right.
+    """
     if own["schema"] != 1:
         raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
     hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)

@@ -1,12 +1,12 @@
-"""Result folders: files arrive whole and together, one run at a time, and nothing of the user's is replaced.
+"""Result folders: files arrive whole and together, one run at a time, and the user's own files are never replaced.
 
 Three hidden names may stand in a folder. ``.granphon-files`` lists the files that granphon wrote there
-(:mod:`granphon.base.written_files`): what is the user's is never replaced or deleted.
-``.granphon-lock`` is locked by the run that writes into the folder, and free as soon as that process has ended, however it
-ended. ``.granphon-staging-*`` holds new files until all of them are complete.
+(:mod:`granphon.base.written_files`); all other files are the user's, and are never replaced or deleted.
+``.granphon-lock`` is locked by the run that writes into the folder; the lock is released as soon as that process has ended,
+however it ended. ``.granphon-staging-*`` holds new files until all of them are complete.
 
 The exchange of old files for new ones is recorded before its first step. Old files leave before new ones arrive, so a folder
-never shows files of two runs; an exchange that was cut off is carried to its end by whoever looks at the folder next.
+never shows files of two runs. If an exchange was cut off, the next run that looks at the folder completes it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PREFIX = ".granphon-staging-"
 _RECORD = ".exchange"
 #: inside a staging folder: the folder of the files that are being replaced
 _REPLACED = ".replaced"
-#: what a file system says that knows no locks
+#: error numbers of a file system that does not support locks
 _NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS}
 
 StrPath = str | os.PathLike[str]
@@ -76,17 +76,18 @@ def check_free(
 
     Parameters
     ----------
-    folder : it need not be there.
+    folder : the folder of the results; it need not exist.
     names : the files to be written.
     force : files of these names may be replaced, if granphon wrote them and nobody has changed them since.
-    earlier : files of an earlier result that are to be removed, if granphon wrote them; one that was changed is in the way.
+    earlier : files of an earlier result that are to be removed, if granphon wrote them; if one has been changed since, it
+        may not be removed, and an error is raised.
     inputs : files that the run reads, which are never replaced.
-    known : texts that granphon wrote if they are there, whatever the list of the folder says.
+    known : texts of files; a file with such a text counts as written by granphon, whatever the list of the folder says.
 
     Raises
     ------
-    FileExistsInRunError : a file is there and ``force`` is off, or it may not be replaced at all.
-    OutputError : the folder is a file, or may not be written to.
+    FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
+    OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
     """
     target = Path(folder)
     _recover_unless_locked(target)
@@ -158,7 +159,7 @@ def _check_replaceable(
 
 
 def _stale(target: Path, names: Sequence[str], earlier: Sequence[str]) -> list[str]:
-    """Files of an earlier result that this one does not have."""
+    """Files of an earlier result, written by granphon, that the new result does not have."""
     written = files_written(target)
     return [name for name in earlier if name in written and name not in names and os.path.lexists(target / name)]
 
@@ -181,10 +182,11 @@ class ResultFolder:
 
     @contextmanager
     def staging(self, names: Sequence[str], optional: Sequence[str] = ()) -> Iterator[Path]:
-        """A temporary place inside the folder for the files ``names``, which take their places together at the end.
+        """Make a temporary folder for the files ``names``, which all move into this folder at the end of the block.
 
-        The ``optional`` ones among them need not be written. If anything fails, on the way or while files are exchanged,
-        the folder is left as it was found. :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        Those that are also in ``optional`` need not be written. If anything fails, in the block or while files are
+        exchanged, the folder is left as it was found. Raises :class:`~granphon.base.errors.OutputError` for any failure of
+        the file system.
         """
         place: Path | None = None
         try:
@@ -198,7 +200,7 @@ class ResultFolder:
         except OSError as error:
             raise _failed(self.path, error) from None
         finally:
-            # with its record there the exchange has neither ended nor been undone: it is left to whoever comes next
+            # a record that is still there marks an exchange neither completed nor undone: the next run completes it
             if place is not None and not os.path.lexists(place / _RECORD):
                 shutil.rmtree(place, ignore_errors=True)
 
@@ -213,10 +215,10 @@ def open_folder(
     inputs: Iterable[StrPath] = (),
     known: Iterable[str] = (),
 ) -> Iterator[ResultFolder]:
-    """The folder, made if need be and locked, so that no other run writes into it until the end of the block.
+    """Make the folder if need be, and lock it, so that no other run writes into it until the end of the block.
 
-    Arguments and errors are those of :func:`check_free`; :class:`~granphon.base.errors.OutputError` too if another run has
-    the lock. Folders that were made and have remained empty are removed again.
+    Arguments and errors are those of :func:`check_free`; also raises :class:`~granphon.base.errors.OutputError` if another
+    run has the lock. Folders that were made here and are still empty at the end are removed again.
     """
     target, made, read, ours = Path(folder), list[Path](), list(inputs), list(known)
     check_free(target, names, force, earlier=earlier, inputs=read, known=ours)
@@ -230,12 +232,12 @@ def open_folder(
         with _locked(target) as alone:
             if alone:
                 _recover(target)
-            # what was found free may not be so any more when the lock is had
+            # checked again: another run may have written files before the lock was taken
             _check(target, names, force, earlier, read, ours)
             yield ResultFolder(target, force, earlier, read)
     finally:
         for one in reversed(made):
-            with suppress(OSError):  # what holds a result is not empty
+            with suppress(OSError):  # a folder that holds a result is not empty, and stays
                 one.rmdir()
 
 
@@ -250,7 +252,10 @@ def staging(
 
 @contextmanager
 def _locked(target: Path) -> Iterator[bool]:
-    """Hold the lock; whether it is known that no other run is under way, which a file system without locks does not tell."""
+    """Hold the lock during the block; yield whether it is certain that no other run is under way.
+
+    On a file system that does not support locks, it is not.
+    """
     descriptor = _lock_file(target / LOCK)
     try:
         yield descriptor is not None
@@ -262,7 +267,7 @@ def _locked(target: Path) -> Iterator[bool]:
 
 
 def _lock_file(path: Path) -> int | None:
-    """Lock the file, and return its descriptor; None on a file system that knows no locks."""
+    """Lock the file, and return its descriptor; None on a file system that does not support locks."""
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -282,7 +287,7 @@ def _lock_file(path: Path) -> int | None:
             what, why = f"another run is writing into {path.parent}", "Two runs would mix their files"
             raise OutputError(message(what, why, "Wait for its end, or choose another folder")) from None
         with suppress(OSError):
-            # the run before may have removed the file after we had opened it
+            # another run may have removed the file between opening and locking it here; then try again
             if os.path.samestat(os.fstat(descriptor), os.stat(path)):
                 return descriptor
         os.close(descriptor)
@@ -307,11 +312,11 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
     draft.write_text(json.dumps({"new": [*names, LIST], "old": old}), encoding="utf-8")
     if os.path.lexists(target / LIST):
         shutil.copy2(target / LIST, replaced / LIST)
-    os.replace(draft, place / _RECORD)  # from here on the exchange is carried to its end, or undone
+    os.replace(draft, place / _RECORD)  # from here on the exchange is either completed or undone
     gone: list[str] = []
     come: list[str] = []
     try:
-        # noted before it is done, as an interruption may come between the two
+        # each name is noted before its file moves, as an interruption may come between the two
         for name in old:
             gone.append(name)
             os.replace(target / name, replaced / name)
@@ -320,9 +325,9 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
             os.replace(place / name, target / name)
         (place / _RECORD).unlink()
     except BaseException:
-        if not os.path.lexists(place / _RECORD):  # it was the last step that was interrupted, and it is done
+        if not os.path.lexists(place / _RECORD):  # interrupted after the last step: the exchange is complete
             raise
-        for name in come:  # back to where the record says that they are
+        for name in come:  # new files go back into the staging folder
             if not os.path.lexists(place / name):
                 os.replace(target / name, place / name)
         for name in (*gone, LIST):
@@ -333,30 +338,30 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
 
 
 def _recover(target: Path) -> None:
-    """End the exchanges of runs that were killed, and remove what dead runs have left."""
+    """Complete the exchanges of runs that were killed, and remove what such runs have left."""
     for place in target.glob(PREFIX + "*"):
-        if place.is_symlink() or not place.is_dir():  # none of ours, and it may lead elsewhere
+        if place.is_symlink() or not place.is_dir():  # not made by granphon; a link may lead elsewhere
             continue
         if os.path.lexists(place / _RECORD):
             record = read_record(place / _RECORD)
             new, old = record.get("new"), record.get("old")
             if not isinstance(new, list) or not isinstance(old, dict) or not all(map(_is_name, [*new, *old])):
-                continue  # none of ours
+                continue  # not a record that granphon wrote
             waiting = [name for name in new if (place / name).is_file() and not (place / name).is_symlink()]
             with suppress(OSError):
                 for name, digest in old.items():
                     if (name in waiting or name not in new) and is_written(target / name, str(digest)):
                         (target / name).unlink()
                 for name in waiting:
-                    # a file that the user has put there meanwhile stays
+                    # keep a file that the user has put there meanwhile
                     if name == LIST or not os.path.lexists(target / name):
                         os.replace(place / name, target / name)
         shutil.rmtree(place, ignore_errors=True)
 
 
 def _recover_unless_locked(target: Path) -> None:
-    """Call :func:`_recover` if a run has left something, and none is under way."""
-    with suppress(OSError, ValueError):  # what is wrong with the folder, the check says
+    """Call :func:`_recover` if a run has left a staging folder, and no run is under way."""
+    with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
         if any(target.glob(PREFIX + "*")):
             with _locked(target) as alone:
                 if alone:
@@ -364,7 +369,7 @@ def _recover_unless_locked(target: Path) -> None:
 
 
 def _is_name(name: Any) -> bool:
-    """Tell whether ``name`` is the name of a file alone, which leads into no other folder."""
+    """Tell whether ``name`` is a bare file name, which cannot lead into another folder."""
     return isinstance(name, str) and Path(name).name == name and name not in ("", ".", "..")
 
 
@@ -372,9 +377,9 @@ def _is_name(name: Any) -> bool:
 
 
 def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
-    """Write a file of these parts whole or not at all, in the place of what is there; its folder is made if need be.
+    """Write a file that consists of these parts, whole or not at all; its folder is made if need be.
 
-    :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+    A file of that name is replaced. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
     """
     target = Path(path)
     place: Path | None = None
@@ -396,5 +401,5 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
 
 
 def write_text(path: StrPath, text: str) -> None:
-    """Write a text in UTF-8 by :func:`write_bytes`."""
+    """Write a text in UTF-8, whole or not at all, as :func:`write_bytes` does."""
     write_bytes(path, text.encode("utf-8"))

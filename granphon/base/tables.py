@@ -1,11 +1,12 @@
-"""Tables as text files: the one reader of those that are given, and the one writer of all that granphon makes.
+"""Tables as text files: the one reader of tables that users give, and the one writer of tables that granphon makes.
 
 The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
-tab, semicolon or comma, the first of these in the first line. Empty lines and lines from # are skipped. What granphon writes
-is parted by commas, with cells in quotes where they hold one, and numbers with all digits.
+tabs if the first line has one, else by semicolons if it has one, else by commas. Empty lines and lines that begin with # are
+skipped. granphon itself writes commas, puts cells that hold a comma in quotes, and writes numbers with all digits.
 
-A table that the caller has named may be quoted in errors. One that a scene has named is quoted only where it is a table of
-quantities, with the column that is wanted and a unit for it: a scene, which others may have written, can name any file.
+Errors may quote the content of a table that the caller has named. They quote one that a scene has named only if it is a
+table of quantities, with the wanted column and a unit for it: somebody else may have written the scene, and a scene can name
+any file.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ __all__ = ["Heading", "Table", "decode", "table_text", "write_table"]
 
 
 _POINT = "Write decimals with a point"
-#: longest cell that csv reads, in letters
+#: longest cell that csv reads, in characters
 _LONGEST_CELL = csv.field_size_limit()
 
 
 @dataclass(frozen=True)
 class Heading:
-    """What heads a column: its ``name`` and its ``unit``, empty where none is given."""
+    """The heading of a column: its ``name`` and its ``unit``, which is empty if none is given."""
 
     name: str
     unit: str
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``name``, ``name (unit)``, ``name [unit]``, or a name of dos.csv that ends in its unit: ``total_per_Hz``."""
+        """Read ``name``, ``name (unit)``, ``name [unit]``, or a name with its unit at the end, ``total_per_Hz``."""
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
         if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
             return cls(match[1], "1/Hz" if told[1] else "Hz")
@@ -54,7 +55,7 @@ class Heading:
 
     @property
     def key(self) -> str:
-        """The name as names are compared: in lower case, words joined by underscores."""
+        """The name in the form in which names are compared: in lower case, words joined by underscores."""
         return re.sub(r"[\s_-]+", "_", self.name.lower())
 
 
@@ -64,11 +65,11 @@ class Table:
 
     Attributes
     ----------
-    name : how messages call the file.
-    headings : of the columns.
-    lines : the number of each row's line, counted from 1.
-    columns : the cells below each heading, one for each row.
-    quoted : whether errors may quote what it holds, whatever that is.
+    name : the name of the file in messages.
+    headings : one for each column.
+    lines : the line number of each row in the file, counted from 1.
+    columns : for each heading the cells below it, one for each row.
+    quoted : whether errors may quote the content of the file, whatever that is.
     """
 
     name: str
@@ -81,13 +82,14 @@ class Table:
     def read(cls, path: str | os.PathLike[str], quoted: bool = True) -> Self:
         """Read a file in UTF-8; :class:`~granphon.base.errors.InputError` names file and line of what cannot be read.
 
-        ``quoted``: whether errors may quote what it holds, whatever that is; False for a file that a scene has named.
+        ``quoted`` says whether errors may quote the content of the file, whatever that is; False for a file that a scene has
+        named.
         """
         return cls.parse(str(path), read_bytes(path), quoted)
 
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
-        """The table that a file called ``name`` holds; errors and ``quoted`` as for :meth:`read`."""
+        """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for :meth:`read`."""
         kept = [(n, line) for n, line in enumerate(decode(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
             raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
@@ -108,11 +110,11 @@ class Table:
         return self._places(name) != []
 
     def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
-        """The column called ``name``, (rows,), in the SI unit of its ``kind``.
+        """The numbers of the column called ``name``, (rows,), converted to the SI unit of their ``kind``.
 
-        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter. ``mend``
-        says what to do where there is no such column. :class:`~granphon.base.errors.InputError` if there is no such column
-        or there are two, if it has no unit, if there are no rows, or a cell is not what the kind allows.
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter. ``mend`` is
+        the advice of the message if the column is not found. Raises :class:`~granphon.base.errors.InputError` if there is
+        no such column or more than one, if it has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
         wanted, places = Heading.parse(name), self._places(name)
         if len(places) != 1:
@@ -139,23 +141,26 @@ class Table:
             raise InputError(message(what, mend=f"Head it '{wanted.name} ({kind.unit})', or by another such unit"))
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
-        if values is None:  # read one by one, so that the first that cannot be read is told
+        if values is None:  # read one by one, so that the error names the first bad cell
             values = np.array(
                 [self._value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
             )
         return values
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """The column called ``name`` as it stands, (rows,), in the unit of its heading; nan and inf are numbers too.
+        """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and inf are taken.
 
-        KeyError if there is no such column, ValueError if a cell is no number.
+        Raises KeyError if there is no such column, ValueError if a cell is not a number.
         """
         for place in self._places(name):
             return np.array([float(cell) for cell in self.columns[place]])
         raise KeyError(name)
 
     def unit(self, name: str) -> str:
-        """The unit of the column called ``name``, which may carry it itself; empty if there is none, or no such column."""
+        """The unit of the column called ``name``: that in ``name`` if it carries one, else that of the heading.
+
+        Empty if neither has a unit, or there is no such column.
+        """
         return Heading.parse(name).unit or next((self.headings[place].unit for place in self._places(name)), "")
 
     def _places(self, name: str) -> list[int]:
@@ -176,7 +181,7 @@ class Table:
 def write_table(
     stream: TextIO, headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()
 ) -> None:
-    """Write a table into a text file that is open; ``comments`` stand below the headings, each in a line from #."""
+    """Write a table into an open text file; ``comments`` stand below the headings, each on a line that begins with #."""
     table = csv.writer(stream, lineterminator="\n")
     table.writerow([str(heading) for heading in headings])
     stream.writelines(f"# {comment}\n" for comment in comments)
@@ -191,7 +196,10 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
 
 
 def decode(name: str, raw: bytes) -> str:
-    """The text of a file called ``name``, in UTF-8 with or without its mark; InputError names line and byte of another."""
+    """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
+
+    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding.
+    """
     at = raw.find(b"\0")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         at, guess = 0, "UTF-16"
@@ -201,7 +209,7 @@ def decode(name: str, raw: bytes) -> str:
         try:
             return raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            # of Latin-1 and its kin every byte is a letter or sign, but for the controls
+            # in Latin-1 and related encodings every byte but the control characters is a letter or a sign
             at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
     line = raw.count(b"\n", 0, at) + 1
     what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
@@ -214,7 +222,7 @@ def decode(name: str, raw: bytes) -> str:
 def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int) -> tuple[tuple[str, ...], ...]:
     """The cells below each of ``count`` headings; errors name the line."""
     if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for text in texts):
-        return (tuple(map(str.strip, texts)),)  # a long list: no tuple for each of its rows
+        return (tuple(map(str.strip, texts)),)  # saves a tuple for each row of a long list
     rows = [
         _fit_cells(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)
     ]
@@ -222,7 +230,7 @@ def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, c
 
 
 def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    if '"' not in line and len(line) < _LONGEST_CELL:  # as csv parts it, at a tenth of the cost
+    if '"' not in line and len(line) < _LONGEST_CELL:  # gives the same cells as csv, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
@@ -231,7 +239,10 @@ def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
 
 
 def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Make as many cells as headings: a short line lacks the last, a long one is an error unless its excess is empty."""
+    """Make as many cells as headings: fill a short line with empty cells, and drop the excess cells of a long one.
+
+    Raises :class:`~granphon.base.errors.InputError` if one of the excess cells is not empty.
+    """
     if len(cells) == count:
         return cells
     if any(cells[count:]):

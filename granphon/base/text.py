@@ -1,6 +1,6 @@
-"""Reading a text with its line numbers, and writing plain data as one.
+"""Reading YAML together with its line numbers, and writing plain data as YAML.
 
-What is read is YAML 1.2 without its machinery: no tags, no anchors, no merging, every key once.
+Only plain YAML 1.2 is read: no tags, no anchors, no merging, every key once.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
 MAX_DEPTH = 12
 
-#: what is no text: control characters and lone surrogates
+#: characters that are refused in a text: control characters and lone surrogates
 _ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
-#: words that readers of YAML 1.1 or 1.2 take for something else than a text
+#: words that readers of YAML 1.1 or 1.2 do not take for a text
 _NO_TEXTS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
 
 Path_ = tuple[str | int, ...]
@@ -50,9 +50,9 @@ class Document:
 
     Attributes
     ----------
-    name : how messages call the text.
+    name : the name of the text in messages.
     data : mappings, lists, strings, numbers, booleans and None.
-    lines : line of each key or list item, counted from 1, by its path.
+    lines : for the path of each key or list item its line, counted from 1.
     """
 
     name: str
@@ -60,20 +60,20 @@ class Document:
     lines: Mapping[Path_, int] = field(repr=False)
 
     def line(self, path: Sequence[str | int]) -> int:
-        """Line of the key at ``path``, or of the nearest block around it."""
+        """Line number of the key at ``path``, or of the nearest block around it."""
         for length in range(len(path), -1, -1):
             if tuple(path[:length]) in self.lines:
                 return self.lines[tuple(path[:length])]
         return 1
 
     def error(self, path: Sequence[str | int], what: str) -> SceneError:
-        """The error ``what`` with file, line and key before it."""
+        """The error with the message ``what``, preceded by file, line and key."""
         key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in path)
         return SceneError(f"{self.name}:{self.line(path)}: {key + ': ' if key else ''}{what}")
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a file; :class:`~granphon.base.errors.SceneError` if there is none to be had (or more than 100 kB)."""
+    """The text of a scene file; raises :class:`~granphon.base.errors.SceneError` if it cannot be read or exceeds 100 kB."""
     try:
         raw = read_bytes(path, MOST_SCENE_BYTES)
     except MissingFileError:
@@ -94,8 +94,9 @@ def parse_yaml(text: str, name: str) -> Document:
     """Read a YAML text.
 
     Only mappings, lists and plain values are taken; booleans are ``true`` and ``false`` (YAML 1.2), numbers have no
-    underscores. Refused, as :class:`~granphon.base.errors.SceneError` with file and line: broken YAML, an empty text, a
-    second document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, control characters.
+    underscores. Raises :class:`~granphon.base.errors.SceneError`, which names file and line, for broken YAML, an empty text,
+    a second document, a key given twice, a tag (``!!python/object``), an anchor or alias, deep nesting, and control
+    characters.
     """
     odd = _ODD.search(text)
     if odd:
@@ -135,7 +136,7 @@ class _Builder:
             mark = error.problem_mark or error.context_mark
             self.at = mark.line + 1 if mark is not None else self.at
             raise self._broken(f"broken YAML, {error.problem or error.context}", "YAML", _hint(str(error.problem))) from None
-        except Exception as error:  # whatever else the parser trips over is in the text
+        except Exception as error:  # any other error of the parser is due to the text too
             raise self._broken(f"broken YAML ({error})", "YAML") from None
 
     def _broken(self, what: str, allowed: str, mend: str = "", at: int | None = None) -> SceneError:
@@ -172,7 +173,7 @@ class _Builder:
                     f"{'.'.join(map(str, here))}: found the key twice (first on line {self.lines[here]})",
                     "each key once", "Remove one of the two",
                 )  # fmt: skip
-            self._value(here, depth + 1, event)  # the key's own tag and anchor
+            self._value(here, depth + 1, event)  # notes the key's line, and refuses a tag or anchor on the key
             mapping[key] = self._value(here, depth + 1)
         return mapping
 
@@ -186,7 +187,7 @@ def _hint(problem: str) -> str:
 
 
 def show(value: Any) -> str:
-    """Write a value as messages have it: short, on one line, without control characters."""
+    """A value as messages show it: at most 60 characters, on one line, without control characters."""
     if isinstance(value, Mapping):
         return "a block of keys"
     if isinstance(value, list | tuple):
@@ -201,7 +202,7 @@ def show(value: Any) -> str:
 
 
 def closest(word: str, options: Iterable[str]) -> str | None:
-    """The one of ``options`` that ``word`` was probably meant to be, or None."""
+    """The one of ``options`` that was probably meant by ``word``; None if none is close."""
     known = list(options)
     same = [option for option in known if option.lower() == word.lower()]
     found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
@@ -214,7 +215,8 @@ def closest(word: str, options: Iterable[str]) -> str | None:
 def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     """Write ``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
 
-    Mappings, lists, strings, numbers, booleans, None and whatever has ``tolist`` (numpy). Floats come back to the last bit.
+    Takes mappings, lists, strings, numbers, booleans, None and objects with ``tolist`` (numpy). Floats are written so that
+    reading them gives the same bits.
     """
     out = []
     for key, value in data.items():
@@ -250,7 +252,7 @@ def _flow(value: Any) -> str:
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """The installed version of granphon and of each of ``packages``, none of which is imported."""
+    """The installed versions of granphon and of each of ``packages``, found without importing them."""
     from importlib.metadata import version
 
     from granphon import __version__

@@ -1,8 +1,8 @@
-"""Rules: functions that take a value of any kind and return it as it is meant, or raise what is wrong with it.
+"""Rules: functions that check a value of any kind and return it in its proper type.
 
 Scenes, command lines and Python calls are checked by the same rules. A rule raises
-:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and the likely intention;
-:func:`require` adds the name of an argument, and a scene file the place of its key.
+:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was probably meant;
+:func:`require` adds the name of an argument, and the reader of scenes the place of a key.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _DEEPEST = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """Read the value at ``key`` by its rule; a refusal has the key in its path."""
+    """Read the value at ``key`` by its rule; if it is refused, put the key into the path of the refusal."""
     try:
         return rule(value)
     except Refused as refused:
@@ -40,7 +40,7 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:
-    """Read an argument of a Python call by a rule; :class:`~granphon.base.errors.InputError` calls it ``name``."""
+    """Read an argument of a Python call by a rule; raise :class:`~granphon.base.errors.InputError` with its ``name``."""
     try:
         return rule(value)
     except Refused as refused:
@@ -56,7 +56,7 @@ def unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
 
 
 def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """A block of keys, each read by its rule; those that are ``needed`` have no default."""
+    """Read a block of keys, each value by the rule of its key; the keys in ``needed`` must be given."""
     allowed = f"a block of keys: {', '.join(rules) or 'none'}"
     if not isinstance(value, Mapping):
         raise Refused(show(value), allowed)
@@ -71,7 +71,7 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
 
 
 def _allowed(rule: Rule) -> str:
-    """Find in words what a rule allows, by giving it None, which it does not take."""
+    """Find the words for what a rule allows: give it None, which it refuses, and read the refusal."""
     try:
         rule(None)
     except Refused as refused:
@@ -80,7 +80,7 @@ def _allowed(rule: Rule) -> str:
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
-    """A list of one or more values of one kind."""
+    """Read a list of one or more values, each by the same ``rule``; ``what`` is their name in messages."""
     if not isinstance(value, list | tuple) or not value:
         raise Refused(show(value) if value != [] else "an empty list", f"a list of one or more {what}")
     return tuple(read_inside(n, rule, one) for n, one in enumerate(value))
@@ -95,7 +95,7 @@ def choice(value: Any, options: Sequence[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """A text that is not empty."""
+    """A text that is not blank and has no null character."""
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")
@@ -105,7 +105,7 @@ def text_list(given: Any) -> tuple[str, ...]:
     """One text, or a list or array of texts, as a tuple."""
     if isinstance(given, str):
         return (given,)
-    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given  # masked entries become None
+    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given  # masked entries become None, refused below
     if not isinstance(plain, Sequence) or not all(isinstance(one, str) for one in plain):
         raise Refused(brief(given), "a text, or a list of texts")
     return tuple(plain)
@@ -115,7 +115,7 @@ def text_list(given: Any) -> tuple[str, ...]:
 
 
 def truth(value: Any) -> bool:
-    """True or false, of Python or NumPy, and no other word for them."""
+    """A truth value of Python or NumPy, as a bool; words such as "yes" are refused."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
@@ -124,10 +124,10 @@ def truth(value: Any) -> bool:
 
 
 def real_number(value: Any) -> float:
-    """``value`` as a float; nan for what is no real number, or too large for a float.
+    """``value`` as a float; nan if it is not a real number, or is too large for a float.
 
-    Real numbers are those of Python and NumPy, fractions and decimals, and arrays of no dimension that hold one. Texts and
-    truth values are none, though ``float`` takes them.
+    Real numbers are those of Python and NumPy, fractions and decimals, and arrays without dimensions that hold one. Texts
+    and truth values do not count, though ``float`` takes them.
     """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
@@ -147,7 +147,7 @@ def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> f
 
 
 def number(value: Any, low: float, high: float) -> float:
-    """A plain number, without a unit, within two bounds."""
+    """A plain number, without a unit, from ``low`` to ``high``."""
     return _number_where(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
 
 
@@ -162,19 +162,22 @@ def zero_or_above(value: Any, unit: str = "") -> float:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether ``value`` is a whole number of Python or NumPy; truth values and spans of time are none."""
+    """Whether ``value`` is a whole number of Python or NumPy; truth values and spans of time do not count."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
 def whole(value: Any, low: int, high: int | None = None) -> int:
-    """A whole number within two bounds, or from one bound on."""
+    """A whole number from ``low`` to ``high``; without an upper limit if ``high`` is None."""
     if is_whole(value) and low <= value <= (value if high is None else high):
         return int(value)
     raise Refused(show(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
 
 
 def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
-    """Two whole numbers, from "64 64", [64, 64], (64, 64) or an array; if the ``example`` has a third, a 1 may follow."""
+    """Two whole numbers from ``low`` to ``high``, given as "64 64", [64, 64], (64, 64) or an array.
+
+    If the ``example`` has a third number, a 1 may follow the two.
+    """
     count = len(example.split())
     allowed = f"two whole numbers from {low} to {high}{' and a 1' if count > 2 else ''}, such as {example}"
     words: Any = value.split() if isinstance(value, str) else value.tolist() if hasattr(value, "tolist") else value
@@ -195,11 +198,11 @@ def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
 
 
 def real_numbers(values: Any) -> NDArray[np.float64]:
-    """Real numbers as an array of floats, of any shape, perhaps not finite.
+    """Real numbers as an array of floats of any shape, finite or not.
 
-    Refused is what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary part would be
+    Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary part would be
     dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a float; lists
-    of different lengths, or that contain themselves.
+    of different lengths; and lists that contain themselves.
     """
     if _is_masked(values):
         raise _not_real(values, "which has masked entries", "Leave them out, as .compressed() does.")
@@ -226,7 +229,7 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
 
 
 def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
-    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or empty for any."""
+    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or empty for any sign."""
     array = real_numbers(values)
     holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(array)
     if array.size and np.all(holds):
@@ -260,7 +263,7 @@ def _is_complex(value: Any) -> bool:
 
 
 def _is_masked(values: Any, depth: int = 0) -> bool:
-    """Whether an entry is masked, of an array or of a list of numbers and arrays; lists without end are refused."""
+    """Whether an array, or a list of numbers and arrays, has a masked entry; lists without end are refused."""
     if isinstance(values, list | tuple):
         if depth == _DEEPEST:
             raise Refused(

@@ -1,6 +1,6 @@
-"""The list of the files that granphon wrote into a folder, by which they are told from the user's.
+"""The list of the files that granphon wrote into a folder, which tells them from the user's own files.
 
-A file that is not in the list, or has been changed since, belongs to the user.
+A file that is not in the list, or has changed since granphon wrote it, counts as the user's.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ __all__ = ["LIST", "digest_file", "files_written", "is_written", "list_text", "r
 
 #: the list of the files that granphon wrote into a folder, each with its SHA-256
 LIST = ".granphon-files"
-#: number of the layout of the list of files
+#: version of the layout of the list; a list of another version counts as empty
 LIST_SCHEMA = 1
 
 
 def files_written(folder: str | os.PathLike[str]) -> dict[str, str]:
-    """Name and SHA-256 of each file that granphon wrote into ``folder``, as its list says; empty if there is none."""
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list."""
     data = read_record(Path(folder) / LIST)
     files = data.get("files") if data.get("schema") == LIST_SCHEMA else None
     return {name: digest for name, digest in files.items() if isinstance(digest, str)} if isinstance(files, dict) else {}
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read one of granphon's hidden files; empty if it is not there, or not as granphon writes it."""
+    """Read one of granphon's hidden files, a mapping in JSON; empty if it is missing or is not a mapping."""
     with suppress(GranphonError, ValueError, RecursionError):
         data = json.loads(read_bytes(path))
         return data if isinstance(data, dict) else {}
@@ -40,7 +40,7 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def list_text(files: Mapping[str, str]) -> str:
-    """The text of the list of these ``files``, names and SHA-256."""
+    """The text of a list of ``files``, which maps the name of each file to its SHA-256."""
     return json.dumps({"schema": LIST_SCHEMA, "files": files}, indent=1) + "\n"
 
 
@@ -51,5 +51,5 @@ def digest_file(path: Path) -> str:
 
 
 def is_written(path: Path, *digests: str) -> bool:
-    """Tell whether a file has one of the ``digests`` of files that granphon wrote."""
+    """Whether ``path`` is a regular file, not a link, whose SHA-256 is one of ``digests``."""
     return bool(digests) and path.is_file() and not path.is_symlink() and digest_file(path) in digests
