@@ -1,6 +1,6 @@
-"""The table of contacts: which balls touch which, and in what direction.
+"""The table of contacts: which balls touch, and in what direction.
 
-It is the one description of the geometry of contacts. The dynamics of lattices, the calculator and the simulation share it.
+It is the only description of the geometry of contacts: the dynamics of lattices, the calculator and the simulation share it.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from granphon.base.results import read_only
 __all__ = ["TOUCH", "ContactTable", "contact_frames", "contacts_apart", "find_contacts", "seen_first", "steps_within"]
 
 Array = NDArray[np.float64]
-#: two sites touch if their distance is one within this, in spacings
+#: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
-#: component along z above which the tangents of a normal are not made from z, which it is too near to
+#: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
 _UPRIGHT = 0.9
 
 
@@ -32,9 +32,9 @@ class ContactTable:
     ----------
     i, j : (n_c,) indices of the balls.
     shift : (n_c, p) whole cells between them.
-    normal : (n_c, d) unit vector in which the contact is compressed, from i to j.
-    vector : (n_c, d) from the centre of i to that of j, in mean diameters. It carries the phase of a wave, and adds up to
-        the periods of the cell; where balls sit off their sites it is not along the normal.
+    normal : (n_c, d) unit vector along which the contact is compressed, from i to j.
+    vector : (n_c, d) from the centre of i to that of j, in mean diameters. Phases of waves are computed from it, and around
+        a period of the cell it adds up to that period; where balls sit off their sites it is not along the normal.
     arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
     """
 
@@ -51,7 +51,7 @@ class ContactTable:
 
     @cached_property
     def tangent(self) -> Array:
-        """(n_c, 2): t = z x n, of contacts in the plane."""
+        """(n_c, 2) unit tangents t = z x n, for contacts in the plane."""
         return read_only(np.stack(contact_frames(self.normal)[1][:2], axis=1))
 
     def scale(self, factor: float) -> ContactTable:
@@ -63,10 +63,11 @@ class ContactTable:
 
 
 def contact_frames(normal: Array) -> list[list[Array]]:
-    """The normal n of each contact and its tangents t and n x t, right-handed unit vectors in space, by their components.
+    """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
 
-    Three lists of the components along x, y and z, each (n_c,). In the plane, where ``normal`` is (n_c, 2), and for every
-    normal in space that is not nearly upright, t is along z x n. The tangents of -n are -t and n x t.
+    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). In the plane, where
+    ``normal`` is (n_c, 2), and for every normal in space that is not nearly along z, t is along z x n. The tangents of -n
+    are -t and n x t.
     """
     if normal.shape[1] == 2:
         (x, y), zero = normal.T, np.zeros(len(normal))
@@ -78,26 +79,27 @@ def contact_frames(normal: Array) -> list[list[Array]]:
 
 
 def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
-    """(n, p) whole numbers of the vectors of ``cell`` (p, d) whose sums are at most ``radius`` long, in ascending order.
+    """Find the lattice vectors that are at most ``radius`` long.
 
-    Zero is among them.
+    Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
     """
-    # |b_k| radius steps along vector k reach out of the sphere, whatever the others do; b_k are the reciprocal vectors
+    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k: reciprocal vectors
     reach = np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)).astype(int)
     steps = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, len(cell))
     return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
 
 
 def seen_first(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """(n,): of contacts that were found from both ends, those found from the end that is kept, so that each counts once."""
+    """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
 
 
 def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
-    """The contacts of one cell of equal balls that touch at distance one, each once.
+    """Find the contacts of one cell of equal balls that touch at distance one, each once.
 
-    :class:`~granphon.base.errors.InputError`, which names the lattice ``name``, if balls overlap or one touches no other.
+    Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls overlap or a ball touches no
+    other.
     """
     n = len(positions)
     apart = positions[None] - positions[:, None]
@@ -127,8 +129,9 @@ def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
 
 
 def contacts_apart(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
-    """Whether no two balls of the supercell, nor a ball and itself, touch through two images.
+    """Whether any two balls of the supercell, or a ball and its own image, touch in at most one way.
 
-    A period longer than twice the contact makes its other images longer ways round.
+    That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors to two images of a ball
+    differ by a period, so that they cannot both be as short as a contact.
     """
     return len(steps_within(cell * np.array(dim)[:, None], 2.0 * (1.0 + 1e-6) * contact)) == 1

@@ -36,20 +36,21 @@ from granphon.base.tables import Table
 __all__ = ["Discrete", "Measured", "Normal", "Spread", "Uniform", "uniform_numbers"]
 
 Array = NDArray[np.float64]
-#: the least fraction of a kind: the widths of rarer ones are so small against its deviation that the laws lose their digits
+#: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's deviation that the laws lose
+#: their digits
 _RAREST = 1e-12
-#: balls of one sample that no machine holds
+#: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
-#: a mean within this part of the packing's diameter, and fractions that sum to 1 within this, are taken for rounded ones
+#: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of fractions against 1
 _ROUNDED = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
-    """Numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of each index in turn.
+    """Uniform random numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of each index in turn.
 
-    Integer arithmetic: the same on every machine. A site keeps its number when the array grows along any axis, so that a
-    longer sample begins with a shorter one. :class:`InputError` for lengths that are not whole numbers >= 0, or a seed that
-    is not one of 0 ... 2^64 - 1.
+    Integer arithmetic makes them the same on every machine. A site keeps its number when the array grows along any axis, so
+    that a longer sample begins with a shorter one. Raises :class:`InputError` for lengths that are not whole numbers >= 0,
+    for more than 2^48 sites, or for a seed that is not a whole number from 0 to 2^64 - 1.
     """
     given: Any = shape
     given = given.tolist() if isinstance(given, np.ndarray) else given
@@ -75,7 +76,7 @@ class Spread(ABC):
     @property
     @abstractmethod
     def rms(self) -> float:
-        """Delta_rms, m (equation 19)."""
+        """Root mean square deviation Delta_rms, m (equation 19)."""
 
     @property
     @abstractmethod
@@ -84,7 +85,7 @@ class Spread(ABC):
 
     @cached_property
     def width(self) -> float:
-        """W = sqrt(12) Delta_rms, m; 0 for equal balls."""
+        """Width W = sqrt(12) Delta_rms, m; 0 for equal balls."""
         return math.sqrt(12.0) * self.rms
 
     @property
@@ -103,16 +104,16 @@ class Spread(ABC):
         return self.width * self.shape.bounds[1]
 
     def check_sizes(self, diameter: float) -> None:
-        """:class:`InputError` if a ball about this mean diameter (m) has a size at or below zero."""
+        """Raise :class:`InputError` if, around the mean ``diameter`` (m), the smallest ball has a size at or below zero."""
         least = positive("diameter", diameter, "m") + self.smallest
         if not least > 0.0:
             why = f"The smallest deviation from the mean is {self.smallest:g} m"
             raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
 
     def check_mean(self, diameter: float) -> None:
-        """:class:`InputError` if the mean is not the packing's ``diameter`` (m) to 1e-9 of it.
+        """Raise :class:`InputError` if the mean differs from the packing's ``diameter`` (m) by more than 1e-9 of it.
 
-        What passes has no effect: deviations are from the distribution's own mean.
+        A smaller difference has no effect, as deviations are taken from the distribution's own mean.
         """
         if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > _ROUNDED * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
@@ -122,7 +123,7 @@ class Spread(ABC):
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
 
-        A larger sample keeps the balls of a smaller one. The mean is the sample's own, about zero: it is not shifted here.
+        A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is not shifted to zero here.
         """
         return self._deviations(uniform_numbers(shape, seed))
 
@@ -134,7 +135,7 @@ class Spread(ABC):
 class Uniform(Spread):
     """Deviations spread evenly over ``width``, the full width W in m; zero for equal balls.
 
-    :class:`InputError` if it is negative or not finite.
+    Raises :class:`InputError` if the width is negative or not finite.
     """
 
     width: float = field()
@@ -144,20 +145,20 @@ class Uniform(Spread):
 
     @property
     def rms(self) -> float:
-        """W / sqrt(12), m."""
+        """Root mean square deviation W / sqrt(12), m."""
         return self.width / math.sqrt(12.0)
 
     @property
     def shape(self) -> UniformShape:
-        """The same for every width."""
+        """The distribution of x = Delta/W, the same for every width."""
         return UniformShape()
 
 
 @dataclass(frozen=True)
 class Normal(Spread):
-    """Normal deviations, cut where they exceed ``cutoff`` times ``std``.
+    """Normal deviations without those larger than ``cutoff`` times ``std``.
 
-    ``std`` (m) is that of the uncut distribution, ``rms`` that of what is left. :class:`InputError` for a std that is
+    ``std`` (m) is the standard deviation before the cut, ``rms`` that after it. Raises :class:`InputError` for a std that is
     negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to 1e-6; above, nothing is cut).
     """
 
@@ -172,12 +173,12 @@ class Normal(Spread):
 
     @property
     def rms(self) -> float:
-        """Delta_rms of the cut distribution, m."""
+        """Root mean square deviation Delta_rms of the cut distribution, m."""
         return self.std * cut_rms(self.cutoff)
 
     @property
     def shape(self) -> NormalShape:
-        """A function of the cutoff alone."""
+        """The distribution of x = Delta/W, which depends on the cutoff alone."""
         return NormalShape(self.cutoff)
 
 
@@ -191,9 +192,9 @@ class _Listed(Spread):
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
-        """Mean diameter, deviations of different diameters, their probabilities."""
+        """Mean diameter, m; deviations of the different diameters, m, ascending; their probabilities."""
         places, weights = merge(np.array(self.diameters), self._shares())
-        off = places - places[0]  # exact within a factor of 2: equal balls have no width at all
+        off = places - places[0]  # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
 
@@ -207,13 +208,13 @@ class _Listed(Spread):
 
     @cached_property
     def rms(self) -> float:
-        """Delta_rms, m."""
+        """Root mean square deviation Delta_rms, m."""
         scale = float(np.max(np.abs(self._table[1]))) or 1.0
         return scale * math.sqrt(math.fsum(self._table[2] * (self._table[1] / scale) ** 2))
 
     @cached_property
     def shape(self) -> PointShape:
-        """Each different diameter, to 2^-40 W; more than 192 of them are condense to as many or fewer."""
+        """The distribution of x = Delta/W: each different diameter, rounded to 2^-40 W, condensed to at most 192 points."""
         x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
         positions, weights = condense(*merge(x, self._table[2]))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
@@ -223,8 +224,8 @@ class _Listed(Spread):
 class Discrete(_Listed):
     """Kinds of balls: ``diameters`` d^Q, m, with ``fractions`` c^Q (equation 18), which sum to 1 within 1e-9.
 
-    :class:`InputError` for a diameter that is not finite and above zero, a negative fraction, one between zero and
-    1e-12, another sum, unequal lengths.
+    Raises :class:`InputError` for a diameter that is not finite and above zero, a fraction that is negative or between zero
+    and 1e-12, fractions with another sum, or unequal numbers of diameters and fractions.
     """
 
     diameters: tuple[float, ...]
@@ -251,9 +252,9 @@ class Discrete(_Listed):
 
 @dataclass(frozen=True)
 class Measured(_Listed):
-    """The ``diameters`` of a lot of balls, m, each as likely as any other; their order does not matter.
+    """The measured ``diameters`` of a lot of balls, m, all equally likely; their order does not matter.
 
-    :class:`InputError` if there are none, or one is not finite and above zero.
+    Raises :class:`InputError` if there are none, or one is not finite and above zero.
     """
 
     diameters: tuple[float, ...]
@@ -263,11 +264,11 @@ class Measured(_Listed):
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
-        """Read a column of a table, see :mod:`granphon.base.tables`: ``ball,diameter (mm)``.
+        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``; see :mod:`granphon.base.tables`.
 
-        ``column`` is a name without its unit, which the first line must give; left out, it is "diameter", or the only one.
-        ``quoted``: whether errors may quote the table, see there.
-        :class:`InputError` names the line that cannot be read.
+        ``column`` is the name of the column, whose unit the first line must give; by default it is "diameter", or the only
+        column of the table. ``quoted`` says whether errors may quote the table, as in
+        :meth:`~granphon.base.tables.Table.read`. :class:`InputError` names the line that cannot be read.
         """
         table, name = Table.read(path, quoted), column or "diameter"
         if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):

@@ -3,11 +3,13 @@
 Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the mean diameter; the width
 is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side).
 
-A :class:`Shape` is a distribution divided by its width, that of x = Delta/W. All averages are functions of the shape and of
-y = (d - a)/W, the overlap of balls of the mean diameter: they are of (y + (x + x')/2)_+^p, a power of the overlap of two.
-p = 3/2 is the force in units of (2/3) E* d^(1/2) W^(3/2), 1/2 and -1/2 its derivatives in y, 0 counts contacts. Integrals
-are done in the square root of the overlap, where powers are polynomials, smooth at the kink, and sums positive: the closed
-forms of the uniform distribution are Gauss rules of 3 or 4 nodes here, and keep at any y the digits they lose as printed.
+A :class:`Shape` is the distribution of x = Delta/W. All averages are functions of the shape and of y = (d - a)/W, the
+overlap of balls of the mean diameter. What is averaged is (y + (x + x')/2)_+^p, a power of the overlap of two balls, in W:
+p = 3/2 gives the force in units of (2/3) E* d^(1/2) W^(3/2), 1/2 and -1/2 give its derivatives by y, 0 counts contacts.
+
+Integrals are taken over the square root of the overlap: in it the powers are polynomials, smooth where a contact opens, and
+all terms of the sums are positive. For the uniform distribution, Gauss rules of 3 or 4 nodes replace the printed closed
+forms, and keep the digits that those lose at some y.
 """
 
 from __future__ import annotations
@@ -28,13 +30,13 @@ from granphon.base.errors import InputError, message
 __all__ = ["Nodes", "NormalShape", "PointShape", "Shape", "UniformShape"]
 
 Array = NDArray[np.float64]
-#: (start, end, density as a function of t, t - start and end - t): an analytic piece of a distribution
+#: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
 Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
-#: x of listed diameters is a multiple of this, so that the same shape in another size compares equal
+#: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and another W compare equal
 GRAIN = 2.0**-40
-#: more different diameters than this are condensed to at most as many
+#: most points of a shape; more different diameters are condensed to this many or fewer
 MOST_POINTS = 192
-#: most numbers in an array of an average; more are worked through in blocks
+#: most numbers in an array while averages are computed; larger arrays are worked through in blocks
 _NUMBERS_AT_ONCE = 2**20
 
 
@@ -47,46 +49,51 @@ class Nodes(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape(ABC):
-    """The distribution of x = Delta/W, of mean 0 and rms 1/sqrt(12); compared and hashed by value.
+    """The distribution of x = Delta/W, with mean 0 and rms 1/sqrt(12); compared and hashed by value.
 
-    Methods take scalars or arrays that broadcast; floats in, floats out. With the position ``x`` of the central ball they
-    average over the other ball (F^Q of equation 28); without, over both (F_ave of equation 25).
+    Methods take scalars or arrays that broadcast, and return floats for floats. Given the position ``x`` of the central
+    ball, they average over the other ball (F^Q of equation 28); without it, over both (F_ave of equation 25).
     """
 
     @property
     @abstractmethod
     def bounds(self) -> tuple[float, float]:
-        """Smallest and largest x: contacts are all open at y <= -largest, all closed at y > -smallest."""
+        """Smallest and largest x; all contacts are open at y <= -largest, and all are closed at y > -smallest."""
 
     @property
     @abstractmethod
     def openings(self) -> Array:
-        """(n,) the y, ascending, between which averages are smooth functions of y."""
+        """(n,) values of y, ascending; between each and the next, averages are smooth functions of y."""
 
     @abstractmethod
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which this part of the balls lies."""
+        """The x below which the part ``probability`` of the balls lies."""
 
     @abstractmethod
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
         """Quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y); arrays of shape (*y.shape, n).
 
-        Densities: n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split where the first and the last
-        contact of Q opens, y + x_Q/2 = -+max(x)/2: one node where F^Q = 0, then ``order`` Gauss nodes in the square root of
-        the distance to the singularity below, on either side of the second. Convergence is exponential. ``whole`` gives the
-        balls with F^Q = 0 ``order`` nodes as well, for functions of x_Q itself. Points: all of them, exact at any order.
+        For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split into three at
+        y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets one node; each of the other two gets
+        ``order`` Gauss nodes in the square root of the distance to the singularity at or below its lower end. Convergence is
+        exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
+
+        For listed diameters every point is a node, and the result is exact at any ``order``.
         """
 
     @abstractmethod
     def _single(self, overlap: Array, power: float) -> Array:
-        """<(s + x'/2)_+^p>."""
+        """Average over the other ball, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2."""
 
     @abstractmethod
     def _pair(self, overlap: Array, power: float) -> Array:
-        """<(y + (x + x')/2)_+^p>."""
+        """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y."""
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """<(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p = 0; :class:`InputError` for another power."""
+        """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p = 0.
+
+        Raises :class:`InputError` for another power.
+        """
         if power not in np.arange(-0.5, 3.1, 0.5):
             raise InputError(message(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3"))
         if x is None:
@@ -94,15 +101,15 @@ class Shape(ABC):
         return self._single(np.asarray(y, float) + 0.5 * np.asarray(x, float), power)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
+        """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
         return self.average(y, 1.5, x)
 
     def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """dF_ave/dy or K^Q = dF^Q/dy (equation 30)."""
+        """Average stiffness dF_ave/dy or K^Q = dF^Q/dy (equation 30)."""
         return 1.5 * self.average(y, 0.5, x)
 
     def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """d^2F/dy^2 of either; of listed diameters it has no bound above an opening."""
+        """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just above an opening."""
         return 0.75 * self.average(y, -0.5, x)
 
 
@@ -110,25 +117,25 @@ class _Density(Shape):
     """A density on [-b, b]: symmetric, analytic inside, cut at the ends."""
 
     _edge: float
-    #: Gauss nodes are this many times the order
+    #: factor from the order to the number of Gauss nodes
     _stretch: int = 1
 
     @abstractmethod
     def _density(self, x: Array) -> Array:
-        """Balls per unit of x."""
+        """Density of balls: their fraction per unit of x."""
 
     @abstractmethod
     def _below(self, x: Array) -> Array:
-        """Part of the balls below x."""
+        """Fraction of the balls below x."""
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """-b, b."""
+        """Smallest and largest x: -b, b."""
         return -self._edge, self._edge
 
     @property
     def openings(self) -> Array:
-        """-b, 0, b: at each an average has a half-integer power."""
+        """(3,) values of y, -b, 0, b: at each an average has a term with a half-integer power."""
         return np.array([-self._edge, 0.0, self._edge])
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
@@ -141,7 +148,7 @@ class _Density(Shape):
             weights = [(first + edge) * shares * self._density(positions[0])]
         else:
             positions, weights = [0.5 * (first - edge)], [self._below(first)]
-        # parts that begin at x = first, where s = y + x/2 is ``start`` above its singularity, and reach over ``length`` in s
+        # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity, and is ``length`` long
         some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
         every = (np.clip(edge - 2.0 * values, -edge, edge), np.maximum(values - edge, 0.0), np.clip(values, 0.0, edge))
         for first, start, length in (some, every):
@@ -153,7 +160,7 @@ class _Density(Shape):
 
 @dataclass(frozen=True)
 class UniformShape(_Density):
-    """Even on [-1/2, 1/2]. Averages are exact to rounding."""
+    """The uniform distribution, even on [-1/2, 1/2]. Averages are exact to rounding."""
 
     _edge = 0.5
 
@@ -164,22 +171,22 @@ class UniformShape(_Density):
         return x + 0.5
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """u - 1/2."""
+        """The x below which the part u = ``probability`` of the balls lies: u - 1/2."""
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _single(self, overlap: Array, power: float) -> Array:
-        # 2/(p+1) times the first difference of s_+^(p+1) over -+1/4: degree 2p + 1 in the root
+        # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the integrand has degree 2p + 1 in the root
         return _integral(overlap, power, [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1)
 
     def _pair(self, overlap: Array, power: float) -> Array:
-        # 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2: degree 2p + 3 in the root
+        # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3 in the root
         rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
         return _integral(overlap, power, [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2)
 
 
 @dataclass(frozen=True)
 class NormalShape(_Density):
-    """A normal density, cut at ``cutoff`` times the std it had before."""
+    """A normal density, cut at ``cutoff`` times the standard deviation that it has before the cut."""
 
     cutoff: float
 
@@ -213,7 +220,7 @@ class NormalShape(_Density):
         return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The inverse of the cut distribution, from the nearer end."""
+        """The x below which the part ``probability`` of the balls lies, computed from the nearer end for its digits."""
         from scipy.special import ndtri
 
         off = np.asarray(probability, float) - 0.5
@@ -231,7 +238,7 @@ class NormalShape(_Density):
 
         def piece(a: float, b: float) -> Piece:
             def density(t: Array, rise: Array, fall: Array) -> Array:
-                # x = t + v, x' = t - v: the integral over |v| < b - |t|, without loss of digits at the ends
+                # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t| keeps its digits at the ends
                 room = rise + (a + self._edge) if b <= 0.0 else fall + (self._edge - b)
                 scale = math.sqrt(math.pi) * self._std * self._density(np.zeros(())) ** 2
                 return np.asarray(2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std))
@@ -243,14 +250,17 @@ class NormalShape(_Density):
 
 @dataclass(frozen=True)
 class PointShape(Shape):
-    """Ascending ``positions`` x, with ``weights`` that sum to one: averages are finite sums. Equal balls are at x = 0."""
+    """Points at ascending ``positions`` x with ``weights`` that sum to one: averages are finite sums.
+
+    Equal balls are one point at x = 0.
+    """
 
     positions: tuple[float, ...]
     weights: tuple[float, ...]
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The first and the last position."""
+        """Smallest and largest x: the first and the last position."""
         return self.positions[0], self.positions[-1]
 
     @cached_property
@@ -265,11 +275,11 @@ class PointShape(Shape):
 
     @property
     def openings(self) -> Array:
-        """-(x_i + x_j)/2 of all pairs."""
+        """(n,) the different values of y = -(x_i + x_j)/2 over all pairs, ascending."""
         return -self._pairs[0][::-1]
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """A step function."""
+        """The x below which the part ``probability`` of the balls lies: a step function."""
         x, w = self._points
         return x[find_quantiles(w, np.asarray(probability, float))][()]
 
@@ -293,9 +303,9 @@ def _gauss(order: int) -> tuple[Array, Array]:
 
 
 def _square_roots(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
-    """Gauss nodes u = v^(1/2) of v in [start, start + length], on a last axis that had length 1.
+    """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has length 1 in the arguments.
 
-    Returns u, v - start, start + length - v and the weights of du. No two neighbouring numbers are subtracted.
+    Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are subtracted.
     """
     nodes, weights = _gauss(order)
     low, high = np.sqrt(start), np.sqrt(start + length)
@@ -305,13 +315,13 @@ def _square_roots(start: Array, length: Array, order: int) -> tuple[Array, Array
 
 
 def in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
-    """``evaluate`` (n,) -> (n,) for an array of any shape, ``size`` numbers at once."""
+    """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a time."""
     flat, size = values.reshape(-1), max(1, size)
     return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]).reshape(values.shape)
 
 
 def _whole_power(root: Array, exponent: int) -> Array:
-    """root^n for n from -1 to 7, by products: numpy takes a general power for most of them, at ten times the cost."""
+    """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten times the cost."""
     if exponent < 0:
         return np.asarray(1.0 / root)
     square = root * root
@@ -322,7 +332,7 @@ def _whole_power(root: Array, exponent: int) -> Array:
 
 
 def _integral(overlap: Array, power: float, pieces: Sequence[Piece], order: int) -> Array:
-    """Integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2)."""
+    """Integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2); ``overlap`` is y."""
 
     def evaluate(y: Array) -> Array:
         total = np.zeros(len(y))
@@ -338,7 +348,7 @@ def _integral(overlap: Array, power: float, pieces: Sequence[Piece], order: int)
 
 
 def _finite_sum(overlap: Array, power: float, places: Array, weights: Array) -> Array:
-    """Sum of w (y + t)_+^p over places t."""
+    """Sum of w (y + t)_+^p over the places t with weights w; ``overlap`` is y."""
 
     def evaluate(y: Array) -> Array:
         gap = y + places
@@ -350,12 +360,12 @@ def _finite_sum(overlap: Array, power: float, places: Array, weights: Array) -> 
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
-    """Indices at which the running sum of the weights passes each probability."""
+    """Find the indices at which the running sum of the weights exceeds each probability."""
     return np.minimum(np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1)
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Merge equal places: those that have weight, ascending, and the sums of their weights."""
+    """Merge equal places: return the different places with weight above zero, ascending, and the sums of their weights."""
     different, index = np.unique(places[weights > 0.0], return_inverse=True)
     return different, np.bincount(index, weights[weights > 0.0]).astype(float)
 
@@ -364,11 +374,13 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
     """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of the cells between.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that only pairs near the kink
-    are in error. Cells are narrower where balls are many: their edges are even in 0.3 times the part of the balls that lies
-    below plus 0.7 times the part of the range. As cells differ, so do the places where pairs of them open, and their errors
-    do not add up. Against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with 192 places: F_ave
-    to 4e-6 and K_ave to 4e-4 from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12 with all contacts closed; sampling noise
-    is 1e-3 or more.
+    are in error. Cells are narrower where there are many balls: the edges are evenly spaced in 0.3 times the fraction of the
+    balls below plus 0.7 times the fraction of the range below. As the widths of cells differ, their pairs open at different
+    places, and the errors do not add up.
+
+    Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with 192 places: 4e-6 of
+    F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12 with all contacts closed; sampling noise is
+    1e-3 or more.
     """
     if places.size <= most:
         return places, weights
@@ -391,7 +403,7 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
 
 @lru_cache(maxsize=64)
 def cut_rms(cutoff: float) -> float:
-    """rms of a normal distribution of std 1 cut at +-cutoff."""
+    """Root mean square of a normal distribution of standard deviation 1 that is cut at +-cutoff."""
     from scipy.special import gammainc
 
     return math.sqrt(gammainc(1.5, 0.5 * cutoff * cutoff) / gammainc(0.5, 0.5 * cutoff * cutoff))

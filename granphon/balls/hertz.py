@@ -20,7 +20,8 @@ __all__ = [
     "MUCH_LARGER", "HertzLaw", "contact_radius_ratio", "harmonic_diameter", "high_pressure_overlap", "mindlin_reduction",
 ]  # fmt: skip
 
-#: the pressure is high (low) where the overlap is this many times above (below) Delta_rms: "much larger" is half a decade
+#: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
+#: "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)
 
 
@@ -30,7 +31,7 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R. D. Mindlin,
     J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu N)^(1/3) instead: see the errata.
 
-    ``tangential_load`` and ``normal_load`` in the same unit, any shapes that broadcast; the sign of T does not
+    ``tangential_load`` and ``normal_load`` are in the same unit, of any shapes that broadcast; the sign of T does not
     matter. Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
     """
     mu = positive("friction_coefficient", friction_coefficient)
@@ -49,30 +50,30 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
-    """d* of two balls, 1/d* = (1/d_i + 1/d_j)/2, m (equation 3)."""
+    """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
     one, two = real_array("diameter", first), real_array("diameter", second)
     return (2.0 * one / (one + two) * two)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
-    """Radius of the contact circle over the radius of equal balls, (delta/d)^(1/2)."""
+    """Radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for equal balls of diameter d."""
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
 
 def high_pressure_overlap(width: float) -> float:
-    """The overlap, m, from which the pressure is high (Section III) for balls whose diameters have the ``width`` W, m."""
+    """Overlap, m, from which on the pressure is high (Section III), for balls whose diameters have the ``width`` W, m."""
     return MUCH_LARGER * width / math.sqrt(12.0)
 
 
 @dataclass(frozen=True)
 class HertzLaw:
-    """f = c delta_+^(3/2): the force of two balls pressed together, zero when they are apart.
+    """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they are apart.
 
     Parameters
     ----------
     coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
 
-    All methods take scalars or arrays: floats in, floats out.
+    All methods take scalars or arrays, and return floats for floats.
 
     Raises
     ------
@@ -86,7 +87,7 @@ class HertzLaw:
 
     @property
     def least_overlap(self) -> float:
-        """The overlap up to which balls are apart, m."""
+        """Overlap up to which balls are apart, m: zero."""
         return 0.0
 
     @classmethod
@@ -100,26 +101,29 @@ class HertzLaw:
         return cls(coefficient)
 
     def energy(self, overlap: ArrayLike) -> Any:
-        """(2/5) c delta_+^(5/2), J."""
+        """Elastic energy of a contact (2/5) c delta_+^(5/2), J; ``overlap`` delta in m."""
         delta = np.maximum(real_array("overlap", overlap), 0.0)
         return (0.4 * self.coefficient * delta * np.sqrt(delta) * delta)[()]
 
     def force(self, overlap: ArrayLike) -> Any:
-        """c delta_+^(3/2), N (equation 22, the inverse of 1)."""
+        """Contact force c delta_+^(3/2), N (equation 22, the inverse of 1); ``overlap`` delta in m."""
         delta = np.maximum(real_array("overlap", overlap), 0.0)
         return (self.coefficient * delta * np.sqrt(delta))[()]
 
     def stiffness(self, overlap: ArrayLike) -> Any:
-        """(3/2) c delta_+^(1/2), N/m (equation 2)."""
+        """Normal stiffness (3/2) c delta_+^(1/2), N/m (equation 2); ``overlap`` delta in m."""
         return (1.5 * self.coefficient * np.sqrt(np.maximum(real_array("overlap", overlap), 0.0)))[()]
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """(3/4) c delta^(-1/2), N/m^2, the derivative of the stiffness; zero where the balls are apart."""
+        """Derivative of the stiffness by the overlap, (3/4) c delta^(-1/2), N/m^2; zero where the balls are apart."""
         root = np.sqrt(np.maximum(real_array("overlap", overlap), 0.0))
         return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """delta = (f/c)^(2/3), m, of a compressive force (equation 1); :class:`InputError` if one is negative."""
+        """Overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
+
+        Raises :class:`InputError` if a force is negative.
+        """
         load = real_array("force", force)
         if not np.all(load >= 0.0):
             raise InputError(
@@ -128,20 +132,26 @@ class HertzLaw:
         return (np.cbrt(load / self.coefficient) ** 2)[()]
 
     def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
-        """delta = (2 k / 3 c)^2, m, of a normal stiffness (the inverse of equation 2)."""
+        """Overlap delta = (2 k / 3 c)^2, m, at a normal ``stiffness`` k, N/m (the inverse of equation 2).
+
+        Raises :class:`InputError` if a stiffness is negative.
+        """
         value = real_array("stiffness", stiffness)
         if not np.all(value >= 0.0):
             raise InputError(message("the stiffness of a contact is negative"))
         return ((value / (1.5 * self.coefficient)) ** 2)[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Delta f / f: equal balls share the load evenly."""
+        """Relative fluctuation Delta f / f of the forces over balls: zero, as equal balls share the load evenly."""
         return np.zeros(np.shape(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """The part of the contacts that carries load."""
+        """Fraction of the contacts that carry load: 1 where the overlap is above zero, else 0."""
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
-        """The force, N, from which the law serves for balls whose diameters have a ``width``, m: that of high pressure."""
+        """Force, N, from which on the law may be used for balls whose diameters have the ``width`` W, m.
+
+        It is the force at :func:`high_pressure_overlap`.
+        """
         return float(self.force(high_pressure_overlap(width)))

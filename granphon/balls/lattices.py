@@ -1,7 +1,7 @@
-"""Lattices of equal balls in the plane, and directions in it.
+"""Lattices of equal balls in the plane, and directions in the plane.
 
-A lattice is data: a cell and the sites in it, in units of the distance between touching balls. Which of its balls touch, and
-in what direction, is in its :class:`~granphon.balls.contact_table.ContactTable`.
+A lattice is data: a cell, in units of the distance between touching balls, and the sites in it. Its
+:class:`~granphon.balls.contact_table.ContactTable` says which of its balls touch, and in what direction.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Lattice:
 
     Parameters
     ----------
-    name : how messages and files call it.
-    cell : the two lattice vectors as rows, in units of the distance of touching balls.
-    sites : the balls of the cell, in fractions of it.
+    name : the name of the lattice in messages and files.
+    cell : the two lattice vectors as rows, in units of the distance between the centres of touching balls (the spacing).
+    sites : the positions of the balls, in fractions of the lattice vectors.
 
     Raises
     ------
-    InputError : the name is no text, the cell has no area, balls overlap, a ball touches no other, or equal contact forces
-        leave a ball out of balance.
+    InputError : the name is not a text, the cell has almost no area, balls overlap, a ball touches no other, or equal
+        contact forces leave a ball out of balance.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Lattice:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text"))
-        # whatever came in (lists, arrays) is kept as tuples, so that a Lattice is hashable and cannot change
+        # lists and arrays become tuples, so that a Lattice is hashable and cannot change
         try:
             cell = real_array("cell", self.cell).reshape(2, 2)
             sites = real_array("sites", self.sites).reshape(-1, 2)
@@ -80,22 +80,22 @@ class Lattice:
 
     @property
     def n_balls(self) -> int:
-        """Balls in the cell."""
+        """Number of balls in the cell."""
         return len(self.sites)
 
     @cached_property
     def vectors(self) -> Array:
-        """(2, 2): the lattice vectors as rows, in units of the spacing."""
+        """(2, 2) lattice vectors as rows, in units of the spacing."""
         return read_only(self.cell)
 
     @cached_property
     def positions(self) -> Array:
-        """(n, 2): the centres, in units of the spacing."""
+        """(n, 2) centres of the balls, in units of the spacing."""
         return read_only(np.asarray(self.sites) @ self.vectors)
 
     @cached_property
     def area(self) -> float:
-        """Area of the cell in units of the spacing squared."""
+        """Area of the cell, in units of the spacing squared."""
         return float(abs(np.linalg.det(self.vectors)))
 
     @cached_property
@@ -110,9 +110,9 @@ class Lattice:
 
     @property
     def pressure_factor(self) -> float:
-        """P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one.
+        """Reduced pressure P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one.
 
-        Raises :class:`InputError` if equal contact forces make a stress that is no pressure.
+        Raises :class:`InputError` if equal contact forces make a stress that is not an isotropic pressure.
         """
         stress = self.contacts.normal.T @ self.contacts.normal / self.area
         if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > TOUCH:
@@ -127,7 +127,7 @@ class Lattice:
 
     @property
     def area_per_ball(self) -> float:
-        """Area that one ball takes, in units of the spacing squared."""
+        """Area of the cell per ball, in units of the spacing squared."""
         return self.area / self.n_balls
 
 
@@ -140,7 +140,7 @@ LATTICES: dict[str, Lattice] = {lattice.name: lattice for lattice in (TRIANGULAR
 
 
 def find_lattice(lattice: str | Lattice) -> Lattice:
-    """The lattice of that name, or the lattice itself; :class:`InputError` if the name is unknown."""
+    """Find the lattice of a name; a :class:`Lattice` is returned itself. Raises :class:`InputError` for an unknown name."""
     if isinstance(lattice, Lattice):
         return lattice
     if isinstance(lattice, str) and lattice in LATTICES:
@@ -151,9 +151,9 @@ def find_lattice(lattice: str | Lattice) -> Lattice:
 
 
 def as_direction(direction: ArrayLike) -> Array:
-    """``direction`` as a unit vector (2,), or as one for each row of (n, 2), Cartesian.
+    """``direction`` as a Cartesian unit vector (2,), or as (n, 2) unit vectors for (n, 2) directions.
 
-    :class:`InputError` for another shape, a number that is not finite, or a direction (0, 0).
+    Raises :class:`InputError` for another shape, a number that is not finite, or a direction (0, 0).
     """
     vector: Any = real_array("direction", direction)
     largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
@@ -170,7 +170,10 @@ def as_direction(direction: ArrayLike) -> Array:
 
 
 def one_direction(direction: ArrayLike) -> Array:
-    """``direction`` as one unit vector (2,); :class:`InputError` for what :func:`as_direction` refuses, and for several."""
+    """``direction`` as one Cartesian unit vector (2,).
+
+    Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one direction.
+    """
     along = as_direction(direction)
     if along.ndim > 1:
         raise InputError(message(f"direction is {brief(direction)}", "This is found in one direction", "Give (x, y)"))

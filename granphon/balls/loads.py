@@ -1,4 +1,4 @@
-"""How the balls are pressed: by a force, a pressure or an overlap, and how hard."""
+"""Loads: what presses the balls (a force, a pressure or an overlap), and how hard."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from granphon.base.validation import require, whole
 
 __all__ = ["Load", "balls_on_side", "force_of_frame", "require_compressive"]
 
-#: a rule: how many balls a side of a hexagonal frame is long
+#: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
 def force_of_frame(side_force: Any, balls_per_side: int) -> Any:
-    """Contact force f, N, in a hexagonal frame whose sides are each pressed with ``side_force`` F onto n balls.
+    """Contact force f, N, in a hexagonal frame: each side is pressed with ``side_force`` F, N, onto n balls.
 
     f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P d = sqrt(3) f (equation
-    20). Seen from one ball: it passes F/n on to two contacts at 30 degrees to the push. The overlap drops out.
+    20). For a single ball: it passes F/n on to two contacts at 30 degrees to the push. The overlap drops out.
 
     Section IV has n = 31 and "~990 N" for f = 18.446 N; the formula gives 18.438 N at 990 N, and 18.446 N at 990.4 N.
     """
@@ -41,14 +41,14 @@ class Load:
     ----------
     kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), or "side_force"
         (F on each side of a hexagonal frame).
-    array : one value or many, of any shape, in N, N/m, m or N; kept as a read-only array. Overlaps may be negative, as
-        balls may differ; forces and pressures are above zero.
-    balls_per_side : how many balls a side of the frame is long; of a side force, and of no other.
+    array : one value or many, of any shape, in N, N/m, m or N for these kinds; kept as a read-only array. Overlaps may be
+        negative, as balls may differ; forces and pressures are above zero.
+    balls_per_side : length of a side of the frame in balls, for a side force only.
 
     Raises
     ------
-    InputError : another kind, a value that is not a finite number, or that is not above zero where it must be; a side force
-        without ``balls_per_side``, or another load with it.
+    InputError : another kind; a value that is not a finite number, or not above zero where it must be; a side force without
+        ``balls_per_side``, or another kind of load with it.
     """
 
     kind: str
@@ -68,9 +68,10 @@ class Load:
 
     @classmethod
     def only(cls, **given: ArrayLike | None) -> Self:
-        """The one load that is given as a keyword, one number or a list of them; the others are None.
+        """Make a load from the one keyword that is not None: its name is the kind, its value a number or a list of them.
 
-        :class:`~granphon.base.errors.InputError` if none or several are given, or if it is no list of numbers.
+        Raises :class:`~granphon.base.errors.InputError` if none or several are given, or if the value is not made of
+        numbers.
         """
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:
@@ -88,31 +89,31 @@ class Load:
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """What two loads have in common if they are equal; one value is the same load as a list of one."""
+        """What is compared and hashed; a single value is the same load as a list of one."""
         return self.kind, self.shape if self.size > 1 else (), self.values, self.balls_per_side
 
     def __getitem__(self, index: Any) -> Self:
-        """Some of the loads, as arrays are indexed."""
+        """Select some of the loads, by an index as for arrays."""
         return replace(self, array=self.array[index])
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the values; () for a single one."""
+        """Shape of the array of values; () for a single one."""
         return np.shape(self.array)
 
     @property
     def size(self) -> int:
-        """How many values there are."""
+        """Number of values."""
         return int(np.size(self.array))
 
     @cached_property
     def values(self) -> tuple[float, ...]:
-        """The values as plain numbers, in C order; SI."""
+        """Values as plain numbers in SI, in C order."""
         return tuple(np.ravel(self.array).tolist())
 
     @property
     def flat(self) -> Self:
-        """The load with its values in a row, (n,)."""
+        """The same load with its values as an array of shape (n,)."""
         return replace(self, array=np.ravel(self.array))
 
     @property
@@ -122,13 +123,13 @@ class Load:
 
     @property
     def applied(self) -> Self:
-        """The load that the contacts bear, a force, pressure or overlap: a side force becomes the force of the contacts."""
+        """The load as a force, pressure or overlap: a side force becomes the force of a contact, other kinds stay."""
         if self.balls_per_side is None:
             return self
         return replace(self, kind="force", array=force_of_frame(self.array, self.balls_per_side), balls_per_side=None)
 
     def __str__(self) -> str:
-        """As messages have it."""
+        """The load in words for a message."""
         return f"{self.kind} = {brief(self.array.tolist())}"
 
 

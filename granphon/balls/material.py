@@ -1,6 +1,6 @@
 """The material of the balls: its elastic constants, and what follows from them for contacts and waves.
 
-Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), which take E* = E / 2(1 - sigma^2).
+Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 - sigma^2).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from granphon.base.validation import real_number, require
 
 __all__ = ["LEAST_YOUNG_MODULUS", "Material", "read_poisson_ratio"]
 
-#: Pa; softer than any solid that keeps its shape, and so probably a wrong unit
+#: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
 
 
 def read_poisson_ratio(value: Any) -> float:
-    """A rule: the Poisson ratio sigma of an isotropic solid that is stable, -1 < sigma <= 1/2."""
+    """Read a Poisson ratio sigma (a rule): that of a stable isotropic solid, -1 < sigma <= 1/2."""
     found, allowed = real_number(value), "a plain number, -1 < poisson_ratio <= 0.5"
     if -1.0 < found <= 0.5:
         return found
@@ -40,7 +40,7 @@ class Material:
     young_modulus : E, Pa.
     poisson_ratio : sigma, -1 < sigma <= 1/2.
     density : rho, kg/m^3.
-    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would flow.
+    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would yield.
 
     Raises
     ------
@@ -61,24 +61,24 @@ class Material:
 
     @property
     def contact_modulus(self) -> float:
-        """E* = E / 2(1 - sigma^2), Pa (equation 3)."""
-        # (1 - sigma)(1 + sigma), not 1 - sigma^2: no digit is lost near sigma = -1
+        """Contact modulus E* = E / 2(1 - sigma^2), Pa (equation 3)."""
+        # (1 - sigma)(1 + sigma) loses no digits near sigma = -1, where 1 - sigma^2 would
         return self.young_modulus / (2.0 * (1.0 - self.poisson_ratio) * (1.0 + self.poisson_ratio))
 
     @property
     def mindlin_ratio(self) -> float:
-        """eta = 2(1 - sigma)/(2 - sigma), the shear over the normal stiffness of a contact (equation 4)."""
+        """Ratio eta = 2(1 - sigma)/(2 - sigma) of the shear to the normal stiffness of a contact (equation 4)."""
         return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
 
     @property
     def shear_modulus(self) -> float:
-        """E / 2(1 + sigma), Pa."""
+        """Shear modulus E / 2(1 + sigma), Pa."""
         return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
 
     @property
     def transverse_velocity(self) -> float:
         """Bulk velocity of transverse waves in the material, m/s."""
-        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # their quotient may be beyond the floating range
+        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # the quotient may be beyond the floating range
 
     @property
     def longitudinal_velocity(self) -> float:
@@ -95,19 +95,19 @@ class Material:
     def lowest_resonance(self, diameter: float) -> float:
         """Frequency of the lowest free vibration of a ball of this material, Hz.
 
-        The least of the torsional mode of order two and the breathing mode of a free elastic sphere
+        It is the lower one of the torsional mode of order two and the breathing mode of a free elastic sphere
         (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
         """
         radius = positive("diameter", diameter, "m") / 2.0
         return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
 
 
-#: least positive root of x j_2'(x) = j_2(x): the torsional mode of order two of a free sphere
+#: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x j_2'(x) = j_2(x)
 _TORSIONAL = 2.501132620409395
 
 
 def _lowest_root(sigma: float) -> float:
-    """Least omega R / v_T over the free vibrations of a sphere of Poisson ratio ``sigma``.
+    """Lowest reduced frequency omega R / v_T of the free vibrations of a sphere of Poisson ratio ``sigma``.
 
     It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
     where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
@@ -117,8 +117,9 @@ def _lowest_root(sigma: float) -> float:
     from scipy.optimize import brentq
 
     ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-    # tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), multiplied out to r j_1(y)/y - j_0(y)/4 so that it has no pole, and as a
-    # series in y^2 = r x^2, of which the first term, a difference that vanishes at sigma = -1, is written out
+    # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r = ``ratio_squared``. Multiplied out to
+    # r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as a series in y^2, whose first term is a difference that
+    # vanishes at sigma = -1, and therefore given in closed form
     first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
     series = [
         (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
@@ -129,9 +130,9 @@ def _lowest_root(sigma: float) -> float:
         square = ratio_squared * x * x
         return first / square + math.fsum(term * square**k for k, term in enumerate(series))
 
-    # strained uniformly a ball would breathe at (15 K/G)^(1/2); the exact root is a little lower
+    # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root is a little lower
     uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    upper = min(1.1 * uniform, _TORSIONAL)  # not uniform itself: near sigma = -1 the root is that, to rounding
+    upper = min(1.1 * uniform, _TORSIONAL)  # above 1: near sigma = -1 the root is ``uniform`` to rounding
     if breathing(0.5 * uniform) * breathing(upper) > 0.0:
         return _TORSIONAL
     return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))

@@ -1,7 +1,7 @@
-"""The motions of balls: which displacements and rotations each of them has.
+"""The motions of balls: which displacements and rotations each ball has.
 
-A ball has six, three displacements u and three rotations phi. Which of them move is data, held here; what is made of the
-motions asks a :class:`Motions` how many there are, which of them turn, and what they are called.
+In space a ball has six motions, three displacements u and three rotations phi. A :class:`Motions` says which of them are
+free; other modules ask it how many there are, which of them are rotations, and what they are called.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["ALL", "IN_PLANE", "LONGITUDINAL", "OUT_OF_PLANE", "TRANSLATIONS_IN_P
 
 @dataclass(frozen=True)
 class Motions:
-    """The motions of each ball: displacements first, then rotations. A rotation is carried by w = R_g phi, a length.
+    """The motions of each ball: displacements first, then rotations. A rotation is stored as the length w = R_g phi.
 
     Attributes
     ----------
     name : "longitudinal", "in_plane", "out_of_plane" or "all".
-    translations : the axes of u, as numbers of x, y, z.
-    rotations : the axes of phi, as numbers of x, y, z.
+    translations : the axes of u: 0, 1, 2 for x, y, z.
+    rotations : the axes of phi: 0, 1, 2 for x, y, z.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Motions:
 
     @property
     def count(self) -> int:
-        """How many motions a ball has."""
+        """Number of motions of a ball."""
         return len(self.translations) + len(self.rotations)
 
     @property
@@ -44,12 +44,12 @@ class Motions:
 
     @property
     def translating(self) -> slice:
-        """Which motions are displacements."""
+        """Slice of the motions that are displacements."""
         return slice(0, len(self.translations))
 
     @property
     def turning(self) -> slice:
-        """Which motions are rotations."""
+        """Slice of the motions that are rotations."""
         return slice(len(self.translations), self.count)
 
     @cached_property
@@ -59,33 +59,36 @@ class Motions:
 
     @cached_property
     def phases(self) -> NDArray[np.complex128]:
-        """(count,) factor of each motion that makes the waves of one ball real: 1 of displacements, i of rotations."""
+        """(count,) factors that make the waves of one ball real: 1 for displacements, i for rotations."""
         return read_only(np.where(self.is_rotation, 1.0j, 1.0))
 
     @property
     def letters(self) -> tuple[str, ...]:
-        """Name of each motion: "x", "y", "z" of displacements; of rotations "w" in the plane, else "w_x", "w_y", "w_z"."""
+        """Name of each motion: "x", "y", "z" for displacements; for rotations "w" in the plane, else "w_x", "w_y", "w_z"."""
         turns = ("w",) if self.rotations == (2,) else tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
         return (*("xyz"[axis] for axis in self.translations), *turns)
 
     @property
     def atoms_per_ball(self) -> int:
-        """How many atoms with three coordinates hold the motions of a ball: two if it moves and turns along one axis."""
+        """Number of atoms, of three coordinates each, that hold the motions of a ball.
+
+        Two if some axis has both a displacement and a rotation, else one.
+        """
         return 2 if set(self.translations) & set(self.rotations) else 1
 
     @property
     def slots(self) -> tuple[int, ...]:
-        """The coordinate, among the 3 x :attr:`atoms_per_ball` of a ball, in which each motion stands.
+        """Index of the coordinate that holds each motion, among the 3 x :attr:`atoms_per_ball` coordinates of a ball.
 
-        With one atom each motion stands at its axis: (u_x, u_y, w) in the plane, (w_x, w_y, u_z) out of it. With two, the
-        first atom holds u and the second w.
+        With one atom each motion takes the coordinate of its axis: (u_x, u_y, w) in the plane, (w_x, w_y, u_z) out of it.
+        With two atoms, the first holds u and the second w.
         """
         first_turn = 3 * (self.atoms_per_ball - 1)
         return (*self.translations, *(first_turn + axis for axis in self.rotations))
 
     @property
     def still_slots(self) -> tuple[int, ...]:
-        """The coordinates of :attr:`slots` in which no motion stands."""
+        """Indices of the coordinates of a ball that hold no motion, see :attr:`slots`."""
         return tuple(sorted(set(range(3 * self.atoms_per_ball)) - set(self.slots)))
 
 
@@ -108,8 +111,8 @@ def select_motions(
 
     Parameters
     ----------
-    mindlin_ratio : stiffness of slip over that of elongation, eta.
-    torsion, bending : stiffness of twist and of rolling, over k d^2.
-    among : the motions that are asked for.
+    mindlin_ratio : eta, the shear over the normal stiffness of a contact.
+    torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
+    among : the motions to select from.
     """
     return among if np.any(mindlin_ratio) or np.any(torsion) or np.any(bending) else replace(among, rotations=())

@@ -1,4 +1,4 @@
-"""The packing: which balls, of what material, on which lattice, with or without friction."""
+"""The packing: the balls, their material, their lattice, and whether there is friction."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from granphon.base.validation import require, truth
 
 __all__ = ["Packing"]
 
-#: the scales of a packing, SI, lie between this and its inverse: whatever is made of them is in the floating range
+#: the scales of a packing, SI, must lie between this and its inverse: what is computed from them stays in the floating range
 _LEAST_SCALE = 1e-280
 
 
@@ -28,18 +28,18 @@ class Packing:
 
     Parameters
     ----------
-    material : what the balls are made of.
+    material : the material of the balls.
     diameter : d, the mean diameter, m.
-    spread : how diameters differ: :class:`~granphon.balls.diameters.Uniform`, :class:`~granphon.balls.diameters.Normal`,
-        :class:`~granphon.balls.diameters.Discrete` or :class:`~granphon.balls.diameters.Measured`; None for equal balls,
-        which is the limit of width zero.
+    spread : the distribution of diameters: :class:`~granphon.balls.diameters.Uniform`,
+        :class:`~granphon.balls.diameters.Normal`, :class:`~granphon.balls.diameters.Discrete` or
+        :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the limit of width zero.
     lattice : "triangular", "square", "kagome", or a :class:`~granphon.balls.lattices.Lattice`.
     friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
 
     Raises
     ------
-    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread that has another mean or a
-        ball of no size.
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread with another mean than the
+        diameter or with a ball of size zero or below, or scales beyond double precision.
     """
 
     material: Material
@@ -65,27 +65,27 @@ class Packing:
 
     @property
     def structure(self) -> Lattice:
-        """The lattice itself, whether it was given by name or not."""
+        """The lattice as an object, also if it was given by name."""
         return find_lattice(self.lattice)
 
     @property
     def width(self) -> float:
-        """W = sqrt(12) Delta_rms, m, the width of the distribution of diameters; 0 for equal balls."""
+        """Width W = sqrt(12) Delta_rms of the distribution of diameters, m; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width
 
     @property
     def width_units(self) -> WidthUnits:
-        """Reduced units of W; of the diameter where balls are equal, and there is no other length."""
+        """Reduced units made with W; for equal balls, where W is zero, with the diameter in its place."""
         return WidthUnits(self.law.coefficient, self.width or self.diameter)
 
     @property
     def mindlin_ratio(self) -> float:
-        """eta = kappa / k (equation 4); 0 without friction."""
+        """Ratio eta = kappa / k of the shear to the normal stiffness of a contact (equation 4); 0 without friction."""
         return self.material.mindlin_ratio if self.friction else 0.0
 
     @property
     def mass(self) -> float:
-        """M = pi rho d^3 / 6, kg (equation 7)."""
+        """Mass of a ball of the mean diameter, M = pi rho d^3 / 6, kg (equation 7)."""
         return math.pi / 6.0 * self.material.density * self.diameter * self.diameter * self.diameter
 
     @property
@@ -95,7 +95,7 @@ class Packing:
 
     @property
     def _scales(self) -> list[float]:
-        """What states are made of, at the largest overlap: energy, force, stiffness, modulus, mass, density, velocity^2."""
+        """Scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density, velocity squared."""
         with np.errstate(all="ignore"):  # whatever is not finite is refused
             law, length = self.law, max(self.diameter, self.width)
             contact = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
@@ -104,5 +104,5 @@ class Packing:
 
     @property
     def effective_density(self) -> float:
-        """rho~, mass over the volume of a layer one diameter thick, kg/m^3 (equation 17: pi rho / 3 sqrt(3))."""
+        """Mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17: pi rho / 3 sqrt(3))."""
         return math.pi / 6.0 * self.material.density / self.structure.area_per_ball

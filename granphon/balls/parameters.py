@@ -1,4 +1,4 @@
-"""The parameters of a packing by name: which there are, their units, and packings in which some have other values."""
+"""The parameters of a packing by name: their units, and packings in which some of them have other values."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from granphon.base.text import closest
 
 __all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "of_width"]
 
-#: more packings than this are taken for a mistake
+#: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
 _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
-#: the parameters of a packing and their units; None where values are no numbers
+#: the parameters of a packing and their SI units; None for parameters that are not numbers
 PARAMETERS: Mapping[str, str | None] = {
     **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None,
 }  # fmt: skip
@@ -31,7 +31,7 @@ PARAMETERS: Mapping[str, str | None] = {
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter and the values it takes; made by :meth:`of`."""
+    """One parameter of a packing and the values that it takes; made by :meth:`of`."""
 
     name: str
     values: tuple[Any, ...]
@@ -70,13 +70,13 @@ class Axis:
 
     @property
     def ends(self) -> Axis:
-        """The least and the greatest of numbers; of other values, each."""
+        """The same axis with only the least and the greatest of its numbers; values that are not numbers are all kept."""
         if self.unit is None:
             return self
         return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
 
     def worded(self, label: Any) -> str:
-        """A label with the name and the unit, such as "width = 2e-06 m"."""
+        """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
         return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
 
 
@@ -93,10 +93,10 @@ def _spread_name(spread: Any) -> str:
 
 
 def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
-    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform where there is none.
+    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform if ``spread`` is None.
 
-    :class:`InputError` if the width is negative or not finite, the listed diameters are all the same, or the distribution
-    is none of granphon's.
+    Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all the same, or if the
+    distribution is not one of granphon's own.
     """
     uniform = Uniform(width)  # says what is wrong with the width
     if isinstance(spread, Normal):
@@ -107,7 +107,7 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
         mean, scale = spread.mean, uniform.width / spread.width
         scaled = replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
         if uniform.width:
-            # rounding of the diameters must not make it another shape, whose law would be solved anew
+            # the old shape is kept: a shape that differs by rounding would have its law solved again
             scaled.__dict__["shape"] = spread.shape
         return scaled
     if spread is None or isinstance(spread, Uniform):
@@ -119,8 +119,8 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
 def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
     """The packing with other values of some of its :data:`PARAMETERS`.
 
-    A ``width`` scales the spread (:func:`of_width`); a ``diameter`` leaves it as it is. :class:`InputError` if there can be
-    no such packing.
+    A ``width`` scales the spread (:func:`of_width`); a ``diameter`` leaves the spread as it is. Raises :class:`InputError`
+    if such a packing is not possible.
     """
     rest = dict(values)
     material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
@@ -130,7 +130,7 @@ def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
-    """Count the combinations of values; :class:`InputError` if they are too many for a sweep."""
+    """Count the combinations of values; raise :class:`InputError` if there are too many for a sweep."""
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
         what = f"{' x '.join(f'{len(axis.values)} values of {axis.name}' for axis in axes)} make {count} packings"
@@ -139,9 +139,10 @@ def count_combinations(axes: Sequence[Axis]) -> int:
 
 
 def combine(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]:
-    """Every combination of values in words, and its packing; the last axis runs fastest.
+    """Make a packing for each combination of values; return pairs of the combination in words and its packing.
 
-    :class:`InputError` names the combination that makes no packing, or says that they are too many.
+    The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or says that there are too
+    many.
     """
     count_combinations(axes)
     out = []

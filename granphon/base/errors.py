@@ -30,7 +30,7 @@ __all__ = [
     "message",
 ]
 
-#: bits; messages say of a whole number of this many or more that it is too large, as those of more are for floats
+#: bits; messages call a whole number of this many or more too large (with 1024 some are floats, with more none)
 _TOO_LARGE = 1024
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")

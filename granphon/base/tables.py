@@ -44,7 +44,7 @@ class Heading:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``name``, ``name (unit)``, ``name [unit]``, or a name with its unit at the end, ``total_per_Hz``."""
+        """Read ``name``, ``name (unit)``, ``name [unit]``, or one with its unit at the end, ``total_per_Hz`` of dos.csv."""
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
         if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
             return cls(match[1], "1/Hz" if told[1] else "Hz")
