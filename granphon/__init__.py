@@ -1,16 +1,17 @@
 """granphon: the vibrations and sound velocities of granular crystals.
 
-Public names are imported when they are first used, so that ``import granphon`` stays light and a computation loads only
-what it needs. They are listed once, in the stub ``__init__.pyi`` beside this file, which type checkers read in its place.
+Each public name is imported when it is first used, so that ``import granphon`` stays fast and a computation loads only
+what it needs. The names are listed once, in the stub ``__init__.pyi`` beside this file; type checkers read the stub
+instead of this file.
 """
 
 from importlib import import_module
 
 __version__ = "0.1.0"
 
-# a line of the stub reads: from .package.module import name as name
+# each public name has one line in the stub: from .package.module import name as name
 with open(f"{__file__}i", encoding="utf-8") as stub:
-    #: the module, relative to this package, of each public name
+    #: for each public name, the module that defines it, relative to this package
     _HOME = {line.split()[-1]: line.split()[1] for line in stub if line.startswith("from ")}
 del stub
 

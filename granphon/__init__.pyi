@@ -1,6 +1,6 @@
-"""The public names of granphon, each with the module in which it stands: one line for each, in this form.
+"""The public names of granphon, each with the module that defines it.
 
-Type checkers read this file; ``__init__.py`` reads it too, and imports a name when it is first used.
+Type checkers read this file. ``__init__.py`` reads it too, line by line, so every name needs one line of the form below.
 """
 
 from .array.atoms import write_extxyz as write_extxyz

@@ -1,4 +1,4 @@
-"""The entry of the command line, ``granphon`` or ``python -m granphon``, which can be interrupted from the start."""
+"""Entry point of the commands ``granphon`` and ``python -m granphon``; it handles interruptions from the start."""
 
 import signal
 import sys
@@ -7,19 +7,19 @@ __all__ = ["main"]
 
 
 def main() -> int:
-    """Run the command line and return its exit code; an interruption is reported even before the command has begun."""
+    """Run the command line and return its exit code; report an interruption even while the command is being imported."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        from granphon.cli.commands import main as command  # takes a moment
+        from granphon.cli.commands import main as command  # a slow import, which may be interrupted
 
         code = command()
     except KeyboardInterrupt:
         print("granphon: error: interrupted.", file=sys.stderr)
         code = 130
-    # an interruption within exec() of a text, as dataclasses use it, stays marked as not caught, and the interpreter would
-    # end by the signal; the next exec() removes the mark
+    # Python marks an interruption that leaves exec() of a text, which dataclasses use, as not caught, even if it is caught
+    # later; it would then end by the signal instead of with our exit code. Another exec() removes the mark.
     exec("")
-    # the work is done: a signal from now on would only disturb the end of the interpreter
+    # the work is done: ignore signals while the interpreter shuts down
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, signal.SIG_IGN)
     return code
