@@ -1,4 +1,4 @@
-"""The command ``granphon`` itself: its help, its version, and the options that several of its commands have."""
+"""The command ``granphon`` itself: its help, its version, and the options that several subcommands share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from granphon.cli.terminal import say
 
 __all__ = ["Force", "SceneFile", "app"]
 
-#: the end of the help
+#: last paragraph of the help of ``granphon``; \b keeps its line breaks
 _EXIT_CODES = """\b
 Exit codes:
   0    done
@@ -18,7 +18,7 @@ Exit codes:
   2    the input or the command line is wrong
   130  interrupted"""
 
-#: the command, to which the modules of its commands add them
+#: the command ``granphon``; the modules :mod:`.scenes` and :mod:`.studies` add their subcommands to it
 app = typer.Typer(
     add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

@@ -1,4 +1,4 @@
-"""The command line: all commands, and what becomes of errors and interruptions."""
+"""The command line: it runs a subcommand and turns errors and interruptions into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from typing import Any
 import typer
 
 from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning
-from granphon.cli import scenes, studies  # noqa: F401  each adds its commands
+from granphon.cli import scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 
 __all__ = ["app", "main"]
 
-#: the base of typer's usage errors, wherever this version of typer keeps it
+#: the class ClickException, base of typer's usage errors; found by its name, as its module depends on the version of typer
 _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
 
 
 @contextmanager
 def _take_termination_for_interruption() -> Iterator[None]:
-    """Let SIGTERM (a batch system's time limit, ``kill``) clean up as an interruption does."""
+    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is cleaned up."""
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -43,7 +43,7 @@ def _take_termination_for_interruption() -> Iterator[None]:
 
 @contextmanager
 def _tell_unverified_files() -> Iterator[None]:
-    """Say in one line of a file that carries no digest that it does; other warnings stay as they are."""
+    """Print one line for each warning about a file that carries no digest; show other warnings as usual."""
     with warnings.catch_warnings():
         show = warnings.showwarning
 
@@ -61,13 +61,16 @@ def _tell_unverified_files() -> Iterator[None]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code, listed in ``granphon --help``. Raises nothing but bugs."""
+    """Run the command line and return the exit code, one of those listed in ``granphon --help``.
+
+    Errors of the input, the file system and the computation become messages; any other exception is a bug and is raised.
+    """
     try:
         with _take_termination_for_interruption(), _tell_unverified_files():
             code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
-        if sys.stdout is not None:  # closed before we started
+        if sys.stdout is not None:  # None if it was closed before Python started
             sys.stdout.flush()
-        if code == 130:  # typer has caught the interruption
+        if code == 130:  # typer returns this code when it has caught the interruption
             raise KeyboardInterrupt
         return int(code or 0)
     except InputError as error:
@@ -83,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return fail(f"interrupted; {NOTHING_WRITTEN}", 130)
     except BrokenPipeError:
-        # whoever read our output has gone: keep the interpreter from writing into the pipe again
+        # the reader of our output has gone: discard what the interpreter still flushes at exit, which would fail again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:

@@ -18,9 +18,9 @@ __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
-#: seconds; what will take longer is announced
+#: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
-#: what an interruption says where some of a sweep has been finished
+#: what the message of an interruption adds if a part of a sweep has been finished
 _GO_ON = "What a sweep has finished is kept: the same command again goes on."
 
 
@@ -60,10 +60,10 @@ def write_preset(
 
 @app.command("check")
 def check_scene(scene: SceneFile) -> None:
-    """Say whether a scene is right, and what it means.
+    """Check a scene, and show what it means.
 
-    Shows the values in readable units, the files that a run would write, what a long one would take, and where the
-    model fails. Writes nothing, and simulates nothing; what it would take long to look at is left to the run.
+    Shows the values in readable units, the files that a run would write, the time and memory of a long run, and where the
+    model fails. Writes nothing and simulates nothing; checks that would take long are left to the run.
 
     \b
     Example:
@@ -74,14 +74,14 @@ def check_scene(scene: SceneFile) -> None:
     from granphon.scene.scene import Scene
 
     read = Scene.from_yaml(scene)
-    rows = describe_scene(read)  # first, as it refuses what there is no memory for
+    rows = describe_scene(read)  # first, because it raises if there is too little memory
     states, left = read.survey()
     warnings = [
         f"{where}: {warning}" if read.is_sweep else warning
         for where, state in states
         for warning in validity(state).warnings
     ]
-    read.to_yaml()  # what a run writes first
+    read.to_yaml()  # raises now if a run could not write the scene
     rows += [("left to the run", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
@@ -104,11 +104,11 @@ def run_scene(
     """Compute what a scene observes and write it into a folder.
 
     The folder gets scene.yaml (every default written out) and summary.yaml (the numbers); bands add band.yaml and
-    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A sweep,
-    with several loads or media or a block 'sweep', makes sweep.nc and sweep.csv instead; what it has finished when it is
-    cut off waits in the folder, and the same command again goes on from it. With --force an earlier result is replaced;
-    files of it that the new scene does not write are removed, and so is what another sweep has finished there. Never
-    replaced is a file that the scene is read from, that granphon did not write, or that was changed since.
+    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and each a figure. A scene
+    with several loads or media, or with a block 'sweep', is a sweep: it writes sweep.nc and sweep.csv instead. If a sweep is
+    cut off, its finished part is kept in the folder, and the same command continues from there. --force replaces an earlier
+    result: it also removes the files of that result which the new scene does not write, and the finished part of another
+    sweep. A file that the scene is read from, that granphon did not write, or that was changed since is never replaced.
 
     \b
     Examples:
@@ -123,7 +123,7 @@ def run_scene(
     from granphon.sweeps.workers import worker_processes
 
     def left() -> str:
-        """Say what an interruption has left in the folder."""
+        """Describe what an interruption has left in the folder."""
         if is_complete(read, out):
             return f"{out} holds the whole result of this scene."
         kept = read.is_sweep and os.path.isdir(os.path.join(out, WORK_FOLDER))
@@ -165,8 +165,8 @@ def draw_results(
 ) -> None:
     """Draw the results of a run again.
 
-    The bands with the density of states beside them (bands.png in the folder, or the file given), or the velocities and
-    exponents of a sweep (sweep.png).
+    Draws the bands with the density of states beside them (as bands.png in the folder, or as the file given), or the
+    velocities and exponents of a sweep (sweep.png).
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""The commands that compare: ``fit`` a scene with measurements, and ``tradeoff`` media with each other."""
+"""The commands that compare: ``fit`` compares a scene with measurements, and ``tradeoff`` media with each other."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def fit_measurements(
 ) -> None:
     """Find the width of the distribution of diameters from measured sound velocities.
 
-    The scene gives the balls and the medium; the width of its spread is replaced. The table has columns headed by names and
-    units, 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side), 'velocity (m/s)' or
-    'time (ms)' and 'distance (m)', and perhaps 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency (kHz)'.
-    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    The scene gives the balls and the medium; the fit replaces the width of its spread. Each column of the table is headed by
+    a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side); 'velocity
+    (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency
+    (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -73,7 +73,7 @@ def fit_measurements(
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
-    # the medium of a scene of equal balls says nothing about those that differ
+    # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema"
     medium = read.media[0] if read.balls_differ or read.media[0].name != "ala" else "ema"
     balls = read.load.balls_per_side
     measured = Measurements.read(
@@ -92,7 +92,7 @@ def fit_measurements(
     )  # fmt: skip
 
     def figure(_: str) -> Any:
-        from granphon.figures.fits import fit_figure  # a failure of this import is one of the figure
+        from granphon.figures.fits import fit_figure  # here, so that a failed import counts as a failed figure
 
         return fit_figure(found)
 
@@ -114,13 +114,13 @@ def measure_tradeoff(
     force: Force = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table; warnings stay.")] = False,
 ) -> None:
-    """Measure what the media, and the knobs inside them, cost and are worth for a scene.
+    """Measure the time, memory and error of the media, and of the settings inside them, for a scene.
 
-    For the balls and the loads of the scene: averaged lattice and force, effective medium, and simulations of several
-    sizes; the grid of the Green's function; the solution of the effective medium; the mesh of the density of states, if the
-    scene observes it. Each error is that of what the scene observes, against a reference that another algorithm has made;
-    each time the median of warm runs. What does not fit into the budget is listed as not run. The folder gets tradeoff.csv
-    and, as a picture, the work-precision diagrams.
+    Compares, for the balls and the loads of the scene, the averaged lattice and force, the effective medium, and simulations
+    of several sizes; then settings of the Green's function's grid, of the solution of the effective medium, and of the mesh
+    of the density of states if the scene observes it. An error is that of the quantities which the scene observes, against a
+    reference from another algorithm; a time is the median of warm runs. What does not fit into the budget is listed as not
+    run. The folder gets tradeoff.csv and tradeoff.png, the work-precision diagrams.
 
     \b
     Examples:
@@ -152,7 +152,7 @@ def measure_tradeoff(
         (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
 
     def figure(_: str) -> Any:
-        from granphon.figures.work_precision import tradeoff_figure  # a failure of this import is one of the figure
+        from granphon.figures.work_precision import tradeoff_figure  # here: a failed import counts as a failed figure
 
         return tradeoff_figure(found)
 
@@ -171,7 +171,10 @@ def _write_study(
     write: Callable[[Path], None],
     figure: Callable[[str], Any],
 ) -> dict[str, str]:
-    """Write the files ``names`` into the folder ``out``, if it is given; returns why a figure could not be drawn."""
+    """Write the files ``names`` into the folder ``out``, unless that is None.
+
+    Returns, for the name of each figure that could not be drawn, the reason.
+    """
     if out is None:
         return {}
     from granphon.base.staging import staging
@@ -185,7 +188,7 @@ def _write_study(
 
 @contextmanager
 def _tell_study(out: str | None, names: Sequence[str], failures: Mapping[str, str], quiet: bool) -> Iterator[None]:
-    """Say at the end which files were written into ``out``; an interruption of the block says so too."""
+    """Print after the block which files were written into ``out``; if the block is interrupted, its message says so too."""
     with tell_interruption(lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
         yield
         if out is not None and not quiet:

@@ -1,4 +1,4 @@
-"""What the command line prints, and what it says of an interruption."""
+"""Printing of lines, tables, warnings, errors and interruptions on the command line."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ from granphon.base.errors import InputError, message
 
 __all__ = ["NOTHING_WRITTEN", "Interrupted", "fail", "require_name", "say", "say_table", "tell_interruption", "warn"]
 
-#: what an interruption says where no result has been written
+#: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
-    """Print rows of names and texts, the texts below each other."""
+    """Print rows of a name and a text each, in two columns."""
     for name, text in rows:
         say(f"  {name:<22}{text}")
 
 
 def say(text: str) -> None:
-    """Print a line; characters that the output cannot show are printed as their codes."""
+    """Print a line; characters that the encoding of stdout lacks are printed as backslash escapes."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def warn(warnings: Sequence[str], most: int = 10) -> None:
-    """Print warnings on standard error, ``most`` of them and how many more there are."""
+    """Print at most ``most`` warnings on standard error, and then how many more there are."""
     more = [f"and {len(warnings) - most} more"] if len(warnings) > most else []
     for warning in (*warnings[:most], *more):
         print(f"granphon: warning: {warning}", file=sys.stderr)
 
 
 def fail(text: str, code: int) -> int:
-    """Print an error on standard error as one line; returns the exit ``code``."""
+    """Print an error on standard error as one line, and return the exit ``code``."""
     print("granphon: error: " + " ".join(text.split()), file=sys.stderr)
     return code
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the file or folder of an option is an empty text."""
+    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is an empty text."""
     if path == "":
         raise InputError(message(f"{option} is empty", mend="Name a file or folder; was a shell variable not set"))
 
 
 class Interrupted(Exception):
-    """An interruption; says what it has left."""
+    """An interruption, whose message says what it has left in the folder of the results."""
 
 
 @contextmanager
 def tell_interruption(left: Callable[[], str]) -> Iterator[None]:
-    """Let an interruption of the block say what it has ``left``."""
+    """Turn an interruption of the block into :class:`Interrupted`, with the text that ``left`` returns then."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Scenes and results in words, for a terminal; nothing of the computation is loaded for it."""
+"""Scenes and results in words, for a terminal; this module imports no code that computes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ __all__ = [
 
 
 def human(value: float, unit: str) -> str:
-    """Write a value with five digits and a decimal prefix."""
+    """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
     size, name = prefixed(value, unit)
     return f"{value / size:.5g} {name}"
 
 
 def span(value: float | Sequence[float], unit: str) -> str:
-    """A value in readable units, or the least and the greatest of several."""
+    """Text of a value, or of the least and the greatest of several, as :func:`human` writes them."""
     values = value if isinstance(value, Sequence) else [value]
     return " to ".join(human(end, unit) for end in sorted({min(values), max(values)}))
 
@@ -44,7 +44,7 @@ def _pressed(load: Load) -> str:
 
 
 def _spread(packing: Packing) -> str:
-    """The form of the spread, and its W in words: the full width of the uniform one, and what that is for others."""
+    """Form of the spread, and its W: the full width of a uniform spread; for others W = sqrt(12) times the rms deviation."""
     if not packing.width:
         return "none"
     form, width = type(packing.spread).__name__.lower(), human(packing.width, "m")
@@ -54,7 +54,7 @@ def _spread(packing: Packing) -> str:
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
-    """Rows of what a scene holds: names, and values in readable units."""
+    """Rows that describe a scene: names, and values in readable units."""
     packing, material = scene.packing, scene.packing.material
     elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
     yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
@@ -94,18 +94,18 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
 
 
 def describe_choice(rung: Rung) -> str:
-    """The medium that an automatic one has chosen, and what is expected of it."""
+    """Text of the medium that an automatic medium has chosen, and of its expected relative error."""
     error = float(rung.errors[0])
     return f"{rung.medium.label}, expected error {error:.2g}" if error else f"{rung.medium.label}, exact for equal balls"
 
 
 def describe_cost(cost: Cost) -> str:
-    """Say how much memory and time some work will take."""
+    """Text of the memory and time that some work will take."""
     return f"{cost.text} on one processor"
 
 
 def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
-    """Rows of the chief numbers of a result."""
+    """Rows of the main numbers of a result: labels, and values in readable units."""
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
@@ -138,14 +138,14 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
     known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
     rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
-    if fit.sigma_given:  # of a sigma from the scatter chi^2 is the number of degrees of freedom, whatever the data
+    if fit.sigma_given:  # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
         agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
         rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))
     return rows
 
 
 def work_and_precision(result: TradeOff) -> list[str]:
-    """Lines of a table for each study of a trade-off."""
+    """Lines of the tables of a trade-off, one table for each study."""
     heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
     loads = span(result.loads, LOADS[result.kind].unit)
     lines = [
