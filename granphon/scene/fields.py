@@ -1,6 +1,6 @@
-"""The values of a scene that are more than one quantity: ranges, spreads, media, parameters, grids.
+"""Rules for those values of a scene file that are not single quantities: ranges, spreads, media, parameters, grids.
 
-Rules as in :mod:`granphon.base.validation`.
+A rule reads a value or raises :class:`~granphon.base.errors.Refused`, see :mod:`granphon.base.validation`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from granphon.media.choice import MEDIA, MediumChoice, medium
 
 __all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly"]
 
-#: number of the layout of a scene file
+#: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
-#: what a scene may ask for
+#: what a scene may compute, in the order in which a scene keeps it
 OBSERVABLES = ("velocities", "bands", "dos")
-#: how the points of a range are spaced; the first is the default
+#: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
-#: most diameters of a measured spread that a scene holds itself
+#: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
 MOST_DIAMETERS = 1000
 
 AnySpread = Uniform | Normal | Discrete | Measured
@@ -42,7 +42,7 @@ AnySpread = Uniform | Normal | Discrete | Measured
 
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Read a number or quantity, a list of them, or a range {from, to, points, scale} that is even on its scale."""
+    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly spaced on that scale."""
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
     if not isinstance(value, dict):
@@ -60,14 +60,17 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """``count`` numbers from ``first`` to ``last``, both kept to the last bit, evenly spaced on a log or a linear scale."""
+    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to exactly ``last``."""
     between = np.geomspace if scale == "log" else np.linspace
-    with np.errstate(all="ignore"):  # the ends may be at those of the floating range
+    with np.errstate(all="ignore"):  # the ends may be the smallest and the largest numbers of double precision
         return tuple(between(first, last, count).tolist())
 
 
 def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Write one value, a range where it gives the same, or a list, so that :func:`read_values` reads it to the last bit."""
+    """Write values as one number, as a range if that gives the same values, or else as a list.
+
+    :func:`read_values` reads them back to the last bit.
+    """
     first, last, count = given[0], given[-1], len(given)
     if count == 1:
         return write(first)
@@ -86,7 +89,7 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
 
 
 def read_spread(value: Any, folder: Path) -> AnySpread:
-    """How diameters differ: exactly one of uniform, normal, discrete, measured; files are looked for in ``folder``."""
+    """Read the distribution of diameters, one of uniform, normal, discrete, measured; its file is sought in ``folder``."""
     measured = partial(_read_measured, folder=folder)
     kinds: dict[str, Rule] = {
         "uniform": _read_uniform,
@@ -109,7 +112,7 @@ def _read_uniform(value: Any) -> Uniform:
 
 
 def _read_normal(value: Any) -> Normal:
-    """A standard deviation, or {std, cutoff}."""
+    """Read a standard deviation, or a block {std, cutoff}."""
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
     cutoff = partial(number, low=1e-3, high=10.0)
@@ -117,7 +120,7 @@ def _read_normal(value: Any) -> Normal:
 
 
 def _read_discrete(value: Any) -> Discrete:
-    """{diameters, fractions}, of the same length."""
+    """Read a block {diameters, fractions} of two lists of the same length."""
     rules = {
         "diameters": _read_diameters,
         "fractions": partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions"),
@@ -131,7 +134,7 @@ def _read_discrete(value: Any) -> Discrete:
 
 
 def _read_measured(value: Any, folder: Path) -> Measured:
-    """The name of a table, {file, column}, or {diameters}."""
+    """Read the name of a table, a block {file, column}, or a block {diameters}."""
     if isinstance(value, dict) and "diameters" in value:
         return Measured(block(value, {"diameters": _read_diameters})["diameters"])
     given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
@@ -142,7 +145,7 @@ def _read_measured(value: Any, folder: Path) -> Measured:
 
 
 def table_named(value: Any) -> str | None:
-    """The file that a spread, as it stands in a scene that has been read, is measured from; None if there is none."""
+    """Name of the table that a spread of a valid scene file takes its diameters from; None if it names no table."""
     measured = value.get("measured") if isinstance(value, dict) else None
     return measured.get("file") if isinstance(measured, dict) else measured
 
@@ -151,7 +154,10 @@ _read_diameters = partial(each, rule=LENGTH.read, what="diameters")
 
 
 def write_spread(given: Any, table: str = "") -> dict[str, Any]:
-    """Write a spread that :func:`read_spread` reads to the last bit; too many diameters are named by their ``table``."""
+    """Write a spread so that :func:`read_spread` reads it back to the last bit.
+
+    More than :data:`MOST_DIAMETERS` measured diameters are written as the name ``table`` of their table, if one is given.
+    """
     if isinstance(given, Uniform):
         return {"uniform": WIDTH.write(given.width)}
     if isinstance(given, Normal):
@@ -165,12 +171,12 @@ def write_spread(given: Any, table: str = "") -> dict[str, Any]:
 
 
 def _is_long(given: Any) -> bool:
-    """Tell whether a spread has more measured diameters than a scene file holds itself."""
+    """Whether a spread has more measured diameters than a scene file lists itself."""
     return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
 
 
 def diameters_table(given: Any) -> str | None:
-    """The text of a table of the measured diameters, if they are more than a scene holds; else None."""
+    """Text of a table of the measured diameters, m, if they are too many for a scene file; else None."""
     if not _is_long(given):
         return None
     return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
@@ -195,7 +201,7 @@ _QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH,
 
 
 def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """Read the parameters of the packing that a sweep goes over, with their values, in the order given."""
+    """Read the parameters of the packing that a sweep varies, each with its values, in the order given."""
     numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {
         "poisson_ratio": read_poisson_ratio
     }
@@ -206,7 +212,7 @@ def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...
 
 
 def write_parameter(name: str, given: Sequence[Any]) -> Any:
-    """Write the values of one parameter, so that :func:`read_parameters` reads them to the last bit."""
+    """Write the values of one parameter so that :func:`read_parameters` reads them back to the last bit."""
     if name in _QUANTITIES:
         return write_values(given, _QUANTITIES[name].write)
     if name == "poisson_ratio":
@@ -225,7 +231,10 @@ def read_lattice(value: Any) -> str:
 
 
 def write_lattice(lattice: str | Lattice) -> str:
-    """Write a lattice as its name; :class:`~granphon.base.errors.InputError` if the lattice of that name is another one."""
+    """Name of a lattice, as a scene file gives it.
+
+    :class:`~granphon.base.errors.InputError` if no built-in lattice has that name, or the one that has it is different.
+    """
     structure = find_lattice(lattice)
     if LATTICES.get(structure.name) != structure:
         raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))

@@ -1,6 +1,7 @@
-"""The plan of a scene: which cases it has, what serves their loads, their states, and what all of it costs.
+"""The plan of a scene: its cases, the medium that serves each load, the states, and the memory and time of the work.
 
-It is made once from a scene. Reading, checking, running and costing ask the same plan, so that nothing is found twice.
+A scene makes its plan once. Reading, checking, running and estimating the cost all use it, so that nothing is computed
+twice.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Case", "Plan"]
 
-#: what takes something: where the scene file asks for it, how it could be less, and what it takes
+#: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: as many cases are looked at one by one; of more, those at the ends of the axes
+#: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
 MOST_CASES = 100
-#: as many states are looked at one by one
+#: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
 MOST_STATES = 20_000
 
 
@@ -47,8 +48,9 @@ MOST_STATES = 20_000
 class Case:
     """One medium on one packing, at all loads of a scene.
 
-    ``where`` are the parameters of the packing in words, empty if none is swept. ``load`` is what the contacts bear,
-    ``written`` the kind of load that the scene has.
+    ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept. ``load`` is what
+    the contacts bear, a force, pressure or overlap; ``written`` is the kind of load that the scene gives, which may be a
+    side force instead.
     """
 
     where: str
@@ -61,33 +63,36 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Medium and parameters in words, as sweeps call them."""
+        """Medium and swept parameters in words, as messages of sweeps name them."""
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     @cached_property
     def rungs(self) -> list[Rung]:
-        """What serves which of the loads: the medium itself, or those that an automatic one chooses.
+        """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
 
-        :class:`~granphon.base.errors.InputError` if none can be chosen.
+        :class:`~granphon.base.errors.InputError` if no medium can be chosen.
         """
         with self.origin.at_medium(self.medium.label, "a tolerance that is met at every load"):
             return self.medium.rungs(self.packing, self.load)
 
     @cached_property
     def state(self) -> ContactState:
-        """The contacts under the first load, which is the only one of a scene that is no sweep."""
+        """State of the contacts under the first load, the only one if the scene is not a sweep."""
         return self._state_at(0)
 
     def states(self, wanted: Callable[[Rung], bool]) -> Iterator[tuple[str, ContactState]]:
-        """The states of the media that are wanted, each with its label: (n_loads,), or () if there is one load alone."""
+        """Label and state of each medium for which ``wanted`` is true.
+
+        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
+        """
         for rung in filter(wanted, self.rungs):
             label = f"{self.label}: {rung.medium.label}" if self.medium.is_automatic else self.label
             yield label, self.state if self.load.size == 1 else self._solve(rung, rung.load)
 
     def require(self) -> None:
-        """Raise if the packing is not rigid, has no such medium, or cannot carry the loads: the least and the greatest.
+        """Raise if the packing is not rigid, has no such medium, or cannot carry the least or the greatest of the loads.
 
-        A simulation is not solved for this, nor the effective medium of a long list of diameters.
+        For this neither a simulation nor the effective medium of a long list of diameters is solved.
         """
         _ = self._is_carried
 
@@ -106,7 +111,7 @@ class Case:
         return True
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Errors of the block are those of the load number ``index``, at its place in the scene file."""
+        """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`Origin`."""
         return self.origin.at_load(self.written, index, before)
 
     def _state_at(self, index: int) -> ContactState:
@@ -117,12 +122,12 @@ class Case:
         return state
 
     def _at(self, index: int) -> Load:
-        """One of the loads, without an axis."""
+        """The load number ``index``, of shape ()."""
         return self.load.flat[index]
 
     def _solve(self, rung: Rung, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
-            # left out, nobody has said it
+            # False is the default of a scene, so it counts as not given
             state = rung.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap or None)
         return replace(state, chosen=rung.chosen)
 
@@ -138,22 +143,22 @@ class Plan:
 
     @classmethod
     def of(cls, scene: Scene, origin: Origin) -> Plan:
-        """The plan of all that the scene has."""
+        """Make the plan of a scene, with all its parameters and loads."""
         return cls(scene, origin, tuple(Axis(*axis) for axis in scene.parameters), scene.load)
 
     @property
     def n_cases(self) -> int:
-        """The number of cases: a medium at a combination of parameters each."""
+        """Number of cases; a case is one medium at one combination of parameters."""
         return len(self.scene.media) * math.prod(len(axis.values) for axis in self.axes)
 
     @property
     def n_states(self) -> int:
-        """The number of states: a case at a load each."""
+        """Number of states; a state is one case at one load."""
         return self.n_cases * self.load.size
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        """Every medium at every combination of parameters."""
+        """The cases: every medium at every combination of parameters, the media running fastest."""
         load = self.load.applied
         return tuple(
             Case(where, packing, medium, load, self.load.kind, self.scene.finite_overlap, self.origin)
@@ -163,16 +168,16 @@ class Plan:
 
     @property
     def case(self) -> Case:
-        """The case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
+        """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
         if self.scene.is_sweep:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
 
     @cached_property
     def few(self) -> tuple[Case, ...]:
-        """The cases, or if they are too many to be looked at one by one, those at the ends of the axes.
+        """All cases, or, if they are more than :data:`MOST_CASES`, those at the ends of the axes.
 
-        What a packing can be, it is between two values of a parameter if it is at both.
+        The ends suffice for checks: a packing that is possible at two values of a parameter is possible between them.
         """
         return self.cases if self.n_cases <= MOST_CASES else self._at_ends.cases
 
@@ -183,7 +188,7 @@ class Plan:
     # -- what can be carried out ----------------------------------------------------------------------------------------
 
     def require(self) -> None:
-        """Raise if a packing is not rigid, has no such medium, or one that is solved in a moment cannot carry a load."""
+        """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium cannot carry a load."""
         self._require_values()
         lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
         with self.origin.at("sweep"):
@@ -196,7 +201,7 @@ class Plan:
                 ContactLattice.of(packing.structure, packing.mindlin_ratio)
             with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
                 case.medium.of(packing)
-            # every list of diameters is solved anew, and a sweep solves it in its own processes
+            # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
             if not (self.scene.is_sweep and listed):
                 case.require()
@@ -223,10 +228,11 @@ class Plan:
             yield from case.states(lambda rung: rung.is_quick or (simulations if rung.medium.simulates else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """The states that are found in a moment, and what is left out, in words, empty if nothing is.
+        """Return the states that are quick to find, and words for what is left out, an empty text if nothing is.
 
-        Neither simulations nor effective media of long lists of diameters; of very many states, those of the least and the
-        greatest load and value of each parameter.
+        Simulations and effective media of long lists of diameters are left out. If there are more than :data:`MOST_CASES`
+        cases or :data:`MOST_STATES` states, so are all but those at the least and the greatest load and value of each
+        numeric parameter.
         """
         few, left = self, []
         if self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
@@ -240,7 +246,7 @@ class Plan:
     # -- cost -----------------------------------------------------------------------------------------------------------
 
     def cost(self) -> Cost | None:
-        """Memory and time of all of it, one part after the other; None if that is next to nothing.
+        """Memory and time of the whole work, its parts done one after the other; None if both are negligible.
 
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now.
         """
@@ -255,7 +261,7 @@ class Plan:
 
     @cached_property
     def parts(self) -> list[CostPart]:
-        """The parts of the work that take memory or time, with their places in the scene file."""
+        """The parts of the work that may take much memory or time, each with its place in the scene file."""
         scene = self.scene
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
         out: list[CostPart] = [
@@ -277,7 +283,10 @@ class Plan:
         return out
 
     def _simulations(self) -> Cost:
-        """The cost of all simulations, one after the other; of very many cases, as if each were the dearest one seen."""
+        """Memory and time of all simulations, one after the other.
+
+        If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.
+        """
         exponents = self.scene.is_sweep or "velocities" in self.scene.observe
         found = [
             costs.estimate(medium, rung.load, exponents=exponents)

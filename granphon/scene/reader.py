@@ -1,4 +1,4 @@
-"""Reading a scene file: from a document to what a scene is made of, and every error with its place in the file."""
+"""Reading a scene file: turning a document into the arguments of a scene, and naming the place of every error in it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ __all__ = ["Origin"]
 
 @dataclass(frozen=True)
 class Origin:
-    """What a scene was read from: a document, and the file that holds it. A scene made in Python has neither.
+    """The document that a scene was read from, and the path of its file; both are None for a scene made in Python.
 
-    Its context managers turn errors of the library into those of the document, which name file, line and key.
+    A document that was read from a text has no path. The context managers turn errors of the library into
+    :class:`~granphon.base.errors.SceneError`, which names file, line and key; without a document errors pass unchanged.
     """
 
     document: Document | None = None
@@ -33,22 +34,22 @@ class Origin:
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str]) -> Origin:
-        """The document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not YAML."""
+        """Read the document in a scene file; :class:`~granphon.base.errors.SceneError` if it is not YAML."""
         return cls(parse_yaml(read_text(path), str(path)), Path(path))
 
     @classmethod
     def of_text(cls, text: str, name: str) -> Origin:
-        """The document that a text is, which messages call ``name``."""
+        """Read a document from a text, which messages call ``name``; SceneError if it is not YAML."""
         return cls(parse_yaml(text, name))
 
     @property
     def folder(self) -> Path:
-        """The folder in which files that the scene names are looked for."""
+        """Folder to which the names of files in the scene are relative."""
         return self.path.parent if self.path else Path()
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """The files that were read: the scene's own, and the tables of measured diameters that it names."""
+        """Paths of the files that were read: the scene file, and the tables of measured diameters that it names."""
         if self.document is None:
             return ()
         data = self.document.data
@@ -60,7 +61,7 @@ class Origin:
 
     @contextmanager
     def at(self, *path: str | int, before: str = "") -> Iterator[None]:
-        """Errors of the block belong to the key at ``path``, or to the one that a rule refused; ``before`` opens them."""
+        """Place errors of the block at the key ``path``, else at the key that a rule refused, with ``before`` in front."""
         try:
             yield
         except (GranphonError, ArithmeticError) as error:
@@ -70,21 +71,24 @@ class Origin:
             raise self.document.error(place, f"{before}{error}") from None
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
-        """Errors of the block belong to the medium."""
+        """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may stand there."""
         return self.at("medium", before=f"found {label!r}; allowed: {allowed}. ")
 
     def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Errors of the block belong to the load number ``index``."""
+        """Place errors of the block at the load number ``index`` of the kind ``kind``, with ``before`` in front."""
         path, given = self._place("load", kind, index)
         return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry. {before}")
 
     def at_value(self, parameter: str, index: int) -> AbstractContextManager[None]:
-        """Errors of the block belong to the value number ``index`` of a parameter that is swept."""
+        """Place errors of the block at the value number ``index`` of a swept parameter."""
         path, given = self._place("sweep", parameter, index)
         return self.at(*path, before=f"found {given}; allowed: a value that the packing can have. ")
 
     def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
-        """The path and the text of one value of a key: of the one value, of one in a list, or of an end of a range."""
+        """Path and text of the value number ``index`` of a key.
+
+        The key holds one value, a list, or a range; of a range, the place is "from" for the first value, else "to".
+        """
         if self.document is None:
             return (block, key), ""
         given = self.document.data[block][key]
@@ -98,7 +102,7 @@ class Origin:
     # -- what a scene is made of ----------------------------------------------------------------------------------------
 
     def read(self) -> dict[str, Any]:
-        """The arguments of a scene, as far as the document has them; SceneError names its first mistake."""
+        """Read the arguments of a scene that the document gives; SceneError names the first mistake."""
         if self.document is None:
             raise ValueError("there is no document")
         given = read_blocks(self.document, self.folder)

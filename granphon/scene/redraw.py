@@ -1,4 +1,4 @@
-"""Drawing the results of a run again, from the files in its folder."""
+"""Drawing the results of a run again from the files in its folder, without computing them."""
 
 from __future__ import annotations
 
@@ -24,20 +24,17 @@ def redraw(
     variable: str | None = None,
     backend: str | None = None,
 ) -> Path:
-    """Draw the results in a run's folder again, in one figure.
+    """Draw the results in a run's folder again, in one figure, and return the path of its file.
 
     Parameters
     ----------
-    folder : where sweep.nc is, or band.yaml, dos.csv, or both.
-    out : where to, in the format of its ending; by default sweep.png, bands.png (dos.png without bands) in the folder.
-    force : overwrite.
-    asymptotes : add the long waves (equations 13-15) of the scene that the folder holds to its bands.
-    variable : of a sweep, to be drawn alone.
-    backend : of matplotlib, such as "pgf"; by default the one that the ending of ``out`` has.
-
-    Returns
-    -------
-    The path written.
+    folder : folder of the run; it holds sweep.nc, or band.yaml, dos.csv, or both.
+    out : file of the figure, whose ending .pdf, .png or .svg is the format; by default sweep.png, bands.png (dos.png without
+        bands) in the folder.
+    force : overwrite a file that granphon wrote and that was not changed since.
+    asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
+    variable : name of the one variable of a sweep to draw.
+    backend : matplotlib backend that draws, such as "pgf"; by default the one that belongs to the ending of ``out``.
 
     Raises
     ------
@@ -63,7 +60,7 @@ def redraw(
     name = Path(out).name if out is not None else "sweep.png" if swept else figure_name("band.yaml" in have)
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
-    # locked before anything is read, so that a run cannot exchange the files under the figure that is to stand beside them
+    # lock before anything is read, so that no run can replace the results while the figure of them is drawn
     with open_folder(target, [name], force) as locked:
         before = files_written(source)
         figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
@@ -86,18 +83,18 @@ def _sweep_figure(path: Path, variable: str | None) -> Any:
 
 def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
     from granphon.figures.bands import bands_figure
-    from granphon.phonons.bands import Bands  # without phonopy
+    from granphon.phonons.bands import Bands  # this module does not load phonopy
     from granphon.phonons.dos import DensityOfStates
 
     bands = Bands.read(have["band.yaml"]) if "band.yaml" in have else None
     dos = DensityOfStates.read_csv(have["dos.csv"]) if "dos.csv" in have else None
     lattice = None
     if asymptotes and bands is not None:
-        # here: what is on disk is drawn without the media
+        # imported here, as a figure without asymptotes does not need the media
         from granphon.media.acoustics import contact_lattice, ideal_lattice
         from granphon.scene.scene import Scene
 
         scene = Scene.from_yaml(source / "scene.yaml")
-        # in the paper's limit it is the same under every load: nothing need be solved
+        # in the paper's limit the lattice in reduced units is the same under every load: no state is solved
         lattice = contact_lattice(scene.state()) if scene.finite_overlap else ideal_lattice(scene.packing)
     return bands_figure(bands=bands, dos=dos, asymptotes=lattice)

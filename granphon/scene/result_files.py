@@ -4,9 +4,9 @@ from __future__ import annotations
 
 __all__ = ["DIAMETERS_FILE", "RESULT_FILES", "WORK_FOLDER", "figure_name"]
 
-#: where a run writes the diameters of a measured spread that are too many for the scene file
+#: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
-#: every file that a run may write
+#: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
     "forces.png", "sweep.nc", "sweep.csv", "sweep.png", DIAMETERS_FILE,
@@ -16,5 +16,5 @@ WORK_FOLDER = ".granphon-sweep"
 
 
 def figure_name(bands: bool) -> str:
-    """Name of the figure of bands, or of the density of states alone."""
+    """File name of the figure of bands, or, without ``bands``, of the density of states alone."""
     return "bands.png" if bands else "dos.png"

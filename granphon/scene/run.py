@@ -1,4 +1,4 @@
-"""Carrying a scene out: everything is computed first, then written into one folder.
+"""Running a scene: everything is computed first, and then written into one folder.
 
 =====================  =====================================================================================
 file                   holds
@@ -8,10 +8,10 @@ summary.yaml           the numbers, under the names of the library's attributes,
 band.yaml              bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
-sample.extxyz          of a simulation at one load: the first sample, balls with their places, sizes and forces
-forces.png             of the same: its force chains, and how forces are distributed
+sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
+forces.png             force chains of that sample, and the distribution of the forces in all samples
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
-sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; the table without bands
+sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
 sweep.png              of a sweep: velocities and exponents over the load
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
@@ -56,20 +56,24 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 
-#: number of the layout of summary.yaml
+#: version number of the layout of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
-#: of the states of a sweep, whose least and greatest values the summary has
+#: variables of a sweep whose least and greatest values the summary lists
 _EXTENTS = ("force", "overlap", "longitudinal", "transverse")
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a scene of one state gave. What it did not ask for is None.
+    """Results of a scene of one state; those that the scene did not ask for are None.
 
-    ``load`` is what was given, "force", "pressure" or "overlap". ``files`` are the paths written, ``folder`` where they are.
-    ``phonons`` are those of the bands and of the density of states. ``local_field`` is that of the effective medium; None in
-    another, and for equal balls. ``rung`` is what an automatic medium has chosen, and its expected error. ``failures`` says
-    which figures could not be drawn, and why.
+    Attributes
+    ----------
+    folder, files : folder of the results, and the paths of the files written there.
+    medium, load : label of the medium, and kind of the load: "force" (also for a side force), "pressure" or "overlap".
+    phonons : the source of ``bands`` and ``dos``.
+    local_field : local field of the effective medium; None in any other medium, and for equal balls.
+    rung : the medium that an automatic medium has chosen, and its expected error; None if the scene names its medium.
+    failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
     folder: Path
@@ -89,7 +93,7 @@ class RunResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit that is passed, for what is not known or left out, and for figures that failed."""
+        """One sentence for each limit of validity exceeded, each number unknown or left out, and each figure that failed."""
         spectra = self.phonons is not None and bool(self.state.samples)
         left_out = (LATTICE_BANDS,) if spectra else ()
         return self.validity.warnings + missing_error(self._exponents) + left_out + self.failures
@@ -100,12 +104,12 @@ class RunResult:
 
     @cached_property
     def _exponents(self) -> dict[str, Any]:
-        """The local exponent; of a simulation, which takes equilibria of its own, with the velocities only."""
+        """The local exponent, by name; empty for a simulation without velocities, as it needs two more equilibria there."""
         asked = self.velocities is not None or not self.state.samples
         return find_all(self._analysis, ("exponent",)) if asked else {}
 
     def summary(self) -> dict[str, Any]:
-        """The numbers as plain data, under the names of the library's attributes."""
+        """Return the numbers as plain data in SI units, under the names of the library's attributes."""
         out: dict[str, Any] = {"medium": self.medium}
         if self.rung is not None:
             out |= {"choice": self.rung.medium.label, "expected_error": float(self.rung.errors[0])}
@@ -120,13 +124,13 @@ class RunResult:
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """What the computation took, besides numpy and scipy."""
+        """Names of the packages that the computation used, besides numpy and scipy."""
         if self.phonons is not None:
             return ("ase", "phonopy", "spglib")
         return ("ase",) if self.state.samples else ()
 
     def write(self, place: Path, step: Step) -> None:
-        """Write the files of the spectra, and of a sample, into a folder that is there."""
+        """Write the files of the bands, the density of states and the sample into the existing folder ``place``."""
         if self.state.samples:
             write_extxyz(place / "sample.extxyz", self.state.samples[0].atoms())
             step.advance()
@@ -139,7 +143,7 @@ class RunResult:
             step.advance()
 
     def figure(self, name: str) -> Any:
-        """The matplotlib figure that is saved as ``name``."""
+        """Draw the matplotlib figure of the file ``name``."""
         if name == "forces.png":
             from granphon.figures.forces import forces_figure
 
@@ -151,12 +155,13 @@ class RunResult:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What a scene of many states gave: the data set of :func:`granphon.sweeps.sweep.sweep`.
+    """Results of a scene of many states: ``dataset`` is that of :func:`granphon.sweeps.sweep.sweep`.
 
-    ``files`` are the paths written, ``folder`` where they are; ``failures`` says which figures could not be drawn, and why.
+    ``files`` are the paths written into ``folder``. ``failures`` has one sentence for each figure that could not be drawn,
+    with the reason.
     """
 
-    #: what the computation took, besides numpy and scipy
+    #: names of the packages that the computation used, besides numpy and scipy
     packages: ClassVar[tuple[str, ...]] = ("xarray", "h5netcdf")
 
     folder: Path
@@ -166,11 +171,14 @@ class SweepResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each condition of validity that fails, in which medium at which parameters, and for figures."""
+        """One sentence for each condition of validity that fails, with medium and parameters, and for each failed figure."""
         return (*json.loads(self.dataset.attrs["warnings"]), *self.failures)
 
     def summary(self) -> dict[str, Any]:
-        """Sizes of the dimensions, and the least and the greatest velocities and load."""
+        """Return the sizes of the dimensions, and the least and the greatest force, overlap and velocities in SI units.
+
+        The number of states, the media, and whether all states are valid are added.
+        """
         data = self.dataset
         sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
         out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
@@ -179,14 +187,14 @@ class SweepResult:
         return out | {"valid": bool(data["valid"].all())}
 
     def write(self, place: Path, step: Step) -> None:
-        """Write the data set and its table into a folder that is there."""
+        """Write the data set and its table into the existing folder ``place``."""
         from granphon.sweeps.archive import write_sweep
 
         write_sweep(self.dataset, place / "sweep.nc")
         step.advance(2)
 
     def figure(self, name: str) -> Any:
-        """The matplotlib figure of the sweep, the only one that there is."""
+        """Draw the matplotlib figure of the sweep; a sweep has only one, whatever ``name`` is."""
         from granphon.figures.sweeps import sweep_figure
 
         return sweep_figure(self.dataset)
@@ -199,12 +207,12 @@ def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
 
 
 def _expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the files of numbers, and of figures."""
+    """Names of the files of numbers, and names of the figures."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     drawn = []
     if scene.is_sweep:
         names += ["sweep.nc", "sweep.csv"]
-        if sum(len(values) > 1 for _, values in scene.parameters) <= 1:  # more make no figure of lines
+        if sum(len(values) > 1 for _, values in scene.parameters) <= 1:  # lines can show one parameter only
             drawn.append("sweep.png")
     else:
         if "bands" in scene.observe:
@@ -229,21 +237,20 @@ def run(
     resume: bool = False,
     executor: Executor | None = None,
 ) -> RunResult | SweepResult:
-    """Compute what ``scene`` observes, and nothing else, and write it into ``folder``.
+    """Compute what ``scene`` observes, and only that, and write it into ``folder``.
 
     Parameters
     ----------
     scene : what to compute.
-    folder : made if it is not there; on any failure it is left as it was found, but for what a sweep has finished. No other
-        run can write into it meanwhile.
-    force : replace an earlier result, its files that this scene does not write included; and discard what another sweep has
-        finished there. What granphon did not write, or somebody has changed since, and what the scene reads, is never
-        replaced.
-    progress : told how far the work has come.
-    figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a warning of the result.
-    resume : if the sweep is complete (see :func:`is_complete`) read it, and compute and write nothing. A sweep that was
-        cut off goes on from what it has finished in any case.
-    executor : for a sweep's work side by side; the numbers do not depend on it.
+    folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything fails it
+        is left as it was found, except that the finished part of a sweep stays.
+    force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
+        another sweep. A file that granphon did not write, that was changed since, or that the scene reads is never replaced.
+    progress : is told how far the work has come.
+    figures : draw bands.png (dos.png, sweep.png, forces.png) too; a figure that cannot be drawn is a warning of the result.
+    resume : if the sweep is complete (see :func:`is_complete`), read it, and compute and write nothing. A sweep that was
+        cut off continues from its finished part with or without this.
+    executor : runs the parts of a sweep in parallel; the numbers do not depend on it.
 
     Returns
     -------
@@ -251,10 +258,10 @@ def run(
 
     Raises
     ------
-    FileExistsInRunError : a file would be overwritten, or what another scene or version has finished be discarded, and
-        ``force`` is off; or a file may not be replaced at all. Found out before anything is computed.
+    FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part of another scene or version
+        would be discarded; or a file may not be replaced at all. Raised before anything is computed.
     OutputError : the folder cannot be written, or another run is writing into it.
-    GranphonError : the computation fails; no result has been written then.
+    GranphonError : the computation fails; then no result has been written.
     """
     target, (names, drawn) = Path(folder), _expected(scene)
     drawn = drawn if figures else ()
@@ -295,9 +302,9 @@ def run(
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds all that a run of ``scene`` gives, figures aside, made with the versions at hand.
+    """Whether ``folder`` holds every file but figures of a run of ``scene``, made with the installed versions of packages.
 
-    A file that is not as it was written does not count.
+    A file that was changed after the run counts as missing.
     """
     target, written = Path(folder), files_written(folder)
     if not all(name in written for name in expected_files(scene, figures=False)):
@@ -312,7 +319,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
 
 def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
-    """The result of a scene of one state."""
+    """Compute the result of a scene of one state; no file is written yet."""
     rung = scene.rung
     choice = rung.medium
     velocities, constants = None, None
@@ -323,7 +330,7 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
             constants = moduli(state)
             direction = None if constants.isotropic else (1.0, 0.0)
             velocities = sound_velocities(state, direction)
-            _ = state.exponent  # of a simulation two more equilibria, while its step is shown
+            _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
     phonons, bands, dos = _spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None

@@ -1,6 +1,6 @@
-"""The scene: what to compute, read from a YAML file and checked before anything is done.
+"""The scene: what to compute, read from a YAML file and checked before anything is computed.
 
-Quantities carry their units ("8 mm") in the file only; a :class:`Scene` holds SI floats. Every mistake in a file is one
+Quantities have units ("8 mm") in the file only; a :class:`Scene` holds numbers in SI units. A mistake in a file raises a
 :class:`~granphon.base.errors.SceneError` that names file, line and key, what was found, what is allowed, and the likely
 intention.
 """
@@ -49,16 +49,16 @@ class Scene:
 
     Attributes
     ----------
-    packing, load : which balls, and how they are pressed.
-    media : how a spread of diameters is averaged, one or more; by default "ema" where balls differ, "ala" where they do not.
-        Names ("ala", "afa", "ema", "simulation") and mappings with options are taken too, alone or in a list.
-    parameters : of the packing that are swept, each with its values; a mapping is taken too.
+    packing, load : the balls and their arrangement, and the load that presses them.
+    media : the ways to average over a spread of diameters, one or more; by default "ema" if the balls differ, else "ala".
+        May be given as names ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
+    parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d.
     observe : which of "velocities", "bands", "dos" to compute.
-    band, band_points : the path of the bands, and points on each segment of it; None: the lattice's own path.
-    mesh : wave vectors along each reciprocal vector for the density of states.
-    dim : supercell of the exported force constants; None: as small as serves.
-    source : the file the scene was read from.
+    band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
+    mesh : numbers of wave vectors along the two reciprocal vectors for the density of states.
+    dim : supercell of the exported force constants; None for the smallest that suffices.
+    source : path of the file that the scene was read from; None for a scene made in Python.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Scene:
     mesh: tuple[int, int] = (64, 64)
     dim: tuple[int, int] | None = None
     source: Path | None = field(default=None, compare=False)
-    #: what the scene was read from; a copy with other values was not
+    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     _origin: Origin = field(default=Origin(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -101,27 +101,27 @@ class Scene:
 
     @property
     def path(self) -> BandPath:
-        """The path of the bands."""
-        return cast("BandPath", self.band)  # set when the scene was made
+        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
+        return cast("BandPath", self.band)  # __post_init__ has replaced None
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """The files that the scene was read from: its own, and the tables of measured diameters that it names."""
+        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
         return self._origin.inputs
 
     @property
     def balls_differ(self) -> bool:
-        """Whether diameters differ, or a sweep makes them."""
+        """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
     @cached_property
     def plan(self) -> Plan:
-        """The cases of the scene, what serves them, their states and costs: each is found once."""
+        """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
         return Plan.of(self, self._origin)
 
     @property
     def rung(self) -> Rung:
-        """The medium of a scene of one state, chosen if that is automatic, and its expected error.
+        """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
 
         :class:`~granphon.base.errors.InputError` if none can be chosen, or if the scene is a sweep.
         """
@@ -135,7 +135,7 @@ class Scene:
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a scene file; :class:`~granphon.base.errors.SceneError` names whatever is wrong with it."""
+        """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
         return cls._of(Origin.of_file(path))
 
     @classmethod
@@ -156,43 +156,45 @@ class Scene:
         return scene
 
     def state(self) -> ContactState:
-        """The contacts under the load.
+        """Return the state of the contacts under the load.
 
-        :class:`~granphon.base.errors.InputError` if the balls cannot carry it, or if the scene is a sweep.
+        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the scene is a sweep.
         """
         case = self.plan.case
-        _ = case.rungs  # an error of the choice is not one of the load
+        _ = case.rungs  # first, so that an error in choosing the medium is not placed at the load
         with case.at_load(0):
             return case.state
 
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
-        """Every medium at every combination of parameters, in words, and its contacts: (n_loads,), or () for one load.
+        """Return label and state of every medium at every combination of parameters, one after the other.
 
-        Each is solved when its turn comes, ``simulations``, and effective media of long ``lists`` of diameters, only if they
-        are wanted. :class:`~granphon.base.errors.InputError` at the first that cannot carry the loads.
+        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes;
+        simulations are left out without ``simulations``, effective media of long lists of diameters without ``lists``.
+        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
         return self.plan.states(simulations, lists)
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """The :meth:`states` that are found in a moment, and what is left out, in words, empty if nothing is.
+        """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
 
-        Neither simulations nor effective media of long lists of diameters; of more than 100 media and packings or 20 000
-        states, those of the least and the greatest load and value of each parameter.
+        Simulations and effective media of long lists of diameters are left out. If there are more than 100 combinations of
+        medium and packing, or more than 20 000 states, so are all but those at the least and the greatest load and value of
+        each numeric parameter.
         """
         return self.plan.survey()
 
     def cost(self) -> Cost | None:
-        """Memory and time that the scene will take, its parts one after the other; None if that is next to nothing.
+        """Memory and time that the scene will take, its parts done one after the other; None if both are negligible.
 
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now.
         """
         return self.plan.cost()
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
-        """Every state of the scene as one data set, see :func:`granphon.sweeps.sweep.sweep`, which has the other keywords
-        too.
+        """Compute every state of the scene as one data set.
 
-        A load that cannot be carried is a :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
+        ``options`` are further keywords of :func:`granphon.sweeps.sweep.sweep`. A load that cannot be carried raises
+        :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
         """
         from granphon.sweeps.sweep import sweep
 
@@ -210,10 +212,11 @@ class Scene:
                 raise
 
     def to_yaml(self) -> str:
-        """The scene with every default written out and quantities in SI; read again it is the same scene to the last bit.
+        """Return the text of the scene with every default written out and quantities in SI units.
 
-        A measured spread of more than 1000 diameters is written as the name of a table, whose text is :attr:`diameters`.
-        :class:`~granphon.base.errors.InputError` if the lattice is none that a file can name, or the text is too long.
+        Read again, it gives the same scene to the last bit. A measured spread of more than 1000 diameters is written as the
+        name of a table, whose text is :attr:`diameters`.
+        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text is too long.
         """
         packing, material = self.packing, self.packing.material
         blocks: dict[str, Any] = {"schema": rules.SCENE_SCHEMA}
@@ -249,7 +252,7 @@ class Scene:
 
     @cached_property
     def diameters(self) -> str | None:
-        """The text of ``diameters.csv``: the measured diameters, if they are too many for the scene file; else None."""
+        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene file; else None."""
         return rules.diameters_table(self.packing.spread)
 
     def run(
@@ -264,14 +267,14 @@ class Scene:
         """Compute what the scene asks for and write it into ``folder``; see :func:`granphon.scene.run.run`."""
         from granphon.scene.run import run
 
-        self.cost()  # refuses what there is no memory for
+        self.cost()  # raises if there is too little memory
         told = progress or silent
         return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
 
-    # -- what does not go together, by its key in the file --------------------------------------------------------------
+    # -- values that exclude each other, by the key in the file ---------------------------------------------------------
 
     def _require_consistency(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if the values, each of them allowed, do not go together."""
+        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
         structure, dim, swept = self.packing.structure, self.dim, dict(self.parameters)
         if dim is not None and not contacts_apart(structure.vectors, dim, 1.0):
             # two balls of the supercell would touch through two images

@@ -1,6 +1,6 @@
 """The scene file as a schema: its blocks, and the rule that reads each key.
 
-What a file leaves out has no place here: the classes that a scene is made of hold the defaults.
+The defaults of keys that a file leaves out are not here, but in the classes of which a scene is made.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from granphon.scene import fields
 
 __all__ = ["REQUIRED", "read_blocks", "scene_rules"]
 
-#: the keys that a scene file must have: blocks, and keys of blocks
+#: keys that a scene file must have: at the top level (""), and in each block
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "": ("material", "packing", "load"), "material": ("young_modulus", "poisson_ratio", "density"), "packing": ("diameter",),
 }  # fmt: skip
 
-#: what a block "load" holds
+#: what a block "load" must hold, in words for messages
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 
 
 def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
-    """The rule of each key of a scene file, and of each key of its blocks; tables that it names are sought in ``folder``."""
+    """Return the rule of each key of a scene file and of its blocks; tables named in the file are sought in ``folder``."""
     return {
         "schema": fields.read_schema,
         "material": {
@@ -57,10 +57,10 @@ def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
 
 
 def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
-    """The values that ``document`` holds, in SI, blocks as mappings; tables that it names are sought in ``folder``.
+    """Read the values in ``document``, in SI units, each block as a mapping; tables it names are sought in ``folder``.
 
-    :class:`~granphon.base.errors.SceneError` tells one mistake: an unknown key if there is one, as it explains why another
-    is missing; else the first value that its rule refuses; else what is missing.
+    :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a misspelt key is often the
+    reason why another is missing; then the first value that its rule refuses; then a missing key.
     """
     rules = scene_rules(folder)
     if isinstance(document.data, list):
@@ -74,7 +74,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _require_known(data: Any, rules: Mapping[str, Rule | dict[str, Rule]]) -> None:
-    """Refuse the first unknown key, and say where it belongs if it stands in the wrong block."""
+    """Refuse the first unknown key, and say to which block it belongs if another block has such a key."""
     known = {"": list(rules)} | {name: list(rule) for name, rule in rules.items() if isinstance(rule, dict)}
     for name, keys in known.items():
         given = data.get(name) if name and isinstance(data, Mapping) else data
@@ -97,16 +97,16 @@ def _read_block(name: str, rules: Mapping[str, Rule], value: Any) -> dict[str, A
 
 
 def _require_kind(value: Any) -> None:
-    """Refuse values of a load that do not say which kind of load they are."""
+    """Refuse a block "load" that holds a list or a range of values without the kind of load."""
     if isinstance(value, list) or (isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)):
         found, mend = f"{show(value)}, without the kind of load", "Write 'force:' before it, or another."
         raise Refused(found, _ONE_LOAD, mend, ("load",))
 
 
 def _require_one_load(value: Any) -> None:
-    """Refuse no load and several, and a side force without ``balls_per_side``."""
+    """Refuse a block "load" with no load or several, or with only one of ``side_force`` and ``balls_per_side``."""
     if not isinstance(value, dict):
-        return  # told with the keys of the block
+        return  # block() refuses it, with the keys that are allowed
     given = [kind for kind in LOADS if kind in value]
     if not given:
         raise Refused("balls_per_side without side_force" if value else "no load", _ONE_LOAD)
