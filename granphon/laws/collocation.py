@@ -2,14 +2,16 @@
 
 In reduced units the mean displacement of the corona vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0, when f = G(y, k), the mean of
 F^Q with weights 1/(K^Q + Xi k); and k = df/dy. As a differential equation for k, k = dG(y, k(y))/dy, this is stiff: errors
-in k decay towards low pressure, at a rate 1/(dG/dk), and blow up the other way. So it is solved downwards, from the
-high-pressure series that condition (40) selects, by collocation at Radau points (an implicit Runge-Kutta method, L-stable,
-of order 2s - 1 at the ends of its steps). The unknown is k alone, G needs no derivative of K^Q, and on each step the
-solution is a polynomial. Steps end where contacts of some pair of balls open and k has a kink; on each interval the
-variable is the square root of the distance to the opening below, in which k is smooth.
+in k decay towards low pressure, at a rate 1/(dG/dk), and grow without bound towards high pressure. So it is solved
+downwards, from the high-pressure series that condition (40) selects, by collocation at Radau points (an implicit Runge-Kutta
+method, L-stable, of order 2s - 1 at the ends of its steps). The unknown is k alone, G needs no derivative of K^Q, and on
+each step the solution is a polynomial. Steps end at the openings, the overlaps at which the contacts of some pair of balls
+open and k has a kink. Between two openings the variable is the square root of the distance to the lower one, in which k is
+smooth.
 
-A step needs one number of the step above it, k at their common end. So Newton's method takes many steps at once: to first
-order the change at the lower end of each is linear in that at its upper end, and these relations are followed downwards.
+A step needs one number from the step above it: k at their common end. So Newton's method solves many steps at once. To first
+order the change of k at the lower end of a step is linear in the change at its upper end, and these relations are applied
+one after the other, downwards.
 """
 
 from __future__ import annotations
@@ -31,19 +33,21 @@ from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
 __all__ = ["Averages", "Balls", "Block", "radau", "solve_curve"]
 
 Array = NDArray[np.float64]
-#: steps begin halved while an opening is nearer below the interval than this part of the step: k is the less smooth
+#: the lowest step of an interval is halved until the next opening below is at least this fraction of the step's extent in
+#: y away: the nearer that opening, the less smooth is k
 _NEAR = 0.15
-#: what Newton's method may change last, relative to k: convergence is quadratic
+#: largest change of k, relative to k, in the last iteration of Newton's method: convergence is quadratic, so the remaining
+#: error is far smaller
 _SETTLED = 1e-8
-#: the shortest step, relative to its upper end
+#: half length of the shortest step in the root, relative to its middle
 _SHORTEST = 1e-12
 
 
 class RadauRule(NamedTuple):
-    """Collocation on [-1, 1]: ``points`` (s + 1,), the Radau points, which include -1, and then +1.
+    """Collocation rule on [-1, 1]: ``points`` (s + 1,) are the s Radau points, which include -1, followed by +1.
 
-    ``derivative`` (s, s + 1) of the polynomial through values at the points, at the Radau points; ``coefficients``
-    (s + 1, s + 1) of its Chebyshev series.
+    Both matrices act on values at the points: ``derivative`` (s, s + 1) gives the derivative of the interpolating polynomial
+    at the Radau points, ``coefficients`` (s + 1, s + 1) its Chebyshev series.
     """
 
     points: Array
@@ -53,7 +57,7 @@ class RadauRule(NamedTuple):
 
 @lru_cache(maxsize=16)
 def radau(stages: int) -> RadauRule:
-    """The rule of s ``stages``."""
+    """Return the collocation rule with s = ``stages`` Radau points."""
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 0.0, 1.0)[0] if stages > 1 else np.empty(0)
@@ -64,9 +68,10 @@ def radau(stages: int) -> RadauRule:
 
 
 class Block(NamedTuple):
-    """Adjoining steps, descending: y = ``origin`` (B, 1) + ``root``^2, at the (B, s + 1) points of the rule.
+    """B adjoining steps in descending order, with the points of the rule: y = ``origin`` (B, 1) + ``root``^2 (B, s + 1).
 
-    ``drop`` is root less that at the upper end, without loss of digits; ``middle`` and ``half`` (B, 1) of the root.
+    ``middle`` and ``half`` (B, 1) are the middle and the half length of each step in the root. ``drop`` (B, s + 1) is the
+    root minus its value at the upper end of the step, without loss of digits.
     """
 
     origin: Array
@@ -77,61 +82,61 @@ class Block(NamedTuple):
 
     @classmethod
     def of(cls, steps: list[tuple[float, float, float]], rule: RadauRule) -> Block:
-        """From origin and both ends of the root of each."""
+        """Make a block from (origin, lower root, upper root) of each step."""
         origin, low, high = np.array(steps).T[:, :, None]
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        # the ends themselves, not what rounding makes of them: at an opening the root is zero
+        # the ends are taken as given, because middle - half may round: at an opening the root must be exactly zero
         root = np.concatenate([low, (middle + half * rule.points)[:, 1:-1], high], axis=1)
         return cls(origin, middle, half, root, half * (rule.points - 1.0))
 
     @property
     def y(self) -> Array:
-        """(B, s + 1)."""
+        """(B, s + 1) reduced overlap at the points."""
         return self.origin + self.root**2
 
 
 class Balls(Protocol):
-    """The averages of (36) at the points of a block."""
+    """Averages over balls in equation (36), at the points of a block."""
 
     @property
     def mean(self) -> Array:
-        """(B, s + 1) <K^Q>."""
+        """(B, s + 1) mean stiffness <K^Q>, reduced."""
         ...
 
     @property
     def known(self) -> Array | float:
-        """Derivative in y of the force that :meth:`balance` leaves out."""
+        """(B, s + 1) or zero: derivative with respect to y of the force that :meth:`balance` leaves out."""
         ...
 
     @property
     def noise(self) -> Array | float:
-        """(B,) what rounding may make of the last coefficients of k, relative to k."""
+        """(B,) or zero: rounding error to expect in the last coefficients of k, relative to k."""
         ...
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """G(y, k) less a force whose derivative is ``known``, on each step; dG/dk; and G itself at the lower ends (B,)."""
+        """Return G(y, k) less a force whose derivative is ``known``, and dG/dk, (B, s + 1); and G at the lower ends (B,)."""
         ...
 
 
 class Averages(Protocol):
-    """Where balls come from."""
+    """Source of the averages over balls that a block needs."""
 
     def count(self, block: Block) -> int:
-        """How many of these steps are worth doing at once; at least one."""
+        """Return how many steps of the block should be solved at once; at least one."""
         ...
 
     def balls(self, block: Block) -> Balls:
-        """Their averages."""
+        """Return the averages over balls at the points of the block."""
         ...
 
 
 def solve_curve(
     shape: Shape, xi: float, averages: Averages, stages: int, tolerance: float, most: float = np.inf
 ) -> EffectiveCurve:
-    """The solution for a shape and Xi with a rule of s ``stages``; steps in the square root are no longer than ``most``.
+    """Solve equation (36) for a shape and Xi with s = ``stages``; no step is longer than ``most`` in the square root.
 
-    ``tolerance``: what the last coefficients of k may be, relative to its least value on the step. Raises
-    :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
+    ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the least k on the step.
+    Raises :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     rule, far = radau(stages), high_pressure_series(shape, xi)
     pending = _divide_into_steps([*shape.openings.tolist(), far.start], most)
@@ -140,7 +145,7 @@ def solve_curve(
     places, series = [], []
     count, guess = 1, None
     while force > LEAST_SOLVED_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > VANISHED * force:
-        # where the first contact opens there is neither force nor stiffness: that end is approached only
+        # where the first contact opens, force and stiffness are both zero: steps approach that end but do not include it
         if pending[-1][:2] == (first, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
@@ -150,7 +155,7 @@ def solve_curve(
             count = fewer
             continue
         balls = averages.balls(block)
-        # in units of the mean, a smooth function: that of the last attempt, or a constant
+        # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
         found = _relax(balls, rule, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
         if found is None:
@@ -163,7 +168,7 @@ def solve_curve(
         if len(steps) > 1 and (found is None or hopeless):
             count = len(steps) // 2
             continue
-        if hopeless:  # the root does not hold the points of a shorter step
+        if hopeless:  # doubles cannot tell apart the points of a shorter step
             if force < VALID_FORCE:
                 break
             place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
@@ -187,7 +192,7 @@ def solve_curve(
 
 
 def _divide_into_steps(ends: list[float], most: float) -> list[tuple[float, float, float]]:
-    """Steps to begin with, ascending: origin and both ends of the root."""
+    """Return the initial steps in ascending order, each as (origin, lower root, upper root)."""
     steps = []
     for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
         high = math.sqrt(end - origin)
@@ -206,7 +211,7 @@ def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]
 
 
 def _relax(balls: Balls, rule: RadauRule, block: Block, k: Array, top: float) -> tuple[Array, Array] | None:
-    """k at the points of a block, and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
+    """Find k at the points of a block and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner, last = rule.derivative[:, :-1], rule.derivative[:, -1]
     k[:, -1] = np.append(top, k[:-1, 0])
@@ -218,7 +223,7 @@ def _relax(balls: Balls, rule: RadauRule, block: Block, k: Array, top: float) ->
             both = np.linalg.solve(matrix, np.stack([miss, -last * by_k[:, -1:]], axis=-1))
         except np.linalg.LinAlgError:
             return None
-        changes = [0.0]  # at the ends
+        changes = [0.0]  # of k at the ends of the steps
         for own, passed_on in both[:, 0].tolist():
             changes.append(own + passed_on * changes[-1])
         change = both[..., 0] + both[..., 1] * np.array(changes[:-1])[:, None]
@@ -226,6 +231,6 @@ def _relax(balls: Balls, rule: RadauRule, block: Block, k: Array, top: float) ->
             return None
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
         k[1:, -1] = k[:-1, 0]
-        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):  # this was the last one needed
+        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):  # convergence is quadratic: no further iteration is needed
             return k, balls.balance(k)[2]
     return None

@@ -1,6 +1,6 @@
-"""The effective medium's law: equation (36) of Velicky and Caroli, solved once for a shape and a Xi.
+"""The contact law of the effective medium: equation (36) of Velicky and Caroli, solved once for each shape and Xi.
 
-The averages over balls are quadratures for a density of diameters, and sums for listed ones.
+Averages over balls are quadratures if the diameters have a density, and sums if the diameters are listed.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from granphon.laws.spread import SpreadLaw
 __all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "averages_of", "effective_curve"]
 
 Array = NDArray[np.float64]
-#: points of collocation on a step, without its upper end
+#: number of collocation (Radau) points on a step; its upper end is not counted
 _STAGES = 16
-#: largest of the last coefficients of k over the least value of k on a step
+#: tolerance of the last Chebyshev coefficients of k, relative to the least value of k on the step
 _LAST_COEFFICIENTS = 1e-12
-#: openings from which on all steps are short, so that fewer points do, and a larger tolerance
+#: number of openings from which all steps are short, so that fewer points and a larger tolerance suffice
 _MANY_OPENINGS = 100
-#: points of collocation on short steps
+#: number of collocation points on short steps
 _STAGES_OF_SHORT = 12
-#: tolerance of the last coefficients on short steps
+#: tolerance of the last coefficients of k on short steps, relative to the least value of k
 _LAST_OF_SHORT = 1e-10
-#: largest tolerance that the rounding of a step may ask for
+#: upper bound on the rounding error of k that is allowed for, relative to k
 _WORST_NOISE = 1e-8
 #: nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
@@ -40,7 +40,9 @@ _ORDER = 32
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi, to 1e-8 or better in force and stiffness from f* = 1e-4 on; kept.
+    """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from f* = 1e-4 on.
+
+    Results are cached.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium is valid.
     """
@@ -51,30 +53,30 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 
 
 def averages_of(shape: Shape, xi: float) -> Averages:
-    """The averages of equation (36) over the balls of a shape."""
+    """Return the source of the averages in equation (36) over the balls of a shape."""
     return PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, _ORDER)
 
 
 @dataclass(frozen=True)
 class DensityAverages:
-    """Quadratures of this ``order`` over the balls of a shape, for ``xi``."""
+    """Averages over the balls of a shape by quadrature of the given ``order``, for the local-field factor ``xi``."""
 
     shape: Shape
     xi: float
     order: int
 
     def count(self, block: Block) -> int:
-        """One: steps are long and few, and one that has to be shorter would spoil those below."""
+        """Return one: steps are long and few, and a step that must be halved would make the work on those below useless."""
         return 1
 
     def balls(self, block: Block) -> DensityBalls:
-        """The nodes of each point."""
+        """Return the averages at the points of the block, from quadrature nodes of each point."""
         y = block.y
         nodes = self.shape.nodes(y, self.order)
         force, stiffness = (of(y[..., None], nodes.positions) for of in (self.shape.force, self.shape.stiffness))
         common, known = self.shape.force(y), self.shape.stiffness(y)
         mean = np.sum(nodes.weights * stiffness, axis=-1)
-        # on a short step differentiation amplifies the rounding of y and of forces, which are counted from the mean
+        # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
         amplified = block.root.shape[1] ** 2 * (common / known + np.abs(y))[:, -1:] / (4.0 * block.middle * block.half)
         noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
         return DensityBalls(self.xi, nodes.weights, force - common[..., None], stiffness, mean, common, known, noise)
@@ -82,8 +84,9 @@ class DensityAverages:
 
 @dataclass(frozen=True, eq=False)
 class DensityBalls:
-    """As :class:`granphon.laws.collocation.Balls`: forces are counted from the mean ``common``, whose derivative is
-    ``known``.
+    """Averages by quadrature, as :class:`granphon.laws.collocation.Balls`.
+
+    Forces are counted from the mean force ``common``, whose derivative is ``known``.
     """
 
     xi: float
@@ -96,7 +99,7 @@ class DensityBalls:
     noise: Array
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """As :meth:`granphon.laws.collocation.Balls.balance`."""
+        """Return what :meth:`granphon.laws.collocation.Balls.balance` describes."""
         part = 1.0 / (self.stiffness + self.xi * k[..., None])
         share = self.weights * part
         total = np.sum(share, axis=-1)
@@ -107,7 +110,7 @@ class DensityBalls:
 
 @dataclass(frozen=True)
 class EffectiveLaw(SpreadLaw):
-    """The effective medium: balls displace their neighbours, and equation (36) holds.
+    """Contact law of the effective medium: balls displace their neighbours, and equation (36) holds.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
     factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError`
@@ -121,7 +124,7 @@ class EffectiveLaw(SpreadLaw):
 
     @property
     def curve(self) -> EffectiveCurve:
-        """The reduced law."""
+        """Reduced law, in units of W and c W^(3/2)."""
         return effective_curve(self.shape, self.xi)
 
     @property
@@ -129,7 +132,7 @@ class EffectiveLaw(SpreadLaw):
         return self.curve.energy_offset
 
     def least_valid_force(self, width: float) -> float:
-        """The force, N, from which Section IV states that the medium is valid, f* = 0.08, for the ``width`` W, m."""
+        """Return the force, N, from which the medium is valid by Section IV (f* = 0.08), for the ``width`` W, m."""
         return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def _near(self, y: Array, order: int) -> Array:
@@ -150,7 +153,7 @@ class EffectiveLaw(SpreadLaw):
 
     @property
     def _below(self) -> tuple[str, str]:
-        """Why there is nothing below the curve, and what to do."""
+        """Reason why there is no solution below the curve, and advice to the user."""
         if self.curve.vanishes:
             return (
                 "The stiffness has fallen to zero there, and equation (36) has no solution of less force",

@@ -1,8 +1,9 @@
-"""The effective medium's law as a curve: polynomials on steps, and the series beyond them.
+"""The law of the effective medium as a curve: polynomials on steps, and the high-pressure series beyond them.
 
-On a step y = origin + u^2, and k is a polynomial in u. Force and energy are its integrals, and k their exact derivative; the
-slope of k is its own. Steps may be tens or, for long lists of diameters, tens of thousands, so that a curve is arrays over
-steps: an element of a (n, steps) table is the coefficient of a Chebyshev polynomial of t = (u - middle)/half, -1 <= t <= 1.
+On a step y = origin + u^2, and k is a polynomial in u. Force and energy are integrals of this polynomial and the slope of k
+is its derivative, so that all four agree exactly. There are tens of steps or, for long lists of diameters, tens of
+thousands, so a curve is stored as arrays over steps: an element of an (n, steps) table is the coefficient of a Chebyshev
+polynomial of t = (u - middle)/half, -1 <= t <= 1.
 """
 
 from __future__ import annotations
@@ -23,28 +24,30 @@ from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 __all__ = ["LEAST_SOLVED_FORCE", "VALID_FORCE", "VANISHED", "EffectiveCurve"]
 
 Array = NDArray[np.float64]
-#: a step, or that of each of the values
+#: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]
-#: f* to which the curve is solved, far below the paper's limit of validity
+#: f* down to which the curve is solved, far below the paper's limit of validity
 LEAST_SOLVED_FORCE = 1e-6
-#: the limit of validity that Section IV states
+#: f* from which Section IV states that the medium is valid
 VALID_FORCE = 0.08
-#: stiffness of a contact that is none, relative to the mean one since the first contact: a law that stiffens has one or more
+#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the first contact: wherever the
+#: law stiffens the ratio is one or more
 VANISHED = 1e-7
-#: coefficients of the overlap as a function of the force
+#: number of coefficients, on each step, of the overlap as a function of the force
 _INVERSE_TERMS = 16
-#: values that are worked on at once, where each brings the coefficients of its own step
+#: number of values worked on at once where the coefficients of its step are copied for each value
 _VALUES_AT_ONCE = 2**13
-#: values for each step, from which on they are sorted by step
+#: number of values per step from which values are sorted by step
 _MANY_VALUES = 64
 
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
-    """The solution for one shape and Xi: steps, ascending, and the series beyond them.
+    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the series ``far`` beyond them.
 
-    ``places`` (3, steps): origin, middle and half of each. ``tables``: energy, force and stiffness, (n, steps) each. The
-    curve begins at f* = 1e-6, or higher, below the limit of validity, where steps no longer settle in double precision.
+    ``places`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy, force and stiffness,
+    (n, steps) each. The curve begins at f* = 1e-6, or where steps no longer settle in double precision if that is higher
+    (but below the limit of validity).
     """
 
     shape: Shape
@@ -55,46 +58,47 @@ class EffectiveCurve:
 
     @classmethod
     def of(cls, shape: Shape, xi: float, far: Series, places: Array, stiffness: Array, force: float) -> EffectiveCurve:
-        """From the (s + 1, steps) table of k, and the force at the lower end of the first step."""
+        """Make a curve from the (s + 1, steps) table of k and the force at the lower end of the first step."""
         rise = 2.0 * places[2] * places[1:]  # dy/dt, as a series
         forces = _integrate_over_steps(stiffness, rise, force)
         tables = _integrate_over_steps(forces, rise, 0.0), forces, stiffness
-        # rounding alone separates the two here; without it there is no seam
+        # the curve and the series differ here by rounding alone; scaling the curve removes the jump
         scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
         energy, force_table, stiffness = (read_only(scale * table) for table in tables)
         return cls(shape, xi, far, read_only(places), (energy, force_table, stiffness))
 
     @cached_property
     def least_force(self) -> float:
-        """f* at the start of the curve."""
+        """Reduced force f* at the start of the curve."""
         return max(LEAST_SOLVED_FORCE, float(self.ends(FORCE)[0, 0]))
 
     @cached_property
     def start(self) -> float:
-        """y at the start of the curve."""
+        """Reduced overlap y at the start of the curve."""
         return float(self.overlap(np.array([self.least_force]))[0])
 
     @cached_property
     def vanishes(self) -> bool:
         """Whether the stiffness has fallen to zero at the start of the curve, while contacts still carry force.
 
-        Where contacts of rare kinds open, more overlap may be less force at k = 0; below there is no solution with k > 0.
+        Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as the overlap grows; below
+        that point there is no solution with k > 0.
         """
         depth = float(self.places[0, 0] + (self.places[1, 0] - self.places[2, 0]) ** 2) - float(self.shape.openings[0])
         return bool(self.ends(STIFFNESS)[0, 0] * depth < VANISHED * self.ends(FORCE)[0, 0])
 
     @cached_property
     def energy_offset(self) -> float:
-        """Energy of the curve over that of the series, where they meet."""
+        """Reduced energy of the curve minus that of the series, at the overlap where they meet."""
         return float(self.ends(ENERGY)[1, -1]) - self.far.value(self.far.start, ENERGY)
 
     def ends(self, order: int) -> Array:
-        """(2, steps): energy, force or stiffness at the lower and the upper end of each step."""
+        """Return (2, steps) energy, force or stiffness at the lower and the upper end of each step."""
         table = self.tables[order]
         return np.stack([np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)])
 
     def value(self, y: Array, order: int) -> Array:
-        """A derivative of the energy, counted from the start of the curve, at y between that and ``far.start``."""
+        """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
 
         def of(index: Index, part: Array) -> Array:
             return self._at(index, np.sqrt(part - self.places[0, index]), order)
@@ -103,7 +107,7 @@ class EffectiveCurve:
         return self._by_step(np.searchsorted(self._edges[0], y), y, of)
 
     def overlap(self, force: Array) -> Array:
-        """y at forces between those at the two ends: a series for u, mended by Newton's method."""
+        """Return y at forces between those at the ends of the curve: a series for u, refined by Newton's method."""
 
         def of(index: Index, part: Array) -> Array:
             origin, middle, half = self.places[:, index]
@@ -114,21 +118,22 @@ class EffectiveCurve:
 
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
-        """y and f* where steps meet."""
+        """Reduced overlap y and force f* where steps meet."""
         origin, middle, half = self.places
         return (origin + (middle - half) ** 2)[1:], self.ends(FORCE)[1, :-1]
 
     @cached_property
     def _touching(self) -> NDArray[np.bool_]:
-        """Which steps begin where contacts open."""
+        """(steps,) whether the step begins where contacts open."""
         return np.asarray(self.places[1] == self.places[2])
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
-        """Tables of the slope of k: a series, and one to be divided by dy/dt, which vanishes where contacts open.
+        """Two tables of the slope of k: a series, and a series that must be divided by dy/dt.
 
-        There k of listed diameters rises as a square root, and its slope has no bound. That of a density rises as the fifth
-        power of one, and the division leaves no remainder but rounding.
+        dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root of the distance in y, and
+        its slope is unbounded. For a density, k rises as the fifth power of that root, and the series can be divided without
+        a remainder other than rounding.
         """
         numerator = np.asarray(chebyshev.chebder(self.tables[STIFFNESS]), float)
         quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
@@ -140,7 +145,7 @@ class EffectiveCurve:
         return quotient, numerator
 
     def _at(self, index: Index, root: Array, order: int) -> Array:
-        """A derivative of the energy at u = ``root`` on these steps."""
+        """Return a derivative of the energy at u = ``root`` on the steps ``index``."""
         _, middle, half = self.places[:, index]
         t = (root - middle) / half
         if order < SLOPE:
@@ -151,7 +156,7 @@ class EffectiveCurve:
 
     @cached_property
     def _inverse(self) -> Array:
-        """(n, steps): t as a series in 2 w - 1, w the variable of :meth:`_smooth`."""
+        """(n, steps) Chebyshev coefficients of t as a function of 2 w - 1, with w the variable of :meth:`_smooth`."""
         nodes, steps = chebyshev.chebpts1(_INVERSE_TERMS), self.places.shape[1]
         w = np.broadcast_to(0.5 + 0.5 * nodes[:, None], (_INVERSE_TERMS, steps))
         low, span = self._forces
@@ -167,18 +172,21 @@ class EffectiveCurve:
 
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
-        """The force at the lower ends, and what it rises by; on the shortest steps, by no less than rounding."""
+        """Force at the lower end of each step, and its rise over the step, which is at least the rounding of the force."""
         low, high = self.ends(FORCE)
         return low, np.maximum(high - low, 4.0 * np.finfo(float).eps * low)
 
     def _smooth(self, index: Index, force: Array) -> Array:
-        """A variable from 0 to 1 in which u is smooth: where contacts open f rises as u^2, elsewhere it may span decades."""
+        """Return a variable from 0 to 1 in which u is smooth.
+
+        Where contacts open, f rises as u^2; elsewhere it may span decades.
+        """
         low, span = (values[index] for values in self._forces)
         part = np.clip(force - low, 0.0, span)
         return np.where(self._touching[index], np.sqrt(part / span), np.log1p(part / low) / np.log1p(span / low))
 
     def _descended(self, index: Index, root: Array, force: Array) -> Array:
-        """u at these forces, by Newton's method from ``root``."""
+        """Return u at these forces, by Newton's method from ``root``."""
         _, middle, half = self.places[:, index]
         low, high = middle - half, middle + half
         for _ in range(30):
@@ -186,7 +194,7 @@ class EffectiveCurve:
             slope = 2.0 * root * self._at(index, root, STIFFNESS)
             change = np.divide(miss, slope, out=np.zeros_like(root), where=slope > 0.0)
             root = np.clip(root + change, low, high)
-            # convergence is quadratic: this was the last one needed; or nothing but rounding is left
+            # either convergence, which is quadratic, needs no further iteration, or only rounding is left
             if np.all((np.abs(change) <= 1e-9 * high) | (np.abs(miss) <= 4.0 * np.finfo(float).eps * force)):
                 break
         return root
@@ -199,7 +207,7 @@ class EffectiveCurve:
                 part = slice(begin, begin + _VALUES_AT_ONCE)
                 out[part] = of(numbers[part], flat[part])
             return out.reshape(values.shape)
-        # sorted by step, so that each works on one piece; small integers sort in linear time
+        # sort by step, so that each step is evaluated once; small integers sort in linear time
         order = np.argsort(numbers.astype(np.min_scalar_type(self.places.shape[1])), kind="stable")
         ascending, numbers = flat[order], numbers[order]
         first = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])) if numbers.size else np.empty(0, int)
@@ -209,7 +217,10 @@ class EffectiveCurve:
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
-    """Table of the integral over y, (n + 2, steps), from ``start`` at the lower end of the first step; ``rise`` is dy/dt."""
+    """Return the table (n + 2, steps) of the integral over y, equal to ``start`` where the first step begins.
+
+    ``rise`` (2, steps) are the coefficients of dy/dt.
+    """
     product = np.zeros((len(table) + 1, table.shape[1]))
     product[:-1] += rise[0] * table
     product[1:] += 0.5 * rise[1] * table

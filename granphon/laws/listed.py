@@ -1,16 +1,17 @@
 """The averages of equation (36) over listed diameters, for many short steps at once.
 
-n diameters put n(n + 1)/2 openings into the curve, and each of the steps between them needs n sums of n powers. Contacts
-whose opening lies far below a block of steps are smooth functions there: their sums are a polynomial for each ball. The
-others are summed one by one, each for its two balls. So the work grows as n^3, times the few near contacts of a ball.
+With n diameters the curve has n(n + 1)/2 openings, and each of the steps between them needs n sums of n powers. The forces
+of contacts whose opening lies far below a block of steps are smooth functions of y there: their sum is one polynomial for
+each ball. The other, near contacts are summed one by one, each for its two balls. So the work grows as n^3, times the small
+number of near contacts of a ball.
 
-Overlaps are counted from the opening below: o - o_ij + u^2, of exact differences, so that a contact is known to all digits
-however small its overlap is beside the diameters. And forces are counted from those at the upper end of a step, as sums
-of what they change by. On short steps, where the changes are small, and for the balls of a rare kind, whose part in the
-mean is small, differentiation then has nothing to cancel.
+Overlaps are counted from the opening o below the step: an overlap is o - o_ij + u^2, with exact differences, so that it has
+all its digits however small it is compared with the diameters. Forces are counted from those at the upper end of a step, as
+sums of their changes. Differentiation then cancels nothing, neither on short steps, where the changes are small, nor for
+balls of a rare kind, whose share in the mean is small.
 
-Products are einsum's: they are too small for the threads of a linear algebra library, which wait for each other where
-processors are shared, ten times as long as the product takes.
+Products are formed by einsum: they are too small for the threads of a linear algebra library. Where processors are shared,
+these threads wait for each other ten times as long as the product takes.
 """
 
 from __future__ import annotations
@@ -29,18 +30,22 @@ from granphon.laws.collocation import Block
 __all__ = ["PointAverages"]
 
 Array = NDArray[np.float64]
-#: overlap over half the range of a block from which on a contact is far
+#: a contact is far if its overlap is at least this many times half the range of the block
 _FAR_OVERLAP = 6.0
-#: degree of the polynomials of far contacts, which have errors of 1e-15
+#: degree of the polynomials for far contacts; their errors are then 1e-15
 _DEGREE = 14
-#: least steps of a block: a third of the number of diameters balances the two kinds of sums, and more costs little
+#: number of steps that a block may always have: a third of the number of diameters balances the work on near and far
+#: contacts, and more steps cost little
 _LEAST_STEPS = 32
-#: most numbers in an array of near contacts
+#: largest number of elements in an array of near contacts
 _MOST_NEAR = 2**21
 
 
 class _Range(NamedTuple):
-    """Overlaps over the block's least origin: of its middle, half its extent; the last far opening; slice of near ones."""
+    """Range of a block: ``middle`` and ``half`` extent in y above its least origin.
+
+    Contacts with openings up to ``last`` are far; ``near`` is the slice of the openings of near contacts.
+    """
 
     middle: float
     half: float
@@ -50,7 +55,7 @@ class _Range(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PointAverages:
-    """Sums over the balls of a shape, for ``xi``."""
+    """Averages over the balls of a shape of listed diameters by sums, for the local-field factor ``xi``."""
 
     shape: PointShape
     xi: float
@@ -61,13 +66,13 @@ class PointAverages:
 
     @cached_property
     def _matrix(self) -> Array:
-        """(n, n) openings."""
+        """(n, n) openings of all pairs, in units of W."""
         x, _ = self._points
         return -0.5 * (x[:, None] + x)
 
     @cached_property
     def _contacts(self) -> tuple[Array, Any]:
-        """(m,) openings of pairs, ascending; and sparse (n, m) weights with which a pair enters the sums of its balls."""
+        """(m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of its two balls."""
         from scipy.sparse import csc_array
 
         _, w = self._points
@@ -88,13 +93,13 @@ class PointAverages:
         return _Range(middle, half, last, slice(begin, end))
 
     def count(self, block: Block) -> int:
-        """As :meth:`granphon.laws.collocation.Averages.count`."""
+        """Return how many steps of the block should be solved at once, so that arrays of near contacts fit in memory."""
         steps = min(len(block.root), max(_LEAST_STEPS, len(self.shape.positions) // 3))
         near = self._range(block).near
         return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
 
     def balls(self, block: Block) -> PointBalls:
-        """Near contacts and far ones."""
+        """Return the averages at the points of the block: the sums over near contacts plus those over far ones."""
         _, w = self._points
         span = self._range(block)
         near = self._near(block, span)
@@ -103,7 +108,11 @@ class PointAverages:
         return PointBalls(w, self.xi, *near)
 
     def _near(self, block: Block, span: _Range) -> list[Array]:
-        """Stiffness, its change and that of the force over the step (n, B, s + 1), and the force at the upper end (n, B)."""
+        """Sum four quantities over near contacts, for each ball.
+
+        They are the stiffness, its change and the change of the force since the upper end of the step, (n, B, s + 1); and
+        the force at the upper end, (n, B).
+        """
         openings, entries = (part[..., span.near] for part in self._contacts)
         closed = openings[:, None] <= block.origin[:, 0]
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
@@ -119,7 +128,7 @@ class PointAverages:
         return [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
 
     def _far(self, block: Block, span: _Range) -> list[Array]:
-        """The same of the far contacts: the slope of the stiffness is interpolated, and integrated twice."""
+        """Sum these four quantities over far contacts: the slope of the stiffness is interpolated and integrated twice."""
         _, w = self._points
         least = block.origin[-1, 0]
         far = self._matrix <= span.last
@@ -131,7 +140,7 @@ class PointAverages:
         series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
         stiffness = _integrate_series(series, span.half, 1.5 * root @ w)
         force = _integrate_series(stiffness, span.half, gap * root @ w)
-        # T_m at the points, and less T_m at the upper end of the step, by recurrence: no digits are lost
+        # T_m at the points, and its difference from T_m at the upper end of the step, both by recurrence: no digits are lost
         t = (block.origin - least + block.root**2 - span.middle) / span.half
         drop = block.drop * (block.root + block.root[:, -1:]) / span.half
         values, changes = [np.ones_like(t), t], [np.zeros_like(t), drop]
@@ -147,7 +156,7 @@ class PointAverages:
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
-    """Series of the integral, with its values at 0."""
+    """Return the Chebyshev series of the integral that equals ``middle`` at 0."""
     out = np.asarray(chebyshev.chebint(table, scl=scale), float)
     out[0] += middle - chebyshev.chebval(0.0, out)
     return out
@@ -155,9 +164,10 @@ def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PointBalls:
-    """As :class:`granphon.laws.collocation.Balls`: ``stiffness`` K^Q at the points, (n, B, s + 1).
+    """Averages by sums, as :class:`granphon.laws.collocation.Balls`: ``stiffness`` (n, B, s + 1) is K^Q at the points.
 
-    ``change`` and ``work``: what K^Q and F^Q have changed by since the upper end of the step, where F^Q is ``top`` (n, B).
+    ``change`` and ``work`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end of the step, where F^Q is
+    ``top`` (n, B).
     """
 
     weights: Array
@@ -168,21 +178,21 @@ class PointBalls:
     top: Array
 
     known = 0.0
-    #: nothing cancels
+    #: zero, because no differences of large numbers are taken
     noise = 0.0
 
     @cached_property
     def mean(self) -> Array:
-        """(B, s + 1) <K^Q>."""
+        """(B, s + 1) mean stiffness <K^Q>, reduced."""
         return self._averaged(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """As :meth:`granphon.laws.collocation.Balls.balance`; forces are counted from that at the upper end."""
+        """Return what :meth:`granphon.laws.collocation.Balls.balance` describes; forces are counted from the upper end."""
         part = 1.0 / (self.stiffness + self.xi * k)
         last = part[..., -1]
         start = self._averaged(last * self.top) / self._averaged(last)
         excess = self.top - start
-        # <(F^Q - f) part> vanishes at the upper end: elsewhere it is the sum of what F^Q and part have changed by
+        # <(F^Q - f) part> is zero at the upper end: elsewhere it is the sum of the changes of F^Q and of part
         moved = self.work - (self.change + self.xi * (k - k[:, -1:])) * (excess * last)[..., None]
         total = self._averaged(part)
         force = self._averaged(part * moved) / total

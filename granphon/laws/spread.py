@@ -1,10 +1,10 @@
-"""Contact laws of balls that differ: mean force, stiffness and energy of a contact against the mean overlap.
+"""Contact laws of balls whose diameters differ: mean force, stiffness and energy of a contact against the mean overlap.
 
-Every medium has a law of its own, f(delta) with k = df/d(delta). Equal balls follow Hertz's
-(:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over W do so at overlaps far above W only; in the
-reduced units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law is a function of the shape of the
-distribution and of the medium alone. Where all contacts are closed it is y^(3/2) times a power series in 1/y, which is used
-far out: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
+Every medium has its own law, f(delta) with k = df/d(delta). Equal balls follow Hertz's law
+(:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over a width W follow it only at overlaps far above
+W. In the reduced units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law depends only on the shape of
+the distribution and on the medium. Where all contacts are closed, the law is y^(3/2) times a power series in 1/y. The series
+is used at large y: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from granphon.base.scales import WidthUnits
 __all__ = ["AveragedLaw", "Series", "SpreadLaw", "high_pressure_series"]
 
 Array = NDArray[np.float64]
-#: derivatives of the energy by the overlap: energy, force, stiffness, and the slope of the stiffness
+#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
-#: those of (2/5) y^(5/2), over the power of y that is left
+#: the same derivatives of (2/5) y^(5/2), each divided by its power of y
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
-#: y over the largest deviation from which on the series is used
+#: y over the largest deviation x, from which the series is used
 _SERIES_START = 12.0
-#: terms of the series
+#: number of terms of the series
 _TERMS = 16
-#: least part of the range of overlaps above the first contact at which doubles hold eight digits of the force
+#: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of the force
 _LEAST_DEPTH = 1e-8
-#: nodes on either side, where contacts are counted: a count has a kink that the nodes do not know
+#: nodes on either side for a count of closed contacts: a count has a kink that the choice of nodes does not allow for
 _COUNTING = 128
-#: loads that an average over balls takes at once
+#: number of loads averaged over balls at once, which bounds the memory
 _LOADS_AT_ONCE = 1024
 
 
 class Series(NamedTuple):
-    """f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n for y from ``start`` on.
+    """High-pressure series f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n, for y from ``start`` on.
 
-    ``balls`` (n, n_Q) has the same coefficients of each F^Q, for balls of these ``weights`` (n_Q,).
+    ``balls`` (n, n_Q) holds the corresponding coefficients of F^Q of each ball, ``weights`` (n_Q,) the weights of the balls.
     """
 
     mean: Array
@@ -56,15 +56,15 @@ class Series(NamedTuple):
     weights: Array
 
     def ratio(self, y: Array, order: int) -> Array:
-        """A derivative of the energy over that of equal balls."""
+        """Return a derivative of the energy divided by that of equal balls."""
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, self.mean * _factors(order) / _HERTZ[order]))
 
     def value(self, y: float, order: int) -> float:
-        """A derivative of the energy."""
+        """Return a derivative of the reduced energy at y."""
         return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
-        """(F^Q - f)/f and K^Q/k, (n_y, n_Q), of y (n_y,): the leading terms that cancel are left out."""
+        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel, are left out."""
         powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
         slopes = powers * _factors(STIFFNESS)
         more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
@@ -72,18 +72,18 @@ class Series(NamedTuple):
 
 
 def _factors(order: int) -> Array:
-    """What y^(3/2 - n), a term of the force, is multiplied by in another derivative of the energy."""
+    """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another derivative of the energy."""
     n = np.arange(_TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
 
 
 @lru_cache(maxsize=128)
 def high_pressure_series(shape: Shape, xi: float) -> Series:
-    """f* where all contacts are closed, by equation (36); the averaged force is the limit of infinite Xi.
+    """Return the series of f* where all contacts are closed, by equation (36); infinite Xi gives the averaged force.
 
-    Solved order by order. Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
-    force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher orders only. To second
-    order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
+    The equation is solved order by order. Force and stiffness of all balls agree at leading order, so that a coefficient of
+    the unknown force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher orders only.
+    To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
     n = np.arange(_TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
@@ -108,25 +108,27 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
 
 
 class SpreadLaw(ABC):
-    """f = c W^(3/2) f*(y), y = delta/W. Methods take scalars or arrays of any shape, in SI: floats in, floats out.
+    """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    A subclass gives the reduced law below the start of its series, and how much contacts differ.
+    Methods take SI numbers or arrays of any shape; a float gives a float. A subclass gives the reduced law for y below the
+    start of the series.
     """
 
     coefficient: float
     width: float
     shape: UniformShape | NormalShape | PointShape
 
-    #: how stiffly a ball's surroundings hold it, in units of k; infinite if balls stay at their sites
+    #: Xi, the stiffness with which the rest of the lattice holds a ball's corona, in units of k; infinite if balls stay at
+    #: their sites
     xi: float
 
     @abstractmethod
     def _near(self, y: Array, order: int) -> Array:
-        """A derivative of the reduced energy, for y below the start of the series, zero where all contacts are open."""
+        """Return a derivative of the reduced energy, for y below the start of the series; zero if all contacts are open."""
 
     @abstractmethod
     def _near_overlap(self, force: Array) -> Array:
-        """y of f*, for forces below that at the start of the series."""
+        """Return y for reduced forces f* below that at the start of the series."""
 
     @property
     def _series(self) -> Series:
@@ -134,36 +136,36 @@ class SpreadLaw(ABC):
 
     @property
     def _energy_offset(self) -> float:
-        """Reduced energy that the series leaves out."""
+        """Reduced energy to be added to that of the series."""
         return 0.0
 
     @property
     def least_overlap(self) -> float:
-        """The overlap (m, below zero) up to which all contacts are open."""
+        """Overlap, m, up to which all contacts are open; below zero."""
         return -self.width * self.shape.bounds[1]
 
     def energy(self, overlap: ArrayLike) -> Any:
-        """The integral of the force, J; zero where all contacts are open."""
+        """Return the energy, J: the integral of the force over the overlap, zero where all contacts are open."""
         offset = self._energy_offset * self._unit(ENERGY)
         return self._evaluate(overlap, ENERGY, offset)
 
     def force(self, overlap: ArrayLike) -> Any:
-        """f, N."""
+        """Return the mean contact force f, N."""
         return self._evaluate(overlap, FORCE)
 
     def stiffness(self, overlap: ArrayLike) -> Any:
-        """k = df/d(delta), N/m."""
+        """Return the stiffness k = df/d(delta), N/m."""
         return self._evaluate(overlap, STIFFNESS)
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """dk/d(delta), N/m^2."""
+        """Return the slope of the stiffness, dk/d(delta), N/m^2."""
         return self._evaluate(overlap, SLOPE)
 
     def overlap(self, force: ArrayLike) -> Any:
-        """delta, m, of a mean force above zero, N.
+        """Return the overlap delta, m, at a mean contact force above zero, N.
 
-        Raises :class:`~granphon.base.errors.InputError` for another, :class:`~granphon.base.errors.PrecisionError` for one
-        so small that the law is not known there.
+        Raises :class:`~granphon.base.errors.InputError` if the force is not above zero, and
+        :class:`~granphon.base.errors.PrecisionError` if it is so small that the law is not known there.
         """
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
@@ -179,7 +181,7 @@ class SpreadLaw(ABC):
             return self._parts(load, far, self._far_overlap, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Delta f / f of Section IV: rms over balls of the force of their contacts, relaxed, over the mean."""
+        """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls, divided by the mean force."""
 
         def rms(excess: Array, stiffness: Array, weights: Array) -> Array:
             # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
@@ -195,7 +197,7 @@ class SpreadLaw(ABC):
         return self._joined(overlap, far, near)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """N_c of Section IV, the part of the contacts that is closed, the corona of each ball displaced by its u^Q."""
+        """Return the fraction of contacts that are closed (N_c of Section IV), the corona of each ball displaced by u^Q."""
 
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
@@ -208,9 +210,9 @@ class SpreadLaw(ABC):
         return self._joined(overlap, np.ones_like, near)
 
     def _balls(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """(F^Q - f)/f and K^Q/k of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
+        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
 
-        Zero where all contacts are open.
+        Both are zero where all contacts are open.
         """
         mean, k = (self._near(y, order)[:, None] for order in (FORCE, STIFFNESS))
         closed = mean > 0.0
@@ -220,12 +222,12 @@ class SpreadLaw(ABC):
     # -- between SI and reduced -------------------------------------------------------------------------------------
 
     def _unit(self, order: int) -> float:
-        """Unit of energy, force, stiffness or slope of the stiffness."""
+        """Return the SI value of the reduced unit of energy, force, stiffness or slope of the stiffness."""
         units = WidthUnits(self.coefficient, self.width)
         return (units.energy, units.force, units.stiffness, units.stiffness_slope)[order]
 
     def least_valid_force(self, width: float) -> float:
-        """The force, N, from which the law is valid for the ``width`` W, m, of its packing: that of high pressure."""
+        """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the force at high pressure."""
         return float(self.force(high_pressure_overlap(width)))
 
     @property
@@ -248,7 +250,7 @@ class SpreadLaw(ABC):
 
     @staticmethod
     def _parts(values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]) -> Any:
-        """``one`` where ``far``, ``other`` elsewhere; neither is called for nothing."""
+        """Evaluate ``one`` where ``far`` is true and ``other`` elsewhere; only the functions that are needed are called."""
         if np.all(far):
             return one(values)[()]
         if not np.any(far):
@@ -260,7 +262,7 @@ class SpreadLaw(ABC):
     def _far_overlap(self, force: Array) -> Array:
         hertz = self._hertz
         delta = np.asarray(hertz.overlap(force))
-        for _ in range(20):  # the series is within a part in a hundred of one: each round gains two digits or more
+        for _ in range(20):  # the ratio is within 1 % of one: each round gains two digits or more
             better = np.asarray(hertz.overlap(force / self._series.ratio(delta / self.width, FORCE)))
             settled = np.all(np.abs(better - delta) <= 4e-16 * better)
             delta = better
@@ -269,7 +271,7 @@ class SpreadLaw(ABC):
         return delta
 
     def _joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
-        """A function of y that is known in two parts."""
+        """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
         parts = (partial(in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
@@ -281,7 +283,7 @@ class SpreadLaw(ABC):
 
 @dataclass(frozen=True)
 class AveragedLaw(SpreadLaw):
-    """Balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed form.
+    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed form.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
     """
@@ -308,14 +310,14 @@ class AveragedLaw(SpreadLaw):
                     "Raise the load",
                 )
             )
-        # the force is convex: from an overlap too large Newton's method comes down to the root, past any kink
-        # just below the start of the series rounding may take a force beyond the table
+        # the force is convex: from too large an overlap Newton's method descends to the root, past any kink. The index is
+        # limited because, just below the start of the series, rounding may put a force beyond the table
         place = np.minimum(np.searchsorted(logs, wanted), logs.size - 1)
         y = np.ravel(first + np.exp(depths[place]))
         goal, going = np.ravel(force), np.ones(y.shape, bool)
         for _ in range(200):
             step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(self.shape.stiffness(y[going]))
-            # a step that rounding has turned round, or that is no more than rounding, was the last
+            # a step that is negative, or no larger than rounding, ends the iteration
             small = step <= 2e-16 * np.abs(y[going])
             y[going] -= np.where(small, 0.0, step)
             going[going] = ~small
@@ -324,13 +326,13 @@ class AveragedLaw(SpreadLaw):
         raise PrecisionError(message("the overlap of the averaged force has not settled", mend="Give a less uneven spread"))
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """The part of the pairs that overlaps."""
+        """Return the fraction of pairs that overlap."""
         return self._joined(overlap, np.ones_like, lambda part: np.asarray(self.shape.average(part, 0.0)))
 
 
 @lru_cache(maxsize=128)
 def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
-    """Logarithms of the depth y + max(x), and of F_ave there, up to the start of the series."""
+    """Return the logarithms of the depth y + max(x) and of the averaged force there, up to the start of the series."""
     start, first = high_pressure_series(shape, math.inf).start, -shape.bounds[1]
     depths = np.linspace(math.log(_LEAST_DEPTH * abs(first)), math.log(start - first), 512)
     return depths, np.log(shape.force(first + np.exp(depths)))
