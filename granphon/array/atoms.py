@@ -1,20 +1,20 @@
-"""Balls as an ``ase.Atoms``: what the arrays on it mean, and to which state they belong.
+"""Balls as an ``ase.Atoms``: the meaning of its arrays, and the check that they belong to the given state.
 
-Atoms are in reduced units (d = k = M = 1). The scales are in ``atoms.info`` (see :class:`granphon.base.scales.Units`), for
-those who convert; ASE loses that dictionary in several places, so that what guards against the units of another state is an
-array:
+Atoms are in reduced units (d = k = M = 1). For conversion to SI, the scales are in ``atoms.info`` (see
+:class:`granphon.base.scales.Units`). ASE loses that dictionary in several places, so an array guards against the units of
+another state. The arrays are:
 
-``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg), of which files with eight decimals keep
-                         eight digits.
-``granphon_kind``        (N,) 0 for balls of a lattice, 1 with finite overlap, 2 of a simulated sample.
+``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg): a file with eight decimals then keeps
+                         eight digits of each scale.
+``granphon_kind``        (N,) 0: balls of a lattice; 1: of a lattice with finite overlap; 2: of a simulated sample.
 ``diameter_deviations``  (N,) d_i - <d>.
-``displacements``        (N, 3) from the site of the lattice; the part of the state that force constants use.
-``slip_origin``          (N, 3) displacements at which, with no rotation, contacts do not slip: those of a sample at rest.
+``displacements``        (N, 3) displacements from the lattice sites; force constants depend on these.
+``slip_origin``          (N, 3) displacements at which, without rotation, no contact has slipped: those of a sample at rest.
 ``rotations``            (N,) angle phi about z, rad.
-``radius``               (N,) d_i/2, for programs that draw balls.
+``radius``               (N,) radius d_i/2, for programs that draw balls.
 
-All but the last must be there, and masses too: ASE takes a ball without one for an atom of iron, and some of its readers
-store that mass.
+All but the last are required, and so are masses: ASE gives a ball without a mass that of an iron atom, and some of its
+readers store that mass.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ LATTICE = 0
 FINITE = 1
 #: kind of balls of a simulated sample
 SAMPLE = 2
-#: name of the array of scales, which tells of which state balls are
+#: name of the array of scales, which identifies the state that balls belong to
 _SCALES = "granphon_scales"
 #: name of the array of kinds
 _KIND = "granphon_kind"
-#: all that energy or force constants depend on, with the shape of one ball's part
+#: names of the arrays on which energy and force constants depend, with the shape of one ball's entry
 ARRAYS: dict[str, tuple[int, ...]] = {
     _SCALES: (3,), _KIND: (), "diameter_deviations": (), "displacements": (3,), "slip_origin": (3,), "rotations": (),
 }  # fmt: skip
-#: largest difference of a logarithm that a file with eight decimals makes
+#: largest error of a logarithm that a file with eight decimals causes
 _DECIMALS = 2e-8
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
@@ -63,22 +63,22 @@ _MEND = (
 
 
 def has_masses(balls: Atoms) -> bool:
-    """Whether every ball has a mass of its own, other than the one that ASE's table gives to the element of its symbol."""
+    """Whether every ball has its own mass, different from the one in ASE's table for the element of its symbol."""
     from ase.data import atomic_masses
 
     return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
 
 
 def has_sampled(balls: Atoms) -> bool:
-    """Whether there are balls of a simulated sample."""
+    """Whether any ball belongs to a simulated sample."""
     return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
 
 
 def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None) -> None:
     """Put scales and arrays on Atoms, in place.
 
-    Each array is the one ``given``, else the one that the Atoms have, else that of balls at rest on the sites of their
-    lattice. Where there are no masses they become (1 + deviation)^3, as of balls of one material.
+    Each array is taken from ``given`` if it is there, otherwise from the Atoms, otherwise it is that of balls at rest on the
+    lattice sites. Missing masses become (1 + deviation)^3, as for balls of one material.
     """
     new = {name: np.zeros((len(balls), *shape)) for name, shape in ARRAYS.items()}
     new |= {_SCALES: np.tile(_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
@@ -89,15 +89,16 @@ def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Arra
     if "radius" not in balls.arrays:
         new.setdefault("radius", 0.5 * (1.0 + new["diameter_deviations"]))
     for name, values in new.items():
-        balls.set_array(name, None)  # of another shape or type
+        balls.set_array(name, None)  # drop an old array that may have another shape or type
         balls.set_array(name, values)
     balls.info.update(units.to_info())
 
 
 def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> Atoms:
-    """Copy Atoms, and give the copy the arrays and masses that it lacks, those of ``like`` or of balls on the lattice.
+    """Copy Atoms, and give the copy the arrays and masses that it lacks: those of ``like``, or of balls on the lattice.
 
-    :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the scales in ``info`` are others.
+    Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the scales in ``info``
+    are not those of ``units``.
     """
     balls = atoms.copy()
     _require_info(balls, units)
@@ -118,7 +119,7 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> 
 def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
     """Find out whether the balls are of kind :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
 
-    :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls are those of another state.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls belong to another state.
     """
     missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
     if missing:
@@ -178,9 +179,9 @@ def _require_info(balls: Atoms, units: Units) -> None:
 def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
-    The writer of ASE keeps eight decimals. Of balls of 8 mm that is 0.1 nm, in positions, displacements and diameters
-    alike, and forces go as differences of these. Results of the calculator are not written. :class:`InputError` for what is
-    no Atoms, or no path.
+    ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
+    forces depend on differences of these. Results of the calculator are not written. Raises :class:`InputError` if
+    ``atoms`` is not an Atoms or ``path`` is not a path.
     """
     from ase import Atoms
     from ase.io.extxyz import output_column_format

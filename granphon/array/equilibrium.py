@@ -1,14 +1,15 @@
-"""Mechanical equilibrium of an array of balls that differ, in reduced units.
+"""Mechanical equilibrium of an array of balls of different diameters, in reduced units.
 
-In the paper's limit, spread and overlap small against the diameter, the directions of contacts stay those of the lattice. In
-units of W and of the force c W^(3/2) (Section IV) a contact has the overlap
+In the paper's limit, where spread and overlap are small compared with the diameter, the directions of contacts stay those of
+the lattice. In units of W and of the force c W^(3/2) (Section IV) a contact has the overlap
 
     h = y + (x_i + x_j)/2 - n.(u_j - u_i)
 
-with y = (d - a)/W common to all, and the force h_+^(3/2). Equilibrium is the minimum over all u, and at given load over y
-too, of the sum of (2/5) h_+^(5/2), less the work of the load: a convex function. It is found by Newton's method; its linear
-equations by conjugate gradients, as far as each step deserves; and the length of a step from the slope along it, never from
-the energy, a large sum that has lost the digits in question.
+with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equilibrium is the minimum of the sum of
+(2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
+convex. Newton's method finds the minimum. Conjugate gradients solve the linear equations of each step, no more accurately
+than the step needs. The length of a step is chosen from the slope of the energy along it, never from the energy itself, a
+large sum in which rounding hides the changes.
 """
 
 from __future__ import annotations
@@ -31,36 +32,40 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-#: largest residual force on a ball, over the mean contact force (or their rms difference, if that is less)
+#: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
+#: less)
 REST_TOLERANCE = 1e-10
-#: f* below which a sample with open contacts is said to carry no load: it is at its rigidity threshold to 1e-5 W, or below
+#: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its rigidity threshold, or
+#: below it
 THRESHOLD_FORCE = 1e-8
-#: most steps of Newton's method
+#: largest number of steps of Newton's method
 _NEWTON_STEPS = 1000
-#: most steps of conjugate gradients in one of Newton's
+#: largest number of conjugate-gradient steps in one step of Newton's method
 _CONJUGATE_STEPS = 3000
-#: f* below which an equilibrium at given force is approached from ten times the force
+#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force
 _DIRECT_FORCE = 1e-2
-#: part of a load that rounding may leave unmet
+#: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
-#: residual of the load over the tolerance of forces: the load is met to more digits
+#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
+#: digits
 _LOAD_TOLERANCE = 1e-3
-#: part of a tension that rounding may leave unbalanced
+#: fraction of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
-#: stiffness that each contact gets in a step beside its own, as a part of the mean stiffness and of the distance from
-#: equilibrium: where many contacts are open the rest is no solid, and a step would have no end
+#: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
+#: many contacts are open the others do not make a solid, and without it the step would be unbounded
 _ADDED_STIFFNESS = 1e-2
-#: most trials of the length of a step
+#: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
-#: force of a contact, over the largest residual force on a ball, above which the contact carries load: that of others is far
-#: below one, or above a hundred
+#: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
+#: practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
-#: relative residual of linear responses: stiffnesses have errors of its square, times the condition of the array
+#: relative residual of linear responses: the relative error of a stiffness is its square times the condition number of the
+#: array
 _RESPONSE = 1e-7
 
 
 class Prescribed(NamedTuple):
-    """What is prescribed: the overlap y, or the mean contact force f*, ``force``."""
+    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*."""
 
     overlap: float | None = None
     force: float = 0.0
@@ -68,15 +73,15 @@ class Prescribed(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium(Result):
-    """A sample at rest.
+    """Sample at rest, in units of W and c W^(3/2).
 
     Attributes
     ----------
     deviations : (L1, L2) x = Delta/W of the balls.
     overlap : y, common to all contacts.
-    balls : (2, L1, L2) displacements, in the coordinates of :class:`~granphon.array.stencils.Stencils`, W.
-    residual : largest force left on a ball over the mean contact force.
-    newton, conjugate : steps of the two methods that it took.
+    balls : (2, L1, L2) displacements in units of W, in the coordinates of :class:`~granphon.array.stencils.Stencils`.
+    residual : largest force left on a ball, divided by the mean contact force.
+    newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
     """
 
     shapes = {"deviations": "i j", "balls": "2 i j"}
@@ -89,59 +94,60 @@ class Equilibrium(Result):
     conjugate: int = 0
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # with what it has cost a linear response to find, for the process that asked for it
+        # keep derivatives already found: each costs a linear response, and another process may have asked for them
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
 
     def sharing(self, deviations: Array, stencils: Stencils) -> Equilibrium:
-        """The same equilibrium with an array of deviations, equal to its own, and stencils that others have too."""
+        """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
         other, known = replace(self, deviations=deviations), vars(self)
         vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)
         return other
 
     @cached_property
     def stencils(self) -> Stencils:
-        """C of the array, without slips."""
+        """Compatibility matrix C of the array, without slips."""
         return Stencils(self.deviations.shape)
 
     @property
     def differences(self) -> Array:
-        """(3, L1, L2): h - y, what the contacts' overlaps differ by from the common one."""
+        """(3, L1, L2) differences h - y of the contacts' overlaps from the common one."""
         still = Motion(self.balls, 0.0)
         return _pair_means(self.deviations, self.stencils) - self.stencils.deformations(still)
 
     @property
     def overlaps(self) -> Array:
-        """(3, L1, L2): h, below zero where balls are apart."""
+        """(3, L1, L2) overlaps h of the contacts; below zero where balls are apart."""
         return self.overlap + self.differences
 
     @property
     def forces(self) -> Array:
-        """(3, L1, L2): the contact forces h_+^(3/2)."""
+        """(3, L1, L2) contact forces h_+^(3/2)."""
         closed = np.maximum(self.overlaps, 0.0)
         return closed * np.sqrt(closed)
 
     @property
     def excess(self) -> Array:
-        """(3, L1, L2): the contact forces less y_+^(3/2), without the digits that a subtraction would lose."""
+        """(3, L1, L2) contact forces minus y_+^(3/2), computed without the loss of digits that a subtraction causes."""
         return _excess(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
-        """(3, L1, L2): those of the contacts that carry load, (3/2) h^(1/2); else zero."""
+        """(3, L1, L2) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for the others."""
         return 1.5 * self._roots
 
     @property
     def stiffness_slopes(self) -> Array:
-        """(3, L1, L2): derivatives of the stiffnesses by h, (3/4) h^(-1/2); zero where no load is carried."""
+        """(3, L1, L2) derivatives of the stiffnesses with respect to h, (3/4) h^(-1/2); zero where no load is carried."""
         root = self._roots
         return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
 
     @property
     def _roots(self) -> Array:
-        """h^(1/2) of the contacts that carry load; zero where the force may be what the iteration has left on a ball.
+        """Square roots h^(1/2) of overlaps where contacts carry load; zero where the force may be a residual only.
 
-        Balls that nothing holds are left where they touch by a trace of it. Shear springs there would hold them.
+        The iteration leaves balls that nothing holds where they touch others with a trace of force. Shear springs at such
+        contacts would hold them.
         """
         overlaps = self.overlaps
         least = (CARRIED_FORCE * self.residual * self.force) ** (2.0 / 3.0)
@@ -149,16 +155,16 @@ class Equilibrium(Result):
 
     @property
     def force(self) -> float:
-        """f*, the mean of the contact forces."""
+        """Mean contact force f*."""
         return float(max(self.overlap, 0.0) ** 1.5) + float(np.mean(self.excess))
 
     @property
     def energy(self) -> float:
-        """Energy of a contact."""
+        """Mean energy of a contact, in units of c W^(5/2)."""
         return float(np.mean(0.4 * self.forces * np.maximum(self.overlaps, 0.0)))
 
     def response(self) -> Array:
-        """(3, L1, L2): change of the contacts' overlaps with y; worked out anew at each call."""
+        """Return (3, L1, L2) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
         balls = linear_response(self.stencils, stiffness, stiffness - uniform_part(stiffness))
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
@@ -170,31 +176,35 @@ class Equilibrium(Result):
 
     @property
     def stiffness(self) -> float:
-        """df*/dy."""
+        """Stiffness df*/dy."""
         return self._derivatives[0]
 
     @property
     def stiffness_slope(self) -> float:
-        """d^2f*/dy^2: by the (2n + 1)-theorem the third derivative of the energy needs the first response only."""
+        """Slope of the stiffness, d^2f*/dy^2.
+
+        By the (2n + 1)-theorem the third derivative of the energy needs the first response only.
+        """
         return self._derivatives[1]
 
 
 def uniform_part(stiffness: Array) -> float:
-    """What may be taken from the stiffness of every contact under a uniform strain, as uniform tension moves nothing.
+    """Return a stiffness that may be subtracted from that of every contact in the response to a uniform strain.
 
-    The mean, where all contacts are closed and nearly alike, so that no digits are lost. Not where some are open: what
-    rounding leaves of it would then pull at balls that nothing holds.
+    Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all contacts are closed, and so
+    nearly alike, the mean is subtracted to save digits. Where some are open the result is zero: the rounding of a subtracted
+    constant would pull at balls that nothing holds.
     """
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
 def _pair_means(deviations: Array, stencils: Stencils) -> Array:
-    """(x_i + x_j)/2 of the contacts."""
+    """Return (3, L1, L2) means (x_i + x_j)/2 of the contacts."""
     return np.stack([0.5 * (deviations + np.roll(deviations, (-a, -b), (0, 1))) for a, b in stencils.shifts])
 
 
 def _excess(overlap: float, differences: Array) -> tuple[Array, Array]:
-    """h_+^(3/2) - y_+^(3/2) of h = y + difference, and h_+^(1/2)."""
+    """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
     common = max(overlap, 0.0)
     change = np.maximum(differences + min(overlap, 0.0), -common)  # h_+ - y_+
     closed = common + change
@@ -212,21 +222,21 @@ def equilibrate(
     start: Equilibrium | None = None,
     tolerance: float = REST_TOLERANCE,
 ) -> Equilibrium:
-    """The array of balls at rest under a load.
+    """Find the equilibrium of an array of balls under a load.
 
     Parameters
     ----------
     deviations : (L1, L2) x = Delta/W, of mean zero.
-    load : overlap, or force.
+    load : overlap or mean contact force, reduced.
     stencils : of the array; made if not given.
-    start : where to begin, an equilibrium of the same balls under a similar load, say.
+    start : equilibrium from which to begin, for example that of the same balls under a similar load.
     tolerance : largest force left on a ball, over the mean contact force, or over the rms difference of contact forces if
-        that is less: at high loads what disorder does is itself a small part of the force.
+        that is less: at high loads the effect of disorder is itself only a small part of the force.
 
     Raises
     ------
-    InputError : at this overlap the sample carries no load; or, without a start, a force below f* = 1e-8.
-    ConvergenceError : the tolerance is not reached; says what is.
+    InputError : the sample carries no load at this overlap; or no start is given and the force is below f* = 1e-8.
+    ConvergenceError : the tolerance is not reached; the message states the residual that is.
     """
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
@@ -236,7 +246,7 @@ def equilibrate(
         raise too_small(load.force)
     if start is None and free and load.force < _DIRECT_FORCE and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
-    if start is None or equal:  # Hertz's law, from which equal balls do not differ
+    if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
@@ -250,7 +260,7 @@ def equilibrate(
         force = common + mean
         pull = stencils.forces(excess)
         push = (load.force - common) - mean if free else 0.0
-        # near the rigidity threshold overlaps are so small that y itself is not fine enough for the load
+        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
         push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
         scale = min(force, float(np.std(excess)))
@@ -268,7 +278,7 @@ def equilibrate(
             found = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
             )
-            return found.sharing(found.deviations, stencils)  # with its Green's function
+            return found.sharing(found.deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
@@ -285,7 +295,7 @@ def equilibrate(
 
 
 def too_small(force: float) -> InputError:
-    """What to say of a reduced force below :data:`THRESHOLD_FORCE`."""
+    """Return the error for a reduced force below :data:`THRESHOLD_FORCE`."""
     return InputError(
         message(
             f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
@@ -296,12 +306,12 @@ def too_small(force: float) -> InputError:
 
 
 def _centre(balls: Array) -> Array:
-    """The displacements without a motion of the whole array, which costs nothing."""
+    """Return the displacements minus their mean: a motion of the whole array costs nothing."""
     return np.asarray(balls - np.mean(balls, axis=(1, 2), keepdims=True))
 
 
 def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Prescribed | None) -> float:
-    """How far to go: where the slope of the energy along the step, which rises from below zero, has fallen to a tenth."""
+    """Find the length at which the slope of the energy along the step, negative at first, has a tenth of its first size."""
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
     work = 0.0 if load is None else more * differences.size
 
@@ -335,13 +345,13 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
 
 
 def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
-    """(n, L1, L2) the motion u of C^T K C u = C^T ``tension``: what balls do when contacts (rows, L1, L2) pull.
+    """Return (n, L1, L2) the motion u that solves C^T K C u = C^T ``tension``, for ``tension`` (rows, L1, L2) of contacts.
 
-    ``stiffness`` (rows, L1, L2), zero where balls are apart; there the tension must be zero too.
-    :class:`ConvergenceError` if conjugate gradients do not get there.
+    ``stiffness`` (rows, L1, L2) is zero where balls are apart; there the tension must be zero too. Raises
+    :class:`ConvergenceError` if conjugate gradients do not converge.
     """
     force = Motion(stencils.forces(tension), 0.0)
-    # a tension that is balanced by itself but for rounding moves nothing
+    # a tension that is in balance except for rounding moves nothing
     floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
     return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE_STEPS, floor=floor)[0].balls
 
@@ -355,10 +365,12 @@ def _conjugate_gradients(
     most: int | None = None,
     floor: float = 0.0,
 ) -> tuple[Motion, int]:
-    """Solve C^T K C u = ``force`` until the error of the energy norm has fallen by about ``reduction``; and the steps taken.
+    """Solve C^T K C u = ``force``, and return u with the number of steps taken.
 
-    ``floor`` is a square of that norm which is only rounding. If it is ``free``, the compression moves too. More than
-    ``most`` steps raise :class:`ConvergenceError`; without it the iteration ends, and Newton's method goes on from there.
+    The iteration ends when the error in the energy norm has fallen by about ``reduction``, or its square is below ``floor``,
+    where it is only rounding. If ``free`` is true, the compression is an unknown too. More than ``most`` steps raise
+    :class:`ConvergenceError`; if ``most`` is None the iteration stops at its own limit, and Newton's method goes on from
+    there.
     """
     contacts = stencils.n_contacts * stiffness[0].size
     precondition = stencils.preconditioner(stiffness)

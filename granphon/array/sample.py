@@ -1,4 +1,4 @@
-"""A sample of the disordered array at rest: every ball and every contact, in SI."""
+"""A sample of the disordered array at rest: all its balls and contacts, in SI units."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 __all__ = ["STEP", "Sample", "jackknife", "standard_error"]
 
 Array = NDArray[np.float64]
-#: contacts that carry less than this part of the mean force are not counted: where balls are held so weakly is not unique
+#: fraction of the mean force below which a contact is not counted: the place of a ball held so weakly is not unique
 LEAST_CONTACT = 1e-6
-#: of log f, to either side, over which moduli are differenced. The bias of an exponent goes as its square, 2e-3 STEP^2 at
-#: f* = 1, where chance is least: 5e-6, the standard error of a million balls. The variance grows with -log STEP only
+#: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
+#: is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is least, and that is the standard error of a million balls.
+#: The variance grows only as -log STEP
 STEP = 0.05
 
 
@@ -38,12 +39,12 @@ class Sample(Result):
 
     Attributes
     ----------
-    packing : what it is a sample of.
-    seed : of its diameters; None if these were given.
+    packing : the packing from which the sample is drawn.
+    seed : random seed of the diameters; None if the diameters were given.
     equilibrium : the solution, in units of W and c W^(3/2).
 
-    Arrays are indexed by the cell (p, q): the ball's site is p a1 + q a2. Of contacts, the last axis is the direction, as in
-    the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
+    Arrays are indexed by the cell (p, q): the site of the ball is p a1 + q a2. The last axis of contact arrays is the
+    direction, as in the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
     """
 
     packing: Packing
@@ -56,50 +57,50 @@ class Sample(Result):
 
     @property
     def diameters(self) -> Array:
-        """(L1, L2) m; their mean is the packing's diameter."""
+        """(L1, L2) diameters, m; their mean is the packing's diameter."""
         return np.asarray(self.packing.diameter + self._units.width * self.equilibrium.deviations)
 
     @property
     def sites(self) -> Array:
-        """(L1, L2, 2) p a1 + q a2, in mean diameters."""
+        """(L1, L2, 2) lattice sites p a1 + q a2, in mean diameters."""
         rows, columns = self.equilibrium.deviations.shape
         index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
         return np.asarray(index @ TRIANGULAR.vectors)
 
     @property
     def displacements(self) -> Array:
-        """(L1, L2, 2) from the sites, m; balls that nothing holds are where the iteration left them."""
+        """(L1, L2, 2) displacements from the sites, m; balls that nothing holds are where the iteration left them."""
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
         return self._units.width * np.moveaxis(reduced, 0, -1)
 
     @property
     def contact_overlaps(self) -> Array:
-        """(L1, L2, 3) m, below zero where balls are apart."""
+        """(L1, L2, 3) overlaps of the contacts, m; below zero where balls are apart."""
         return self._units.width * np.moveaxis(self.equilibrium.overlaps, 0, -1)
 
     @property
     def contact_forces(self) -> Array:
-        """(L1, L2, 3) N, zero where balls are apart."""
+        """(L1, L2, 3) forces of the contacts, N; zero where balls are apart."""
         return self._units.force * np.moveaxis(self.equilibrium.forces, 0, -1)
 
     @property
     def overlap(self) -> float:
-        """delta = d - a, m."""
+        """Mean overlap delta = d - a, m."""
         return self._units.width * self.equilibrium.overlap
 
     @property
     def force(self) -> float:
-        """f, the mean over all contacts, N."""
+        """Mean contact force f, N, over all contacts, open ones included."""
         return self._units.force * self.equilibrium.force
 
     @property
     def normal_stiffness(self) -> float:
-        """df/d(delta), N/m."""
+        """Normal stiffness df/d(delta), N/m."""
         return self._units.stiffness * self.equilibrium.stiffness
 
     @property
     def stiffness_slope(self) -> float:
-        """d^2f/d(delta)^2, N/m^2."""
+        """Slope of the normal stiffness, d^2f/d(delta)^2, N/m^2."""
         return self._units.stiffness_slope * self.equilibrium.stiffness_slope
 
     @property
@@ -109,28 +110,28 @@ class Sample(Result):
 
     @property
     def residual(self) -> float:
-        """Largest force left on a ball over the mean contact force."""
+        """Largest force left on a ball, divided by the mean contact force."""
         return self.equilibrium.residual
 
     @property
     def force_fluctuation(self) -> float:
-        """Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
+        """Delta f / f: rms deviation, over balls, of the mean force of a ball's six contacts, divided by the mean force."""
         state = self.equilibrium
         return float(np.std(state.stencils.around(state.excess) / 6.0)) / state.force
 
     @property
     def contact_force_fluctuation(self) -> float:
-        """rms over single contacts of the difference from the mean force, over the mean."""
+        """Rms deviation of the forces of single contacts from the mean force, divided by the mean force."""
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
-        """N_c / 6, the part of the contacts that carry more than ``threshold`` of the mean force."""
+        """Return N_c / 6, the fraction of contacts that carry more than ``threshold`` times the mean force."""
         return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
 
     def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
-        """(bins + 1,) edges of f/<f>, and (bins,) probability density of the contacts that carry load.
+        """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of contacts that carry load.
 
-        Forces are counted from ``least`` to ``largest`` times the mean; the density integrates to one over all forces.
+        The bins reach from ``least`` to ``largest`` times the mean force; over all forces the density integrates to one.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
@@ -139,14 +140,14 @@ class Sample(Result):
 
     @cached_property
     def elastic_tensor(self) -> Array:
-        """(3, 3) Pa, in Voigt order xx, yy, xy, of the layer taken one diameter thick."""
+        """(3, 3) elastic tensor, Pa, in Voigt order xx, yy, xy, of the layer taken one diameter thick."""
         return self._elastic_tensor(self.equilibrium)
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
-        """(2, 3, 3) Pa: those of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
+        """(2, 3, 3) elastic tensors, Pa, of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
 
-        Two equilibria more, each found from this one, and their linear responses.
+        This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
         loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
@@ -158,11 +159,11 @@ class Sample(Result):
         return read_only(scale * elasticity(equilibrium, self.packing.mindlin_ratio))
 
     def atoms(self) -> Atoms:
-        """The sample as an ``ase.Atoms``, in the reduced units of the calculator.
+        """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
-        Balls are at their displaced places, where contacts have no slip; arrays as in :mod:`granphon.array.atoms`, and
-        ``contact_force`` (the mean force of a ball's six contacts over the mean of all) and ``contacts`` (how many carry
-        load). ``granphon.HertzMindlin`` of this sample's state finds them at rest.
+        Balls are at their displaced positions, where contacts have no slip. Arrays are those of :mod:`granphon.array.atoms`,
+        and ``contact_force`` (the mean force of a ball's six contacts over the mean of all) and ``contacts`` (the number of
+        its contacts that carry load). To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
         """
         from ase import Atoms
 
@@ -189,14 +190,14 @@ class Sample(Result):
 
 
 def standard_error(values: Array, axis: int) -> Array:
-    """Of the mean along an axis of two or more independent values."""
+    """Return the standard error of the mean along an axis of two or more independent values."""
     return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
 
 
 def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Standard error of a function of means (..., m) over two or more independent rows of ``values`` (..., n, m).
+    """Return the standard error of a function of means (..., m) over two or more independent rows of ``values`` (..., n, m).
 
-    By what the function is with each row in turn left out.
+    It is estimated from the values of the function with each row left out in turn.
     """
     count = values.shape[-2]
     without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))

@@ -1,8 +1,9 @@
 """A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of the simulation.
 
-The same balls, units and measure of rest as :mod:`granphon.array.equilibrium` and :mod:`granphon.array.response`, by another
-algorithm: C as a matrix made from the table of contacts, Newton's method with an LU factorisation at each step, and one more
-for the linear response with rotations. No stencil, no Fourier transform, no conjugate gradients.
+Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium` and :mod:`granphon.array.response`. The
+algorithm is another: C is a matrix made from the table of contacts, Newton's method factorises (LU) at each step, and one
+more factorisation gives the linear response with rotations. Stencils, Fourier transforms and conjugate gradients are not
+used.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ from granphon.base.errors import ConvergenceError, message
 __all__ = ["SparseArray"]
 
 Array = NDArray[np.float64]
-#: most steps of Newton's method, each with an LU factorisation
+#: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200
-#: residual force on a ball over the mean contact force that rounding may leave
+#: residual force on a ball, over the mean contact force, that rounding may leave
 _FORCE_ROUNDING = 1e-14
-#: stiffness that each contact gets in a factorisation beside its own, as a part of the mean stiffness and of the distance
-#: from equilibrium
+#: stiffness added to each contact in a factorisation, as a fraction of the mean stiffness times the distance from
+#: equilibrium
 _SHIFT = 1e-2
-#: stiffness of springs that hold what nothing else holds, as a part of the largest stiffness
+#: stiffness of the springs that hold motions which nothing else holds, over the largest stiffness
 _HOLDING_STIFFNESS = 1e-12
-#: solutions, each of what the last one has left, by which the share of these springs is taken away
+#: number of solutions, each for the residual of the one before, that remove the effect of these springs
 _REFINEMENTS = 3
-#: most trials of the length of a step
+#: largest number of trials for the length of a step
 _SLOPES = 30
 
 
@@ -43,7 +44,7 @@ class SparseArray:
     ----------
     deviations : (L1, L2) x = Delta/W, of mean zero.
 
-    All that does not depend on the load is made once: C, and where the stiffness of each contact enters C^T K C.
+    Whatever does not depend on the load is made once: C, and the positions at which each contact's stiffness enters C^T K C.
     """
 
     def __init__(self, deviations: Array) -> None:
@@ -57,7 +58,7 @@ class SparseArray:
         self._means = 0.5 * (deviations.ravel()[self._i] + deviations.ravel()[self._j])
         self._c = self._compatibility(0.0)
         self._transposed = self._c.T.tocsr()
-        # entries of C^T K C are a matrix times the stiffnesses; the first ball is pinned
+        # the entries of C^T K C are a constant matrix times the stiffnesses; the first ball is pinned
         i, j, normal = self._i, self._j, np.repeat(table.normal, n, axis=0).T
         blocks = [
             (a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p in (0, 1) for q in (0, 1)
@@ -74,7 +75,10 @@ class SparseArray:
         self._starts = np.searchsorted(place, np.arange(self._size + 1) * self._size).astype(np.int32)
 
     def _compatibility(self, mindlin_ratio: float) -> Any:
-        """C in rows: elongations of all contacts, kind by kind; with friction slips, and a rotation after each ball's u."""
+        """Return C. Rows: elongations of all contacts, kind by kind, then slips. Columns: u of each ball, then its rotation.
+
+        Slips and rotations are left out without friction.
+        """
         from scipy.sparse import csc_array
 
         table, n = TRIANGULAR.contacts, self._i.size // len(TRIANGULAR.contacts)
@@ -99,11 +103,12 @@ class SparseArray:
     # -- at rest ----------------------------------------------------------------------------------------------------
 
     def forces(self, overlap: float, tolerance: float = REST_TOLERANCE, check: Callable[[], object] | None = None) -> Array:
-        """(3, L1, L2) contact forces at rest at the common overlap y, c W^(3/2).
+        """Return (3, L1, L2) contact forces at rest at the common overlap y, in units of c W^(3/2).
 
-        ``tolerance``: largest force left on a ball, over the mean contact force or the rms difference of contact forces, if
-        that is less; no smaller than 1e-14 of the mean. ``check`` is called before each step, if given. Raises
-        :class:`~granphon.base.errors.ConvergenceError` if that is not reached, or too few balls touch to carry a load.
+        ``tolerance`` is the largest force left on a ball, over the mean contact force or the rms difference of contact
+        forces, whichever is less; it is no smaller than 1e-14 of the mean. ``check``, if given, is called before each step.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the tolerance is not reached, or too few balls touch to
+        carry a load.
         """
         h = overlap + self._means
         for _ in range(_FACTORISATIONS):
@@ -133,7 +138,7 @@ class SparseArray:
 
     @staticmethod
     def _largest(pull: Array) -> float:
-        """Of the forces on balls."""
+        """Return the largest force on a ball, in units of c W^(3/2)."""
         return math.sqrt(float(np.max(pull[0::2] ** 2 + pull[1::2] ** 2)))
 
     def _step(self, stiffness: Array, force: Array) -> Array:
@@ -144,7 +149,7 @@ class SparseArray:
 
     @staticmethod
     def _length(h: Array, strain: Array) -> float:
-        """To where the slope of the energy has fallen to a tenth: Newton's method, kept between what is known."""
+        """Find the step length at which the slope of the energy has a tenth of its first size, by bracketed Newton steps."""
         first, low, high, length = 0.0, 0.0, math.inf, 0.0
         for trial in range(_SLOPES):
             closed = np.maximum(h - length * strain, 0.0)
@@ -165,11 +170,12 @@ class SparseArray:
     # -- linear response --------------------------------------------------------------------------------------------
 
     def elastic_tensor(self, forces: Array, mindlin_ratio: float) -> Array:
-        """(3, 3) in Voigt order xx, yy, xy, c W^(1/2)/d^2, with shear springs eta k at every contact that carries load.
+        """Return the (3, 3) elastic tensor with shear springs eta k at every contact that carries load.
 
-        ``forces`` (3, L1, L2) at rest; a contact carries load if its force is above ten times the largest that they leave on
-        a ball. What moves freely (the whole array, balls that nothing holds, contacts in line without friction) is held by
-        springs of 1e-12, and their small share is taken away by iteration.
+        Voigt order is xx, yy, xy, and the unit c W^(1/2)/d^2. ``forces`` (3, L1, L2) are those at rest; a contact carries
+        load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing (of the
+        whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12 of the
+        largest stiffness, and iteration removes their small effect.
         """
         from scipy.sparse import eye_array
 
@@ -189,14 +195,14 @@ class SparseArray:
         return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.area * math.prod(self.shape)))
 
     def _strained(self) -> Array:
-        """(6 L1 L2, 3): elongation n.e.n, then slip t.e.n, of every contact under each unit strain."""
+        """Return (6 L1 L2, 3) elongations n.e.n, then slips t.e.n, of every contact under each unit strain."""
         (nx, ny), (tx, ty) = TRIANGULAR.contacts.normal.T, TRIANGULAR.contacts.tangent.T
         rows = [np.stack([ax * nx, ay * ny, 0.5 * (ax * ny + ay * nx)], axis=1) for ax, ay in ((nx, ny), (tx, ty))]
         return np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)
 
 
 def _factorise(matrix: Any) -> Any:
-    """LU factors of a symmetric positive matrix."""
+    """Return the LU factors of a symmetric positive definite matrix."""
     from scipy.sparse.linalg import splu
 
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -1,10 +1,10 @@
 """The compatibility matrix of a large periodic array of balls, as stencils on lattice arrays.
 
-Ball (p, q) of an array of L1 x L2 sits at p a1 + q a2 of the triangular lattice. Motions are arrays (n, L1, L2): the
-displacement by its projections on the first two directions of the contact table, so that elongations are plain differences,
-then the rotation where contacts resist slip. Deformations of contacts are arrays (rows, L1, L2): the elongation of each kind
-of contact, then its slip, at the ball i it starts from. No matrix is stored: C and its transpose are shifts of whole arrays,
-and the inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
+Ball (p, q) of an array of L1 x L2 sits at p a1 + q a2 of the triangular lattice. Motions are arrays (n, L1, L2): first the
+projections of the displacement on the first two directions of the contact table, so that elongations are plain differences;
+then, if contacts resist slip, the rotation. Deformations of contacts are arrays (rows, L1, L2): the elongation of each kind
+of contact, then its slip, stored at the ball i from which the contact starts. No matrix is stored: C and its transpose are
+shifts of whole arrays. The inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from granphon.dynamics.rows import contact_rows
 __all__ = ["Motion", "Stencils", "dot"]
 
 Array = NDArray[np.float64]
-#: numbers of one array that are worked on at a time, so that they stay in the processor's cache
+#: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
-#: local stiffness below which a ball is held by the mean one in the preconditioner, as a part of the mean
+#: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
+#: inverse
 _LEAST_LOCAL = 1e-5
 
 
@@ -39,16 +40,17 @@ class _Row(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A periodic motion ``balls`` (n, L1, L2), and what uniform compression adds to the overlap of all contacts."""
+    """Periodic motion ``balls`` (n, L1, L2), and the uniform ``compression``, an addition to the overlap of all contacts."""
 
     balls: Array
     compression: float
 
 
 class Stencils:
-    """C of an array of ``shape`` (L1, L2), in units of length of the diameter; with ``mindlin_ratio``, slips and rotations.
+    """Compatibility matrix C of an array of ``shape`` (L1, L2); the unit of length is the diameter.
 
-    Slip rows count with a stiffness of eta times the normal one. ``workers`` threads share each Fourier transform.
+    With a ``mindlin_ratio`` eta above zero, C has slips and rotations too; the stiffness of slip is eta times the normal
+    one. ``workers`` threads share each Fourier transform.
     """
 
     def __init__(self, shape: tuple[int, ...], mindlin_ratio: float = 0.0, workers: int = 1) -> None:
@@ -58,14 +60,14 @@ class Stencils:
         table = TRIANGULAR.contacts
         self.motions = select_motions(mindlin_ratio)
         self.n_fields, self.n_contacts = self.motions.count, len(table)
-        #: rows: the directions on which displacements are projected
+        #: (2, 2) unit vectors, as rows, on which displacements are projected
         self.basis: Array = table.normal[:2]
-        #: cells between the balls of each kind of contact
+        #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts = [(int(a), int(b)) for a, b in table.shift]
         project = np.eye(self.n_fields)
         project[:2, :2] = np.linalg.inv(self.basis)
         rows = contact_rows(table.normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio)
-        #: stiffness of each kind of deformation over that of elongation, three contacts at a time
+        #: stiffness of elongation and of slip over that of elongation, each for three kinds of contact
         self._ratios = [float(row.stiffness) for row in rows]
         self._rows = [
             _Row(shift, tuple(head), tuple(tail))
@@ -76,49 +78,49 @@ class Stencils:
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Green's function stays behind: it is large, and soon found again
+        # Green's function is not pickled: it is large, and quickly computed again
         return Stencils, (self.shape, self.mindlin_ratio, self.workers)
 
     def forget(self) -> None:
-        """Drop Green's function from memory. It is several times as large as the array, and soon found again."""
+        """Drop Green's function from memory: it is several times as large as the array, and quickly computed again."""
         vars(self).pop("_green", None)
 
     @property
     def n_rows(self) -> int:
-        """Number of kinds of deformation: of elongation, then of slip."""
+        """Number of kinds of deformation: elongations and slips."""
         return len(self._rows)
 
     def weights(self, stiffness: Array) -> Array:
-        """(rows, L1, L2) stiffness of all deformations, made of the stiffness (3, L1, L2) of elongations."""
+        """Return (rows, L1, L2) stiffnesses of all deformations, from those of elongations (3, L1, L2)."""
         return stiffness if len(self._ratios) == 1 else np.concatenate([ratio * stiffness for ratio in self._ratios])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
     def padded(self) -> Array:
-        """Array of zeros for a motion, with one more row and column in which the first ones are repeated."""
+        """Return zeros for a motion, with one more row and column, to which :meth:`wrap` copies the first ones."""
         return np.zeros((self.n_fields, self.shape[0] + 1, self.shape[1] + 1))
 
     @staticmethod
     def wrap(room: Array) -> None:
-        """Copy the first row and column of a padded array to its last."""
+        """Copy the first row and column of a padded array to its last row and column."""
         room[:, -1, :-1] = room[:, 0, :-1]
         room[:, :, -1] = room[:, :, 0]
 
     @staticmethod
     def _fold(room: Array) -> Array:
-        """Add the last row and column of a padded array to its first; returns a view without the last."""
+        """Add the last row and column of a padded array to its first ones; return a view without the last ones."""
         room[:, 0] += room[:, -1]
         room[:, :-1, 0] += room[:, :-1, -1]
         return room[:, :-1, :-1]
 
     def blocks(self) -> Iterator[slice]:
-        """Slices of rows of balls, each small enough to stay in the processor's cache."""
+        """Yield slices of rows of balls, each small enough to stay in the processor's cache."""
         step = max(1, _CACHED // self.shape[1])
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
     def _deformation(self, row: _Row, room: Array, rows: slice) -> Array:
-        """Deformation of one kind, in the contacts that start in these rows of balls."""
+        """Return the deformation of one kind, in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         if row.head == row.tail:
             part = _combined(row.head, room[:, rows.start : rows.stop + 1])
@@ -127,7 +129,7 @@ class Stencils:
         return ahead - _combined(row.tail, room[:, rows, :columns])
 
     def _pull(self, row: _Row, force: Array, room: Array, rows: slice) -> None:
-        """Add to ``room`` the forces on balls of a tension in the contacts that start in these rows of balls."""
+        """Add to ``room`` the forces on balls due to a tension in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         for field, (head, tail) in enumerate(zip(row.head, row.tail, strict=True)):
             if head:
@@ -136,7 +138,7 @@ class Stencils:
                 room[field, rows, :columns] -= _times(tail, force)
 
     def deformations(self, motion: Motion) -> Array:
-        """(rows, L1, L2) C u, less the compression in the elongations: what contacts lose in overlap, and slip."""
+        """Return (rows, L1, L2) C u, minus the compression in the elongations: the losses of overlap, then the slips."""
         room = self.padded()
         room[:, :-1, :-1] = motion.balls
         self.wrap(room)
@@ -148,7 +150,7 @@ class Stencils:
         return out
 
     def forces(self, contacts: Array) -> Array:
-        """(n, L1, L2) C^T f: the forces on balls, in the coordinates of their motion, of contacts under tension f."""
+        """Return (n, L1, L2) C^T f, the forces on balls in the coordinates of their motion, for contacts under tension f."""
         room = self.padded()
         for rows in self.blocks():
             for kind, row in enumerate(self._rows):
@@ -156,25 +158,26 @@ class Stencils:
         return self._fold(room)
 
     def around(self, contacts: Array) -> Array:
-        """(L1, L2): the sum over the six contacts of each ball of values (3, L1, L2)."""
+        """Return (L1, L2) sums of the values (3, L1, L2) over the six contacts of each ball."""
         out: Array = np.zeros_like(contacts[0])
         for one, shift in zip(contacts, self.shifts, strict=True):
             out += one + np.roll(one, shift, (0, 1))
         return out
 
     def cartesian(self, forces: Array) -> Array:
-        """(2, L1, L2): forces (x, y) from those in the coordinates of motions."""
+        """Return (2, L1, L2) forces along x and y, from those in the coordinates of motions."""
         out: Array = np.einsum("ak,a...->k...", self.basis, forces[:2])
         return out
 
     def displacements(self, balls: Array) -> Array:
-        """(2, L1, L2): displacements (x, y) from their projections."""
+        """Return (2, L1, L2) displacements along x and y, from their projections."""
         out: Array = np.einsum("ka,a...->k...", np.linalg.inv(self.basis), balls[:2])
         return out
 
     def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
-        """C^T K C of a motion in a wrapped ``room``: forces on balls, a view of ``out``; the sum of K e over elongations,
-        and that of K e^2 over all rows.
+        """Apply C^T K C to a motion in a wrapped ``room``.
+
+        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations; and that of K e^2 over all rows.
         """
         out[...] = 0.0
         pull = energy = 0.0
@@ -196,7 +199,7 @@ class Stencils:
     def _green(self) -> tuple[tuple[Any, ...], ...]:
         """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; zero for motions that cost nothing.
 
-        Real: rotations are carried times i. Entries (a, b) are arrays (L1, L2/2 + 1).
+        It is real, because rotations are multiplied by i. Entries (a, b) are arrays (L1, L2/2 + 1).
         """
         n, (first, second) = self.n_fields, self.shape
         half = np.pi / first * np.arange(first)[:, None], np.pi / second * np.arange(second // 2 + 1)
@@ -219,11 +222,11 @@ class Stencils:
         return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(n)) for a in range(n))
 
     def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
-        """An approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
+        """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
-        The first carries stress over the array, the second knows which balls are held weakly.
+        The first carries stress across the array; the second accounts for balls that are held weakly.
         """
-        from scipy import fft  # here: media that are not simulated need none of it
+        from scipy import fft  # imported here: media that are not simulated do not need it
 
         mean = float(np.mean(stiffness[: self.n_contacts]))
         local, turning = self._local(stiffness, _LEAST_LOCAL * mean), self.motions.turning
@@ -237,7 +240,7 @@ class Stencils:
                 for field, part in enumerate(new):
                     parts[field] = part
                 parts[turning] *= 1j
-            # one axis after the other: both at once would make another array of waves
+            # transform one axis after the other: both at once would allocate another array of waves
             waves = fft.ifft(waves, axis=1, workers=self.workers, overwrite_x=True)
             out: Array = fft.irfft(waves, self.shape[1], axis=2, workers=self.workers)
             for rows in self.blocks():
@@ -251,7 +254,7 @@ class Stencils:
         return apply
 
     def _local(self, stiffness: Array, least: float) -> list[list[Array]]:
-        """The inverse of each ball's own block of C^T K C, displacements and rotation apart."""
+        """Return the inverse of each ball's own block of C^T K C, with displacements and rotation treated separately."""
         blocks = [(0, 0), (0, 1), (1, 1), *((turn, turn) for turn in range(self.n_fields)[self.motions.turning])]
         room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
         for rows in self.blocks():
@@ -274,19 +277,19 @@ class Stencils:
 
 
 def _whole(coefficients: Array) -> Array:
-    """Coefficients with those that are whole numbers but for rounding made whole: a product with one is saved."""
+    """Round coefficients that differ from whole numbers by rounding only, so that a product with one can be skipped."""
     near = np.rint(coefficients)
     return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
 
 
 def dot(first: Array, second: Array) -> float:
-    """Sum of products. Not by BLAS, whose threads wait for each other and make the last digit depend on their number."""
+    """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
     axes = "abc"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
 def _combined(coefficients: tuple[float, ...], fields: Array) -> Array:
-    """Sum of fields times their coefficients; a field itself if it stands alone."""
+    """Return the sum of fields times their coefficients; a single field with coefficient one is returned without a copy."""
     parts = [_times(c, field) for c, field in zip(coefficients, fields, strict=True) if c]
     total = parts[0]
     for part in parts[1:]:
