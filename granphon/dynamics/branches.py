@@ -19,9 +19,10 @@ __all__ = ["AcousticBranch", "AcousticBranches", "connect_branches", "find_zone_
 Array = NDArray[np.float64]
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
 _PATH_POINTS = 128
-#: number of these points that are solved together; after them the directions that have reached their frequency are left
+#: number of these points that are solved together; after each such group, directions that have reached their frequency are
+#: dropped
 _POINTS_TOGETHER = 16
-#: the acoustic branches, in the order in which arrays hold them
+#: names of the acoustic branches, in their order in arrays
 _BRANCH_NAMES = ("longitudinal", "transverse")
 
 
@@ -49,7 +50,7 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
     along = as_direction(direction)
-    # half the sum of the cell's edges reaches every point of the zone
+    # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
     squared = np.sum(vectors**2, axis=1)
@@ -131,7 +132,7 @@ def _solve_wavenumbers(
 ) -> tuple[Array, Array]:
     """Solve for wavenumbers (n,) and group velocities (n, 2) at ``target`` (n,), between two points (2, n) of a branch."""
     (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
-    # the branch is nearly straight below the first point, so that interpolation starts close at any scale
+    # below the first point the branch is nearly straight, so linear interpolation starts close to the root at any scale
     x = low + (high - low) * (target - low_f) / (high_f - low_f)
     value, vector = _find_nearest(lattice, x, along, references)
     going = np.arange(x.size)
@@ -144,7 +145,7 @@ def _solve_wavenumbers(
         inside = (here - step >= low[going]) & (here - step <= high[going])
         x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
         value[going], vector[going] = _find_nearest(lattice, x[going], along[going], references[going])
-        # Newton's steps halve their exponents: after one as small as this only rounding is left
+        # Newton's method converges quadratically: after a step as small as this only rounding is left
         going = going[np.abs(x[going] - here) > 1e-13 * here]
         if not going.size:
             break
@@ -170,7 +171,7 @@ class AcousticBranches:
     wavenumbers : (n, n_points), 1/d.
     frequencies : (2, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
     rising : (2, n), number of points before the first maximum, among those at which the branch was followed.
-    falls : (2, n), whether a maximum was met after them.
+    falls : (2, n), whether the branch has a maximum after these points.
     vectors : (2, n, n_points, n_dof), eigenvectors.
     """
 
@@ -193,7 +194,7 @@ class AcousticBranches:
         rising, falls = np.zeros((2, count), int), np.zeros((2, count), bool)
         _, polarisations = lattice.sound_velocities(directions)
         start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
-        # sound moves the centre of mass; what else has no frequency at Gamma, as gears that turn, does not
+        # sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls turning like gears, do not
         motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.motions.count, size)
         drift = np.einsum(
             "i,niab,nak->nkb", np.sqrt(lattice.masses), motion[:, :, lattice.motions.translating], polarisations
@@ -257,7 +258,7 @@ class AcousticBranches:
 
 def _continue_branches(overlap: Array) -> NDArray[np.intp]:
     """Find the column (n, n_branches) in which each branch goes on, from the overlaps (n, n_branches, n_branches)."""
-    # where each branch has a continuation of its own that overlaps most, that is the best assignment
+    # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
     clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
     for row in np.flatnonzero(~clear).tolist():

@@ -48,19 +48,19 @@ class _Waves(NamedTuple):
     half: Array
 
     def at(self, wavevectors: Array, derivative: bool) -> NDArray[Any]:
-        """(n_q, kinds * n_c, n_branches) rows, or their derivatives with respect to the half angle."""
+        """Return (n_q, kinds * n_c, n_branches) rows, or their derivatives with respect to the half angle."""
         angle = wavevectors @ self.half.T
         sine, cosine = np.sin(angle), np.cos(angle)
         if derivative:
             sine, cosine = cosine, -sine
-        # complex numbers as pairs: the factors are real
+        # view complex numbers as pairs of reals: the factors are real, and a real product is cheaper
         rows = sine[:, None, :, None] * self.odd.view(np.float64)
         rows += cosine[:, None, :, None] * self.even.view(np.float64)
         kinds, contacts, branches = self.odd.shape
         return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, branches)
 
     def half_vectors(self) -> Array:
-        """(kinds * n_c, d): gradient of each row's half angle with respect to q."""
+        """Return (kinds * n_c, d) gradients of each row's half angle with respect to q."""
         return np.tile(self.half, (len(self.odd), 1))
 
 
@@ -82,7 +82,7 @@ class Compatibility:
 
     Raises
     ------
-    InputError : shapes or values that cannot be.
+    InputError : a shape or a value is not allowed.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Compatibility:
 
     @property
     def n_balls(self) -> int:
-        """Balls in the cell."""
+        """Number of balls in the cell."""
         return len(self.positions)
 
     @property
@@ -127,12 +127,12 @@ class Compatibility:
 
     @property
     def dofs_per_ball(self) -> int:
-        """Motions of a ball: in the plane 3 with friction, 2 without."""
+        """Number of motions of a ball: in the plane 3 with friction, 2 without."""
         return self.motions.count
 
     @property
     def n_branches(self) -> int:
-        """Degrees of freedom in the cell."""
+        """Number of branches: the degrees of freedom in the cell."""
         return self.motions.count * self.n_balls
 
     @property
@@ -142,24 +142,24 @@ class Compatibility:
 
     @cached_property
     def area(self) -> float:
-        """Area of the cell; of a chain its length, in space its volume."""
+        """Area of the cell, d^2; for a chain its length, d; in three dimensions its volume, d^3."""
         if len(self.cell) == self.dimension:
             return float(abs(np.linalg.det(self.cell)))
         return float(np.sqrt(np.linalg.det(self.cell @ self.cell.T)))
 
     @cached_property
     def reciprocal(self) -> Array:
-        """(p, d): reciprocal vectors as rows, 2 pi included."""
+        """(p, d) reciprocal vectors as rows, 1/d, with the factor 2 pi."""
         inverse = np.linalg.inv(self.cell) if len(self.cell) == self.dimension else np.linalg.pinv(self.cell)
         return read_only(2.0 * np.pi * inverse.T)
 
     @property
     def is_prestressed(self) -> bool:
-        """Whether the static force itself enters the stiffness; K is then indefinite."""
+        """Whether the static contact force itself enters the stiffness; K is then indefinite."""
         return bool(np.any(self.prestress != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Cartesian wave vectors (..., d) of fractions (..., p), or (..., 3), of the reciprocal cell."""
+        """Return Cartesian wave vectors (..., d), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
         q, count = real_array("fractions", fractions), len(self.cell)
         if q.shape[-1:] not in ((count,), (3,)):
             raise InputError(message(f"fractions of shape {q.shape}", mend="Give (..., 2) or (..., 3) of them"))
@@ -169,9 +169,9 @@ class Compatibility:
 
     @cached_property
     def _frame(self) -> Array:
-        """(n, n) orthogonal: the first column is the motion of the centre of mass in mass-weighted coordinates.
+        """(n, n) orthogonal matrix whose first column is the motion of the centre of mass in mass-weighted coordinates.
 
-        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference of n.
+        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
         """
         weights = np.sqrt(self.masses / self.masses.sum())
         basis = np.eye(self.n_balls)
@@ -180,7 +180,7 @@ class Compatibility:
         return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
-        """K^1/2 C(q) M^-1/2 at each wave vector.
+        """Return K^1/2 C(q) M^-1/2 at each wave vector.
 
         Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the mass-weighted motions
         (x, y, w) in the frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix
@@ -189,7 +189,7 @@ class Compatibility:
         Parameters
         ----------
         wavevectors : (n_q, 2), 1/d.
-        derivative : the gradient with respect to q instead.
+        derivative : return the gradient with respect to q instead.
 
         Returns
         -------
@@ -202,7 +202,7 @@ class Compatibility:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """The deformations of the contacts, as coefficients of the motions of their two balls, w instead of rotations."""
+        """Deformations of the contacts, as coefficients of the motions of their two balls; rotations are carried by w."""
         table = self.contacts
         return contact_rows(
             table.normal, table.arm_i, table.arm_j, self.motions, slip=self.mindlin_ratio, twist=self.torsion,
@@ -210,7 +210,10 @@ class Compatibility:
         )  # fmt: skip
 
     def _weighted_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
-        """Rows, and the roots (kinds, n_c) of their stiffness; with ``prestress`` rows across contacts, and of |f/a|."""
+        """Return rows, and the square roots (kinds, n_c) of their stiffness.
+
+        With ``prestress`` the rows are those of displacements across contacts, and the roots those of |f/a|.
+        """
         if prestress:
             rows, stiffness = push_rows(self.contacts.normal, self.motions), np.abs(self.prestress)
         else:
@@ -218,10 +221,10 @@ class Compatibility:
         return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
 
     def _ends(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Difference and sum of what each motion of the frame does to each contact at its two ends, times ``root``.
+        """Return the difference and the sum of the effects of each motion of the frame at the two ends of each contact.
 
-        Both are (kinds, n_c, n_branches). The difference is the deformation at q = 0; of displacements of the centre of mass
-        it is zero, without rounding.
+        Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
+        displacements of the centre of mass it is exactly zero.
         """
         motion = self._frame / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
@@ -232,10 +235,11 @@ class Compatibility:
         return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
 
     def _make_waves(self, prestress: bool = False) -> _Waves:
-        """Rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
-        # Of a motion z exp(i q.r) a row is cos(half angle) times the difference, plus i sin times the sum, of its ends.
-        # Rotations are carried divided by i, and rows are divided by i: then both are real for one ball, a displacement
-        # having no difference and the rotation in a slip no sum. Rows of rotations alone are divided by i once more.
+        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
+        # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends plus i sin(half angle)
+        # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
+        # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
+        # roll) are divided by i once more.
         rows, root = self._weighted_rows(prestress)
         gap, total = self._ends(rows, root)
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
@@ -245,9 +249,9 @@ class Compatibility:
         return _Waves(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else _Waves(odd, even, half)
 
     def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """Rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
+        """Return rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
 
-        With ``prestress``, the rows of transverse displacement times |f/a|^1/2 instead.
+        With ``prestress``, they are the rows of transverse displacement times |f/a|^1/2 instead.
         """
         q = as_wavevectors(wavevectors, self.dimension)
         return (self._make_waves(prestress) if prestress else self._own_waves).at(q, derivative)
@@ -258,13 +262,13 @@ class Compatibility:
 
     @cached_property
     def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-        """Contacts and their images, if the lattice looks the same inverted about each of its balls; else None.
+        """Indices of contacts and of their images, if inversion about each ball leaves the lattice the same; else None.
 
-        The image of a contact is one of the same balls with the opposite vector. A contact of a ball with itself is its
-        own, and is left out.
+        The image of a contact joins the same two balls with the opposite vector. A contact of a ball with its own periodic
+        image is its own image, and is left out.
         """
         table = self.contacts
-        # seen from the ball of the lower number: what an image shares, and what it has with the opposite sign
+        # as seen from the ball of lower index: quantities equal for a contact and its image, and those of opposite sign
         turned = (table.i > table.j)[:, None]
         ends = np.sort(np.stack([table.i, table.j], axis=1), axis=1)
         arms = np.where(turned, np.stack([table.arm_j, table.arm_i], axis=1), np.stack([table.arm_i, table.arm_j], axis=1))
@@ -286,7 +290,7 @@ class Compatibility:
 
     @cached_property
     def _wave_contacts(self) -> NDArray[np.intp]:
-        """(n_c,): whose half angle each row of :meth:`_waves` has."""
+        """(n_c,) index of the contact whose half angle each row of :meth:`_waves` contains."""
         found = np.arange(len(self.contacts))
         if self._images is not None:
             first, image = self._images
@@ -294,10 +298,10 @@ class Compatibility:
         return found
 
     def _make_real_waves(self, prestress: bool = False) -> _Waves:
-        """Rows with the same C^H C as those of :meth:`_make_waves`, real ones if each contact has an image.
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact has an image.
 
-        The row of an image is the complex conjugate, or minus it: 2^1/2 times the real and the imaginary part of one
-        replace both.
+        The row of an image is plus or minus the complex conjugate of the contact's row. Both are replaced by 2^1/2 times the
+        real part and 2^1/2 times the imaginary part of one.
         """
         waves = self._make_waves(prestress)
         if self.n_balls == 1 or self._images is None:
@@ -318,21 +322,21 @@ class Compatibility:
         return self._make_real_waves(prestress=True)
 
     def _waves(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """As :meth:`_rows`, with rows that have the same C^H C and are real if each contact has an image."""
+        """Return rows as :meth:`_rows` does, with the same C^H C, but real if each contact has an image."""
         q = as_wavevectors(wavevectors, self.dimension)
         return (self._pushing if prestress else self._deforming).at(q, derivative)
 
     def _wave_half_vectors(self, waves: NDArray[Any]) -> Array:
-        """(n_rows, d): gradient of the half angle of the contact of each row of :meth:`_waves`."""
+        """Return (n_rows, d) gradients, with respect to q, of the half angle in each row of :meth:`_waves`."""
         return np.tile(self._deforming.half, (waves.shape[1] // len(self.contacts), 1))
 
     def _push_signs(self, across: NDArray[Any]) -> Array:
-        """(n_rows, 1): sign of the static force in the contact of each row ``across`` of :meth:`_waves`."""
+        """Return (n_rows, 1) signs of the static force in the contact of each row ``across`` of :meth:`_waves`."""
         signs = np.sign(self.prestress[self._wave_contacts])
         return np.tile(signs, across.shape[1] // len(self.contacts))[:, None]
 
     def _frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """D(q) in the frame, prestress included."""
+        """Return D(q) in the frame, including prestress."""
         rows = self._waves(wavevectors)
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
@@ -342,13 +346,13 @@ class Compatibility:
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
-        """(n_branches, n_branches): from the frame, with w divided by i, to the balls' own (x, y, w)."""
+        """(n_branches, n_branches) transformation from the frame, where w is divided by i, to each ball's (x, y, w)."""
         return np.asarray(np.kron(self._frame, np.diag(self.motions.phases)), complex)
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
-        """D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), Hermitian, in units of k/M.
+        """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in units of k/M.
 
-        Dofs run (x, y, w) over the balls; phases are those of the balls' own places, as in phonopy. ``wavevectors``
-        (n_q, 2) in 1/d.
+        Degrees of freedom run (x, y, w) over the balls; phases are taken at the positions of the balls, as in phonopy.
+        ``wavevectors`` (n_q, 2) are in 1/d.
         """
         return np.asarray(self._to_balls @ self._frame_matrix(wavevectors) @ self._to_balls.conj().T)

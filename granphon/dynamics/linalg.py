@@ -1,9 +1,9 @@
-"""Singular values to high relative accuracy, of stacks of small matrices.
+"""Singular values of stacks of small matrices, to high relative accuracy.
 
-LAPACK's SVD is accurate relative to the largest singular value. Near Gamma the acoustic singular values are |q|d times
-smaller than the optical one, and the columns of C(q) are graded in just that way. Orthogonalising the columns by plane
-rotations keeps every digit of a graded matrix (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1204, 1992).
-LAPACK is many times faster: it does all that it can do without the loss of a digit, and the rotations do the rest.
+LAPACK's SVD is accurate relative to the largest singular value. Near Gamma the acoustic singular values are smaller than the
+optical one by a factor |q|d, and the norms of the columns of C(q) are graded by the same factor. Orthogonalising the columns
+by plane rotations keeps every digit of a graded matrix (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1204,
+1992). LAPACK is many times faster: it does whatever it can do without losing a digit, and the rotations do the rest.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ from numpy.typing import NDArray
 
 __all__ = ["cholesky_factor", "graded_eigh", "graded_svd", "jacobi_svd", "lapack_svd"]
 
-#: rounding of a number of double precision, relative
+#: relative rounding of double precision
 _EPSILON = float(np.finfo(np.float64).eps)
-#: sweeps of the Jacobi iteration, which needs 6 or fewer
+#: largest number of sweeps of the Jacobi iteration, which needs 6 or fewer
 _MOST_SWEEPS = 40
-#: norm of a column, relative to the largest element, below which it is what rounding left of a dependent one
+#: norm of a column, relative to the largest element, below which it is the rounding error of a dependent column
 _NO_COLUMN = 1e-100
-#: part of the trace of a singular matrix by which rounding may take an eigenvalue below zero
+#: fraction of the trace of a singular matrix by which rounding may make an eigenvalue negative
 _BELOW_ZERO = 16.0 * _EPSILON
-#: columns up to which the iteration is as fast as LAPACK
+#: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
-#: errors of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (2.1 at most on lattices)
+#: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at most 2.1 on lattices)
 _LAPACK_ERROR = 4.0
-#: relative error that a singular value of LAPACK may have
+#: relative error up to which a singular value of LAPACK is accepted
 _ACCEPTED_ERROR = 1e-13
-#: ratio of the norms of columns from which on the iteration can gain a digit
+#: ratio of the norms of columns from which the Jacobi iteration can gain a digit
 _GRADED_RATIO = 10.0
-#: cosine between columns, and angle by which they are turned, whose square is rounding
+#: largest cosine between columns, and angle by which they are turned, for a first-order rotation: its square is rounding
 _FIRST_ORDER = 1e-8
-#: cosine between columns that are orthogonal but for rounding
+#: cosine between columns up to which they are orthogonal except for rounding
 _STRAIGHT = 1e-14
-#: ratio of the norms of columns below which LAPACK would lose digits of the smaller, and QR leaves no coupling
+#: ratio of the norms of columns below which LAPACK would lose digits of the smaller one, and QR leaves no coupling
 _COMPARABLE_RATIO = 1e-8
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Singular values and right singular vectors of a stack of matrices A, accurate for graded columns as well.
+    """Find singular values and right singular vectors of a stack of matrices A, accurate for graded columns too.
 
     LAPACK's eigenvectors V of A^H A come first. They are accepted where the columns of A V are so nearly orthogonal that
     a rotation of first order makes them so to rounding. Elsewhere LAPACK's SVD follows, whose errors are eps sigma_max.
     Where these may be above 1e-13 of sigma_min, and the columns of A are graded, they are brought into an order in which
     LAPACK keeps the digits of each; :func:`jacobi_svd` finishes what a rotation of first order does not. The errors are
     then eps kappa, kappa the condition of the columns scaled to length 1: sigma_max / sigma_min is at most kappa times the
-    ratio of the lengths. What a matrix gets does not depend on the others in the stack.
+    ratio of the lengths. The result for a matrix does not depend on the others in the stack.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 def graded_eigh(
     matrices: NDArray[Any], factor: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Square roots of the eigenvalues, and eigenvectors, of a stack of matrices A^H A; as :func:`graded_svd` of A.
+    """Find square roots of the eigenvalues, and eigenvectors, of a stack of matrices A^H A, as :func:`graded_svd` of A does.
 
-    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is asked for those alone of
-    which LAPACK's eigenvalues may be wrong by more than 1e-13 of the smallest root, negative ones included.
+    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. It is called only for those
+    where LAPACK's error may exceed 1e-13 of the smallest root, including those with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
@@ -93,7 +93,7 @@ def graded_eigh(
 
 
 def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Make columns that are nearly orthogonal so, by a rotation of first order.
+    """Make nearly orthogonal columns orthogonal by a rotation of first order.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.f
     Returns
     -------
     values, right : singular values of A and right singular vectors.
-    good : (n_matrices,), where what is left, of second order, is rounding.
+    good : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
     products = turned.conj().swapaxes(1, 2) @ turned
     squares = np.einsum("qii->qi", products).real.copy()
@@ -122,7 +122,7 @@ def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.f
 
 
 def _svd_or_jacobi(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """LAPACK's SVD, or the Jacobi iteration where that loses digits of graded columns."""
+    """Find the SVD by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded columns."""
     values, right = lapack_svd(matrices)
     again = _find_lost_digits(matrices, values)
     if again.size:
@@ -136,7 +136,7 @@ def _svd_or_jacobi(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Singular values and right singular vectors, as of :func:`graded_svd`, accurate to rounding of the largest value."""
+    """Find what :func:`graded_svd` finds, but only to rounding of the largest singular value."""
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
@@ -144,7 +144,7 @@ def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 def _find_lost_digits(matrices: NDArray[Any], values: NDArray[np.float64]) -> NDArray[np.intp]:
     """Find which of LAPACK's ``values`` (n_matrices, n) lack digits that :func:`jacobi_svd` has, and make zeros exact.
 
-    A column of zeros is a singular value of zero, and no reason to doubt the others.
+    A column of zeros gives a singular value of zero; it is not a reason to doubt the others.
     """
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
     doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
@@ -205,7 +205,7 @@ def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Singular values and right singular vectors of a stack of m x n matrices with few columns, by plane rotations.
+    """Find singular values and right singular vectors of a stack of m x n matrices with few columns, by plane rotations.
 
     Parameters
     ----------
@@ -221,7 +221,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     # a common scale keeps the squared norms in range
     scale = np.max(np.abs(a), axis=(0, 1))
     scale[scale == 0.0] = 1.0
-    # column first, batch last: each rotation then works on contiguous rows. Below each column, that of the right vectors
+    # axes: column first, batch last, so that each rotation works on contiguous rows. Below each column of A is the matching
+    # column of the right singular vectors
     columns = np.zeros((n, m + n, a.shape[-1]), np.result_type(matrices.dtype, np.float64))
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
@@ -230,7 +231,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
         if not any(turned):
             break
     else:
-        raise RuntimeError("the Jacobi iteration did not converge")  # it does, quadratically, for finite input
+        raise RuntimeError("the Jacobi iteration did not converge")  # for finite input it always does, quadratically
     norms = np.sqrt(np.einsum("nmb,nmb->nb", columns[:, :m], columns[:, :m].conj()).real)
     order = np.argsort(norms, axis=0, kind="stable")
     values = np.take_along_axis(norms, order, 0) * scale
@@ -245,7 +246,7 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
-    # a column below _NO_COLUMN is what rounding left of a dependent one: zero, and never to be orthogonal
+    # a column below _NO_COLUMN is the rounding error of a dependent one: it counts as zero and cannot be made orthogonal
     active = (size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)) & (np.minimum(alpha, beta) > _NO_COLUMN**2)
     if not np.any(active):
         return False
@@ -261,9 +262,9 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
 
 
 def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
-    """L^H of a stack of Hermitian positive semidefinite matrices D = L L^H, for :func:`jacobi_svd`.
+    """Return L^H of a stack of Hermitian positive semidefinite matrices D = L L^H, for :func:`jacobi_svd`.
 
-    The matrix is brought to a unit diagonal first, so that a graded one keeps its small eigenvalues; rows that are zero
+    Each matrix is first scaled to a unit diagonal, so that a graded one keeps its small eigenvalues; rows that are zero
     stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix has an eigenvalue below zero by more than rounding.
     """
     diagonal = np.einsum("...ii->...i", matrices).real
@@ -279,11 +280,11 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Find L of a stack of matrices L L^H of unit diagonal; it is no triangle where the matrix is singular."""
+    """Find L of a stack of matrices L L^H of unit diagonal; L is not triangular where the matrix is singular."""
     try:
         return np.asarray(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
-        if matrices.ndim > 2:  # what the others get does not depend on the singular one
+        if matrices.ndim > 2:  # one by one, so that a singular matrix does not change the results of the others
             return np.stack([_find_lower(matrix) for matrix in matrices])
         values, vectors = np.linalg.eigh(matrices)
         if values[0] < -_BELOW_ZERO * len(values):

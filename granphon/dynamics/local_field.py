@@ -5,10 +5,10 @@ deformations as its balls can make by moving, the range of K^1/2 C, so the star 
 
     e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
 
-Three elongations hold everything: u_1 of the star itself, and those of the contacts between the corona and the second
-neighbours, on top of it and at its bridges. A tension balanced on the central ball is the load that opens the paper's
-appendix, unit radial forces on the corona in the whole lattice, contacts with the central ball included; that ball does
-not move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
+Three elongations give all results: u_1 of the star itself, and those of the contacts between the corona and the second
+neighbours on top of it and at its bridges. The tension of the star is balanced on the central ball. It is the load with
+which the paper's appendix begins: unit radial forces on the corona, in the whole lattice with the contacts of the central
+ball. That ball does not move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from granphon.dynamics.modes import ContactLattice
 __all__ = ["LocalField", "local_field", "local_field_on", "paper_local_field"]
 
 Array = NDArray[np.float64]
-#: points along each side of the quadrature's triangles, tried until two agree
+#: numbers of points along each side of the quadrature's triangles, tried in turn until two successive results agree
 _ORDERS = (12, 16, 24, 36, 54, 81)
-#: relative agreement asked of them; errors fall geometrically, so that the finer one's is far smaller
+#: required relative agreement of these results; errors fall geometrically, so the error of the finer one is far smaller
 _AGREEMENT = 1e-9
-#: least 1 - u_1 in which doubles hold that many digits
+#: least value of 1 - u_1 that doubles hold to that relative accuracy
 _LEAST_HELD = 1e-6
-#: wave vectors of a uniform grid that are worked on at a time
+#: number of wave vectors of a uniform grid that are worked on at a time
 _PART = 2**14
 #: height of an equilateral triangle of side one
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
@@ -46,15 +46,15 @@ _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalField(Result):
-    """The local-field factor and what it is made of; pure numbers.
+    """Local-field factor, and the displacements that define it; pure numbers.
 
     Attributes
     ----------
     alpha, beta : radial displacements of the on-top and the bridge second neighbours over that of the corona (equations 32
-        and 43); None on other lattices than the triangular one.
+        and 43); None on lattices other than the triangular one.
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
-    mindlin_ratio : eta.
-    lattice : its name.
+    mindlin_ratio : eta, tangential over normal stiffness.
+    lattice : name of the lattice.
     """
 
     alpha: float | None
@@ -65,18 +65,18 @@ class LocalField(Result):
 
     @property
     def compliance(self) -> float:
-        """u_1 = 1/(1 + Xi), the radial displacement of the corona under unit radial forces, in units of 1/k."""
+        """Compliance u_1 = 1/(1 + Xi), 1/k: the radial displacement of the corona under unit radial forces."""
         return 1.0 / (1.0 + self.xi)
 
 
 def xi_of(alpha: float, beta: float, mindlin_ratio: float) -> float:
-    """Xi by the equilibrium of a corona ball (equations 35 and 45), triangular lattice."""
+    """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular lattice."""
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
 
 
 def paper_local_field(mindlin_ratio: float) -> LocalField:
-    """The printed alpha and beta (A14), used at every eta as the paper does, with Xi by equation 45.
+    """Return the printed alpha and beta (A14), used at every eta as in the paper, with Xi from equation 45.
 
     They do not satisfy their own definition (see the errata); they are kept to reproduce the paper's curves.
     """
@@ -86,19 +86,19 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
 
 
 def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0) -> LocalField:
-    """The local field of a lattice of equal balls, rotations relaxed, to 1e-10 or better.
+    """Find the local field of a lattice of equal balls, with rotations relaxed, to 1e-10 or better.
 
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi - 39 sqrt(3)/2) / D,
     beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6 - sqrt(3)/pi (to 13 digits).
 
     Parameters
     ----------
-    lattice : any of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over them.
-    mindlin_ratio : eta, zero or above; at zero nothing turns.
+    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over them.
+    mindlin_ratio : eta, zero or above; at zero the balls do not turn.
 
     Returns
     -------
-    alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells; Xi = 1/u_1 - 1 on all.
+    Alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells; Xi = 1/u_1 - 1 on all lattices.
 
     Raises
     ------
@@ -116,17 +116,17 @@ def _local_field(structure: Lattice, eta: float) -> LocalField:
     xi = 1.0 / star - 1.0
     if not second:
         return LocalField(None, None, xi, eta, structure.name)
-    # u_alpha - u_1 on top, (sqrt(3) u_beta - u_1)/2 at a bridge
+    # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
     on_top, bridge = second
     return LocalField(1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0), xi, eta, structure.name)
 
 
 def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
-    """Xi of the triangular lattice from one fixed quadrature over the Brillouin zone, whatever its error.
+    """Return Xi of the triangular lattice from one fixed quadrature over the Brillouin zone, without control of its error.
 
     Parameters
     ----------
-    points : of the quadrature along each side: of its triangles, or of the zone.
+    points : number of quadrature points along each side of its triangles, or of the zone.
     mindlin_ratio : eta, zero or above.
     graded : True for triangles graded towards the points q = -q, where the integrand depends on direction (that of
         :func:`local_field`, whose errors fall geometrically); False for the uniform grid of equal weights, half a step off
@@ -145,14 +145,15 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
 
 
 def _find_elongations(medium: ContactLattice, name: str) -> list[float]:
-    """Mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
+    """Find the mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
 
     Means are over the contacts of each kind and over the balls of the cell. Raises :class:`PrecisionError`.
     """
     before: Array = np.zeros(0)
     for order in _ORDERS:
         values = _find_response(medium, order)
-        # u_1 is small at strong friction and near one at weak: both it and Xi are to be right, the latter above rounding
+        # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1 must be accurate, so 1 -
+        # u_1 must be well above rounding
         held = 1.0 - values[0]
         if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _AGREEMENT * values[0] * held:
             return [float(value) for value in values]
@@ -166,16 +167,18 @@ def _find_elongations(medium: ContactLattice, name: str) -> list[float]:
     )
 
 
-#: a quadrature over the zone: from the reciprocal vectors and a number of points to wave vectors and weights, in parts
+#: type of a quadrature over the zone: it takes reciprocal vectors and a number of points, and yields wave vectors and
+#: weights
 _Quadrature = Callable[[Array, int], Iterator[tuple[Array, Array]]]
 
 
 def _find_response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
-    """Mean elongation of each kind of contact under a unit tension of the first: the mean of s^H P t over the zone."""
+    """Find the mean elongation of each kind of contact under a unit tension of the first: the zone mean of s^H P t."""
     total: Any = 0.0
     places = _place_contacts(medium)
     for wavevectors, weights in (quadrature or _divide_zone)(medium.reciprocal, order):
-        # P = Q Q^H. The factor Q of K^1/2 C does not feel the scale of the columns: small near Gamma or at weak friction.
+        # P = Q Q^H. The QR factor Q of K^1/2 C does not depend on the scale of the columns, which is small near Gamma or at
+        # weak friction
         adjoint = np.linalg.qr(medium.compatibility(wavevectors))[0][:, : len(medium.contacts)].conj().swapaxes(1, 2)
         for kinds in places:
             moved = [(adjoint @ _transform_tension(medium, where, wavevectors)[..., None])[..., 0] for where in kinds]
@@ -184,9 +187,9 @@ def _find_response(medium: ContactLattice, order: int, quadrature: _Quadrature |
 
 
 def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
-    """For each ball of the cell, the midpoints (n, 2) of the contacts of its star, and of those on top and at the bridges.
+    """Find, for each ball of the cell, midpoints (n, 2) of the contacts of its star, on top and at the bridges.
 
-    Six contacts at every ball make the triangular lattice, in whatever cell; other lattices have the star alone.
+    A lattice with six contacts at every ball is triangular, in whatever cell; for other lattices only the star is returned.
     """
     table = medium.contacts
     triangular = len(table) == 3 * medium.n_balls
@@ -203,7 +206,7 @@ def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
 
 
 def _transform_tension(medium: ContactLattice, where: Array, wavevectors: Array) -> NDArray[np.complex128]:
-    """Fourier transform (n_q, n_c) of a unit tension on the contacts whose midpoints are ``where`` (n, 2)."""
+    """Return the Fourier transform (n_q, n_c) of a unit tension on the contacts whose midpoints are ``where`` (n, 2)."""
     table = medium.contacts
     offset = (where[:, None] - (medium.positions[table.i] + 0.5 * table.vector)) @ np.linalg.inv(medium.cell)
     which = np.max(np.abs(offset - np.rint(offset)), axis=-1) < 1e-3
@@ -211,14 +214,14 @@ def _transform_tension(medium: ContactLattice, where: Array, wavevectors: Array)
 
 
 def _divide_zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
-    """Wave vectors (n_q, 2) and weights (n_q,), in parts, that give the mean over the Brillouin zone of an even function.
+    """Yield wave vectors (n_q, 2) and weights (n_q,), in parts, for the mean of an even function over the Brillouin zone.
 
     The integrand is bounded but depends on direction at Gamma, and, where balls can roll like gears, at the other points
     q = -q. The zone is cut into triangles that have these four points as corners, and each triangle is the image of a
-    square (q = corner + s (side + t across), Duffy's map), in which the integrand is smooth. Half of them do, as q and -q
-    are one.
+    square (q = corner + s (side + t across), Duffy's map), in which the integrand is smooth. Half of the triangles suffice,
+    because q and -q are equivalent.
     """
-    # the shortest reciprocal vectors, whatever the cell; those given, if they are
+    # find the shortest reciprocal vectors, whatever the cell; the given ones come first and win among equals
     longest = float(np.linalg.norm(reciprocal, axis=1).max())
     found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
     lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
@@ -235,9 +238,9 @@ def _divide_zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]
 
 
 def _grid_zone(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
-    """Points and weights as of :func:`_divide_zone`, on a grid of ``points``^2 of equal weight, half a step off Gamma."""
+    """Yield what :func:`_divide_zone` yields, on a grid of ``points``^2 points of equal weight, half a step off Gamma."""
     ticks = (np.arange(points) + 0.5) / points
-    half = ticks[ticks <= 0.5]  # q and -q are one
+    half = ticks[ticks <= 0.5]  # q and -q are equivalent
     grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     for part in np.array_split(grid, -(-len(grid) // _PART)):
         yield part @ reciprocal, np.where(part[:, 0] < 0.5, 2.0, 1.0) / points**2

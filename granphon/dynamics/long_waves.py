@@ -1,6 +1,6 @@
-"""Long waves: what is left of the compatibility matrix at q -> 0 once rotations and inner motions have relaxed.
+"""Long waves: the compatibility matrix in the limit q -> 0, with rotations and inner motions relaxed.
 
-Elastic moduli, sound velocities and mechanisms, from the same rows as the bands; in reduced units.
+Elastic moduli, sound velocities and mechanisms follow from the same rows as the bands; all are in reduced units.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from granphon.dynamics.rows import Row, push_rows, strain_rows
 __all__ = ["LongWaves"]
 
 Array = NDArray[np.float64]
-#: softest over stiffest strain, below which a lattice is called a mechanism
+#: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
 _SOFT = 1e-12
-#: coupling of free inner motions with sound, over the largest that it could be, above which there is one
+#: coupling of free inner motions with sound, over its largest possible value, above which it counts as coupling
 _COUPLED = 1e-9
-#: from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
+#: (4, 3) matrix from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
 _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
 
 
@@ -33,16 +33,17 @@ class LongWaves(Compatibility):
     """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
 
     def _uniform_rows(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Deformations at q = 0, times ``root``, of the displacement gradient (u_x,x u_x,y u_y,x u_y,y) and inner motions.
+        """Return the deformations at q = 0, times ``root``, under displacement gradients and under inner motions.
 
-        (n_rows, 4) and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls in the cell.
+        Their shapes are (n_rows, 4), for the gradients (u_x,x u_x,y u_y,x u_y,y), and (n_rows, n_inner). Inner motions are
+        rotations, and the shifts of several balls in the cell.
         """
         gradient = [strain_rows(row, self.contacts.vector, self.motions) for row in rows]
         affine = root[..., None] * np.reshape(gradient, (*root.shape, -1))
         return affine.reshape(root.size, -1), self._inner(self._ends(rows, root)[0])
 
     def _inner(self, columns: Array) -> Array:
-        """(n_rows, n_inner): columns of inner motions, from (kinds, n_c, n_branches)."""
+        """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c, n_branches)."""
         return columns.reshape(-1, self.n_branches)[:, len(self.motions.translations) :]
 
     @cached_property
@@ -52,48 +53,48 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
-        """What the inner motions (rotations, and the shifts of several balls in the cell) do to the contacts.
+        """Effect on the contacts of the inner motions: rotations, and the shifts of several balls in the cell.
 
-        Returns an orthonormal basis (n_rows, n_stiff) of the deformations that they can make, and the inner motions
-        (n_inner, n_free) that deform no contact.
+        The first array (n_rows, n_stiff) is an orthonormal basis of the deformations that they can make; the second
+        (n_inner, n_free) holds the inner motions that deform no contact.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = np.linalg.norm(inner, axis=0)
-        # a column that is rounding alone, against those of its kind, is a motion that deforms nothing
+        # a column that is only rounding, compared with others of its kind, belongs to a motion that deforms nothing
         turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
         still = size <= _SOFT * of_kind
         scale = np.where(still, 1.0, size)
-        # fewer contacts than motions leave free ones: a row of zeros for each
+        # with fewer rows than motions some motions are free: add a row of zeros for each missing row
         columns = np.pad(np.where(still, 0.0, inner / scale), ((0, max(0, count - len(inner))), (0, 0)))
         left, values, right = np.linalg.svd(columns, full_matrices=False)
         free = values <= _SOFT * values[0]
         return np.asarray(left[: len(inner), ~free]), np.asarray(right[free].T / scale[:, None])
 
     def _relax(self, rows: Array) -> Array:
-        """What is left of deformations (n_rows, ...) once the inner motions have relaxed."""
+        """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
         left, _ = self._inner_modes
         return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
 
     @cached_property
     def _relaxed_rows(self) -> Array:
-        """(n_rows, 4): deformations under a displacement gradient once the inner motions have relaxed."""
+        """(n_rows, 4) deformations under each displacement gradient, with the inner motions relaxed."""
         return self._relax(self._strain_rows[0])
 
     @cached_property
     def _free_motions_couple(self) -> bool:
         """Whether inner motions that cost no energy at Gamma take part in sound.
 
-        Of a wave their cost is of second order in q, as that of sound is. Where they do not couple with it to that order,
-        as antiphase motions of a cell that holds several smaller ones never do, they are waves of their own.
+        In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
+        order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
         """
         _, free = self._inner_modes
         if not free.shape[1]:
             return False
-        # to first order in q deformations are i times a real number, for sound and for the inner motions
+        # to first order in q the deformations of both sound and inner motions are i times real numbers
         _, total = self._ends(*self._weighted_rows())
         half = 0.5 * np.tile(self.contacts.vector, (len(total), 1))
         change = self._inner(total) @ free
@@ -106,8 +107,9 @@ class LongWaves(Compatibility):
     def require_rigid(self, name: str = "of these contacts") -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if long waves meet a motion that costs no energy.
 
-        It is a uniform strain, or a motion inside the cell that couples with sound. One that does not, such as turns of
-        opposite sense in a cell that holds several smaller ones, belongs to another wave vector of the smaller cell.
+        Such a motion is a uniform strain, or a motion inside the cell that couples with sound. A motion that does not
+        couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to another wave
+        vector of the smaller cell.
         """
         mend = "Use a lattice with more contacts" if self.motions.rotate else "Use friction, or a lattice with more contacts"
         if self._free_motions_couple:
@@ -133,7 +135,7 @@ class LongWaves(Compatibility):
             )
 
     def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
-        """Second derivative of the energy of a cell with respect to the displacement gradient, inner motions relaxed.
+        """Return the second derivative of a cell's energy with respect to the displacement gradient, inner motions relaxed.
 
         Parameters
         ----------
@@ -161,10 +163,10 @@ class LongWaves(Compatibility):
         return np.asarray(relaxed.reshape(*relaxed.shape[:-2], *shape))
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
-        """A(q^), the small-q limit of D/q^2 with rotations eliminated, (..., 2, 2), in units of k d^2/M.
+        """Return the acoustic tensor A(q^), (..., 2, 2), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
 
-        Its eigenvalues are the squared sound velocities. ``direction`` (2,), or (n, 2) for an axis of directions after those
-        of the ``prestress``, which is as in :meth:`gradient_stiffness`.
+        Its eigenvalues are the squared sound velocities. ``direction`` is (2,), or (n, 2) for an axis of directions after
+        the axes of ``prestress``, which is as in :meth:`gradient_stiffness`.
         """
         along = as_direction(direction)
         many = along.reshape(-1, 2)
@@ -172,7 +174,7 @@ class LongWaves(Compatibility):
         return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
     def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Velocities of long waves along ``direction`` (2,) or (n, 2): (quasi-)longitudinal first, then transverse.
+        """Find the velocities of long waves along ``direction`` (2,) or (n, 2): (quasi-)longitudinal first, then transverse.
 
         Returns
         -------
@@ -200,7 +202,7 @@ class LongWaves(Compatibility):
         return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
-        """Stiffness of the layer, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
+        """Return the layer's stiffness, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
 
         Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
         D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
@@ -227,7 +229,7 @@ class LongWaves(Compatibility):
         return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
-        """(omega_0^2, c) of the long-wave rotational branch, omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
+        """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
 
         On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
@@ -236,10 +238,10 @@ class LongWaves(Compatibility):
         ahead = self.contacts.vector @ one_direction(direction)
         rows, root = self._weighted_rows()
         gap, total = self._ends(rows, root)
-        # what the rotation does to contacts, by cos of the half angle, and the displacements, by sin of it
+        # effect on the contacts of the rotation (times cos of the half angle) and of the displacements (times sin)
         turn, shift = gap[..., self.motions.turning], total[..., self.motions.translating]
         squared = float(np.sum(turn**2))
         narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
-        # the second-order push from the displacements
+        # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared

@@ -25,9 +25,9 @@ from granphon.dynamics.long_waves import LongWaves
 __all__ = ["ContactLattice", "Modes"]
 
 Array = NDArray[np.float64]
-#: branches nearer than this part of their frequency are treated as one degenerate set
+#: relative difference of frequencies below which branches are treated as one degenerate set
 _DEGENERATE = 1e-9
-#: |q|d at which limits at Gamma are taken
+#: |q|d at which modes are computed for their limits at Gamma
 _NEAR_GAMMA = 1e-30
 #: |q|d below which acoustic columns are so small that they might be taken for rounding
 _FAINT = 1e-80
@@ -43,12 +43,12 @@ class Modes(Result):
     ----------
     wavevectors : (n_q, 2), 1/d.
     frequencies : (n_q, n_branches), angular, (k/M)^1/2.
-    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Dofs run (x, y, w) over the balls, or
-        (x, y) without friction; displacements are the eigenvector times exp(i q.r) at the ball's own place r.
+    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom run (x, y, w) over the
+        balls, or (x, y) without friction; the displacement of a ball at r is its eigenvector times exp(i q.r).
     group_velocities : (n_q, n_branches, 2), d (k/M)^1/2.
     rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
-    longitudinal_fraction : (n_q, n_branches), the part that moves along q (along the direction given, at Gamma); the
-        transverse part is the rest.
+    longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at Gamma, along the given
+        direction); the transverse part is the rest.
     """
 
     units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
@@ -66,7 +66,7 @@ class Modes(Result):
 
     @property
     def transverse_fraction(self) -> Array:
-        """(n_q, n_branches), the part of the kinetic energy that moves across q."""
+        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q."""
         return np.clip(1.0 - self.rotational_fraction - self.longitudinal_fraction, 0.0, 1.0)
 
 
@@ -80,10 +80,10 @@ class ContactLattice(LongWaves):
     def of(
         cls, lattice: str | Lattice, mindlin_ratio: float, spacing: float = 1.0, prestress: float = 0.0
     ) -> ContactLattice:
-        """Equal balls on ``lattice``.
+        """Make the contact lattice of equal balls on ``lattice``.
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
-        itself, the lever arm a/2 and the sideways push of the static force. Left out, they are dropped.
+        itself, the lever arm a/2 and the sideways push of the static force. With the default values these terms are dropped.
 
         Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range, and
         :class:`~granphon.base.errors.MechanismError` if a strain of the lattice costs no energy.
@@ -97,7 +97,7 @@ class ContactLattice(LongWaves):
     @classmethod
     @lru_cache(maxsize=128)
     def _equal_balls(cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float) -> ContactLattice:
-        # kept, because velocities, moduli and validity of one state all start from it; nothing in it changes
+        # cached, because velocities, moduli and validity of one state all start from it; it is never changed
         built = cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
             mindlin_ratio, prestress=prestress,
@@ -116,7 +116,7 @@ class ContactLattice(LongWaves):
         values = np.concatenate([self._solve(q[part])[0] for part in self._split(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
-            # sound, whose modes are the first of the frame, the displacements of the centre of mass, is linear in q there
+            # here sound is linear in q; its modes are displacements of the centre of mass, which come first in the frame
             size = np.max(np.abs(q[faint]), axis=1, keepdims=True)
             near, vectors = self._solve(_FAINT * (q[faint] / size))
             sound = np.sum(np.abs(vectors[:, self.motions.translating]) ** 2, axis=1) > 0.5
@@ -127,14 +127,14 @@ class ContactLattice(LongWaves):
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
 
-        In a large cell the mesh is coarser: those points of its sublattice fold onto it.
+        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own.
         """
         fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
         grid = np.stack(np.meshgrid(fractions, fractions), axis=-1).reshape(-1, 2)
         return float(self.frequencies(self.wavevectors(grid)).max())
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
-        """Wave vectors (n_q, 2) near Gamma, and the reciprocal vectors that were taken off them.
+        """Return the wave vectors (n_q, 2) moved near Gamma, and the reciprocal vectors that were subtracted.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
@@ -143,19 +143,19 @@ class ContactLattice(LongWaves):
             raise InputError(message("a wave vector is not finite"))
         taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
-        # what is left of a copy of Gamma is the rounding of the reciprocal vector
+        # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
         rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
         near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
         return near, taken
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
-        """Frequencies, eigenvectors and group velocities at each wave vector.
+        """Find frequencies, eigenvectors and group velocities at each wave vector.
 
         Parameters
         ----------
         wavevectors : (n_q, 2), 1/d.
-        direction : (2,) or (n_q, 2). Where branches touch, they are the ones that a path in this direction follows, and at
-            Gamma velocities are the limit along it. By default, the direction of q.
+        direction : (2,) or (n_q, 2). Where branches touch, the modes are those that a path in this direction follows; at
+            Gamma, velocities are the limit along it. By default, the direction of q.
 
         Raises
         ------
@@ -196,13 +196,16 @@ class ContactLattice(LongWaves):
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
 
     def _solve(self, wavevectors: Array, waves: NDArray[Any] | None = None) -> tuple[Array, NDArray[Any]]:
-        """Frequencies and eigenvectors in the frame; from K^1/2 C M^-1/2, ``waves``, but for the prestress."""
+        """Find frequencies and eigenvectors in the frame, from ``waves`` K^1/2 C M^-1/2; with prestress, from D."""
         if self.is_prestressed:
             return graded_eigh(self._frame_matrix(wavevectors), self._factor)
         return graded_svd(self._waves(wavevectors) if waves is None else waves)
 
     def _factor(self, matrices: NDArray[Any]) -> NDArray[Any]:
-        """L^H of D = L L^H; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative."""
+        """Return L^H of D = L L^H.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
         try:
             return cholesky_factor(matrices)
         except np.linalg.LinAlgError:
@@ -216,7 +219,7 @@ class ContactLattice(LongWaves):
             ) from None
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Frequencies, eigenvectors in the frame, and group velocities; degenerate sets resolved along ``along``."""
+        """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
         waves = self._waves(q)
         values, vectors = self._solve(q, waves)
         slopes = self._slopes(q, waves)
@@ -227,8 +230,8 @@ class ContactLattice(LongWaves):
             vectors[point][:, start:stop] = block @ turn
             alike += [(point, slice(start + a, start + b)) for _, a, b in _find_runs((np.diff(slope) <= 1e-9)[None])]
         if alike:
-            # branches of one slope part at second order only: take what they are a step further on, where the length of
-            # the step, and not LAPACK, limits what is known of them
+            # branches of equal slope separate at second order only: use the modes one step further on, where the length of
+            # the step, not LAPACK's error, limits the accuracy
             points, place = np.unique([point for point, _ in alike], return_inverse=True)
             near = q[points] + _STEP_BESIDE * along[points]
             _, further = lapack_svd(self._factor(self._frame_matrix(near)) if self.is_prestressed else self._waves(near))
@@ -241,7 +244,10 @@ class ContactLattice(LongWaves):
         return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
 
     def _slopes(self, q: Array, waves: NDArray[Any]) -> Callable[..., NDArray[Any]]:
-        """<v_b| dD/dq_a |v_c> of D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>: exact near Gamma too; less that of prestress."""
+        """Return a function for <v_b| dD/dq_a |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>, which is exact near Gamma too.
+
+        The term of the prestress is subtracted.
+        """
         kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
         for prestress in (False, True)[: 1 + self.is_prestressed]:
             rows = self._waves(q, prestress=True) if prestress else waves
@@ -264,19 +270,19 @@ class ContactLattice(LongWaves):
         return slopes
 
     def _split(self, count: int) -> list[slice]:
-        """Parts of ``count`` wave vectors small enough for the memory (about 64 MB an array)."""
+        """Return slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array)."""
         size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
         return [slice(start, start + size) for start in range(0, max(count, 1), size)]
 
 
 def _is_faint(q: Array) -> NDArray[np.bool_]:
-    """(n_q,): which wave vectors are nearly, but not quite, Gamma."""
+    """Return (n_q,) whether each wave vector is nearly, but not exactly, Gamma."""
     size = np.max(np.abs(q), axis=1)
     return np.asarray((size > 0.0) & (size < _FAINT))
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """(row, start, stop) of each run of neighbours: ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
+    """Return (row, start, stop) of each run of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
     found = []
     for row in np.flatnonzero(joined.any(axis=1)):
         edges = np.flatnonzero(~np.concatenate([[False], joined[row], [False]]))

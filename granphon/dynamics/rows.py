@@ -1,15 +1,15 @@
 """The deformations of contacts, as coefficients of the motions of the two balls that touch.
 
-A contact of normal n, whose ends i and j lie ``arm_i`` and ``arm_j`` from the centres, deforms by
+A contact of normal n, at distances ``arm_i`` and ``arm_j`` from the centres of balls i and j, deforms by
 
     elongation  (u_j - u_i).n
     slip        (1 - nn)(u_j - u_i) - (arm_i phi_i + arm_j phi_j) x n
     twist       (phi_j - phi_i).n
     roll        (1 - nn)(phi_j - phi_i)
 
-Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is
-``head . x_j - tail . x_i``, x being the motions that balls have. Everything linear in the dynamics of contacts is made of
-these rows: C(q), force constants, strains, the stencils of an array.
+Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is ``head
+. x_j - tail . x_i``, where x are the motions of a ball. Everything linear in the dynamics of contacts is made of these rows:
+C(q), force constants, strains, the stencils of an array.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Array = NDArray[np.float64]
 
 
 class Row(NamedTuple):
-    """One deformation of every contact: ``head . x_j - tail . x_i``.
+    """One kind of deformation of all contacts: ``head . x_j - tail . x_i``.
 
-    Attributes
-    ----------
-    kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
-    stiffness : over that of elongation: of slip eta, of twist and roll in units of d^2; a number, or one for each contact.
+    Attributes ---------- kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
+    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one for
+    each
+        contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
     """
 
@@ -56,7 +56,7 @@ def contact_rows(
     gyration_i: ArrayLike = 1.0,
     gyration_j: ArrayLike = 1.0,
 ) -> list[Row]:
-    """The deformations of contacts that are resisted and can be made: elongation, slip, twist and roll, in this order.
+    """Return the deformations that are resisted and that the motions can make: elongation, slip, twist, roll, in this order.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def contact_rows(
     none = [np.zeros(len(normal))] * 3
     one_i, one_j = 1.0 / np.asarray(gyration_i), 1.0 / np.asarray(gyration_j)
     at_i, at_j = arm_i * one_i, arm_j * one_j
-    # along which axis u moves the contact and about which phi turns it, times what. As b = n x t, (phi x n).t is phi.b,
-    # and (phi x n).b is -phi.t
+    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As b = n x t, (phi x n).t is
+    # phi.b, and (phi x n).b is -phi.t
     return _keep_resisted(
         [
             ("elongation", elongation, n, none, one_j, one_i),
@@ -84,16 +84,16 @@ def contact_rows(
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
-    """The displacements of ball j against ball i across each contact, along its tangents: what a static force acts on."""
+    """Return the displacements of ball j relative to ball i along the tangents of each contact; prestress acts on these."""
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
     return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
-    """(n_c, n_u, d): a row's deformation of contacts between centres ``vector`` (n_c, d) apart, where u_a = x_b.
+    """Return (n_c, n_u, d) derivatives of a row's deformation with respect to the displacement gradient u_a,b.
 
-    The derivative with respect to the displacement gradient u_a,b, balls not turning; n_u counts the displacements.
+    ``vector`` (n_c, d) joins the centres of the two balls, which do not turn; n_u is the number of displacements of a ball.
     """
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
@@ -103,9 +103,10 @@ _Axes = list[Array]
 
 
 def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions) -> list[Row]:
-    """Rows ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions, but for those without effect.
+    """Return rows ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions.
 
-    These have no stiffness, or none of the motions makes them in any contact; without contacts nothing is said of that.
+    Rows without effect are left out: those without stiffness, and those that no motion makes in any contact. If there are no
+    contacts, the second rule does not apply.
     """
     rows = []
     for kind, stiffness, moved, turned, at_j, at_i in deformations:
@@ -113,7 +114,7 @@ def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, A
             continue
         moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
         if any(part.any() or not len(part) for part in moves + turns):
-            # one motion after the other: contacts lie side by side
+            # the transposed array keeps the contacts of one motion contiguous in memory
             head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
             rows.append(Row(kind, stiffness, head, tail))
     return rows
