@@ -30,13 +30,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhononModes(Modes):
-    """:class:`~granphon.dynamics.modes.Modes` in SI units, eigenvectors as they are."""
+    """:class:`~granphon.dynamics.modes.Modes` converted to SI units: Hz, rad/m and m/s; eigenvectors are unchanged."""
 
     units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
 
     @classmethod
     def of(cls, modes: Modes, scales: Units) -> PhononModes:
-        """The modes in the units of ``scales``."""
+        """Convert ``modes`` from reduced units to SI with the ``scales`` of a state."""
         return cls(
             modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
             modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
@@ -45,19 +45,23 @@ class PhononModes(Modes):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bands(Result):
-    """A band structure. Arrays run over segments, points in a segment (ends repeated, as in phonopy) and branches.
+    """A band structure: frequencies in Hz, group velocities in m/s and eigenvectors along a path of wave vectors.
+
+    The axes of arrays are segments s, points p in a segment, and branches b. A corner where two segments join is in both, as
+    in phonopy.
 
     Attributes
     ----------
-    qpoints : (s, p, 3), fractions of the reciprocal cell.
-    distances : (s, p), along the path, in units of 1/d, without 2 pi, as in phonopy: numbers without a unit.
+    qpoints : (s, p, 3), wave vectors as fractions of the reciprocal cell.
+    distances : (s, p), distance along the path over 2 pi, in units of 1/d, as in phonopy: a number without a unit.
     frequencies : (s, p, b), Hz, ascending.
     group_velocities : (s, p, b, 2), m/s; at Gamma, and where branches touch, the limit along the path.
-    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; dofs (x, y, w) or (x, y) of each ball.
-    labels : (s + 1), of the corners.
-    cell, positions, masses : (3, 3), (n, 3) fractions, (n,), reduced: the cell the q points belong to.
-    scales : the scales of reduced units.
-    warnings : limits of the model that the state exceeds.
+    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; each ball has the components (x, y, w) or (x, y).
+    labels : (s + 1), names of the corners.
+    cell, positions, masses : the cell that the q points belong to, in reduced units: its vectors (3, 3), the positions of
+        the balls (n, 3) as fractions of these vectors, and the masses (n,).
+    scales : the length, stiffness and mass that convert reduced units to SI.
+    warnings : one sentence for each limit of the model that the state exceeds.
     """
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
@@ -79,7 +83,7 @@ class Bands(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Check, besides, that there are two or three components of each ball, and that all numbers are finite."""
+        """Check shapes, that eigenvectors have two or three components for each ball, and that all numbers are finite."""
         super().check()
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
@@ -89,28 +93,28 @@ class Bands(Result):
 
     @property
     def n_branches(self) -> int:
-        """3 for each ball with friction, 2 without."""
+        """Number of branches: 3 for each ball with friction, 2 without."""
         return int(self.frequencies.shape[2])
 
     @property
     def motions(self) -> Motions:
-        """The motions of each ball, those of the plane: without rotation if eigenvectors have two components for each."""
+        """Motions of each ball in the plane; rotation is left out if eigenvectors have two components for each ball."""
         return _motions_of(self.eigenvectors.shape[2], len(self.masses))
 
     @cached_property
     def _motion(self) -> NDArray[Any]:
-        """(s, p, n_balls, dofs of a ball, b)."""
+        """Eigenvectors with the balls on an axis of their own, (s, p, n_balls, components of a ball, b)."""
         s, p, _, b = self.eigenvectors.shape
         return self.eigenvectors.reshape(s, p, len(self.masses), self.motions.count, b)
 
     @property
     def rotational_fraction(self) -> Array:
-        """(s, p, b): the part of the kinetic energy that is rotation, 0 to 1."""
+        """Fraction of the kinetic energy that is rotation, (s, p, b), 0 to 1."""
         return np.asarray(np.sum(np.abs(self._motion[:, :, :, self.motions.turning]) ** 2, axis=(2, 3)))
 
     @property
     def longitudinal_fraction(self) -> Array:
-        """(s, p, b): the part of the kinetic energy that moves along q (along the path, at Gamma)."""
+        """Fraction of the kinetic energy that is motion along q (at Gamma, along the path), (s, p, b), 0 to 1."""
         q = self.qpoints[..., :2] @ np.linalg.inv(self.cell[:2, :2]).T
         ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
@@ -120,15 +124,16 @@ class Bands(Result):
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:
-        """(s, p, b): ``np.take_along_axis(frequencies, connection, 2)`` follows branches through their crossings.
+        """Index of each connected branch among the frequencies at each point, (s, p, b).
 
-        Connected by the overlap of eigenvectors inside each segment; numbered by their order at its start.
+        ``np.take_along_axis(frequencies, connection, 2)`` follows the branches through their crossings. Branches are
+        connected inside each segment, by the overlap of eigenvectors, and numbered by their order at its start.
         """
         return np.array([connect_branches(segment) for segment in self.eigenvectors])
 
     @property
     def connected_frequencies(self) -> Array:
-        """(s, p, b): frequencies with each branch followed through its crossings, Hz."""
+        """Frequencies with each branch followed through its crossings, (s, p, b), Hz."""
         return np.take_along_axis(self.frequencies, self.connection, 2)
 
     # -- phonopy's band.yaml ----------------------------------------------------------------------------------------
@@ -136,10 +141,10 @@ class Bands(Result):
     def write(self, path: str | os.PathLike[str], pad: bool = False) -> None:
         """Write phonopy's band.yaml, with eigenvectors and group velocities, for phonopy-bandplot and Euphonic.
 
-        Frequencies are in the decimal unit of hertz in which the top one lies between 1 and 1000; the file names it. Without
-        friction there are two branches for each ball, and w is zero. Programs that want three for each get them with
-        ``pad``: below the others the rotation of each ball alone, which nothing resists, at zero frequency. :meth:`read`
-        leaves it out.
+        Frequencies are in Hz, kHz, MHz or another such unit, in which the top one lies between 1 and 1000; the file names
+        the unit. Without friction there are two branches for each ball, and w is zero. Some programs expect three branches
+        for each ball: ``pad`` adds, below the others, one branch at zero frequency for each ball, which is the rotation of
+        that ball alone (nothing resists it). :meth:`read` leaves these branches out.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)
@@ -196,9 +201,9 @@ class Bands(Result):
     def read(cls, path: str | os.PathLike[str]) -> Bands:
         """Read a band.yaml that granphon wrote.
 
-        :class:`~granphon.base.errors.InputError` if it is another's, damaged or edited,
-        :class:`~granphon.base.errors.MissingFileError` if there is none;
-        :class:`~granphon.base.errors.UnverifiedFileWarning` if it carries no digest, as another program's copy of it.
+        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or it is damaged or was edited;
+        :class:`~granphon.base.errors.MissingFileError` if there is no such file. Warns with
+        :class:`~granphon.base.errors.UnverifiedFileWarning` if it carries no digest, as a copy by another program.
         """
         text, verified = read_sealed(path)
         with own_file(path, "band.yaml"):
@@ -240,15 +245,15 @@ def _motions_of(components: int, balls: int) -> Motions:
 
 
 def _join_numbers(values: Any) -> str:
-    """All digits of each, with commas between them."""
+    """Write numbers with all their digits, separated by commas."""
     return ", ".join(repr(float(x)) for x in values)
 
 
 def _yaml_text(words: str) -> str:
-    """``words`` as a YAML string, whatever is in them: a JSON string is one."""
+    """Write ``words`` as a JSON string, which is a valid YAML string whatever characters it holds."""
     return json.dumps(words)
 
 
 def _yaml_row(values: Any) -> str:
-    """Numbers as an item of a YAML list."""
+    """Write numbers as one item of a YAML list."""
     return f"- [ {_join_numbers(values)} ]"

@@ -1,7 +1,8 @@
-"""The calculator of the contacts of balls that are an ``ase.Atoms``, and the Atoms of one cell of a lattice.
+"""The ASE calculator for balls in contact, and the ``ase.Atoms`` of one cell of a lattice.
 
-Atoms are in reduced units, with the arrays of :mod:`granphon.array.atoms`. A contact's reference direction is the nearest
-contact vector of the lattice, so nothing else needs to be stored: slip does not depend on where the lattice as a whole is.
+Atoms are in reduced units and carry the arrays of :mod:`granphon.array.atoms`. The reference direction of a contact is the
+nearest contact vector of the lattice, so that reference positions need not be stored: slip does not change when the lattice
+is moved as a whole.
 """
 
 from __future__ import annotations
@@ -33,22 +34,26 @@ if TYPE_CHECKING:
 __all__ = ["HertzMindlin", "atoms"]
 
 Array = NDArray[np.float64]
-#: least delta/d at which positions still hold six digits of the overlap
+#: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
-#: how far, in spacings, a pair may be from the lattice's contact vector
+#: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
+#: that contact
 _CATCH = 0.25
-#: how far the lattice may be turned as a whole: the overlap that this adds to contacts of fixed direction, over their own
+#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is the overlap that the
+#: rotation would add to contacts of fixed direction, over the overlap that they have
 _TURN_PER_OVERLAP = 1e-2
-#: the same over the spacing, where positions only tell which balls touch
+#: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
+#: which balls touch
 _TURN_PER_SPACING = 1e-4
 
 
 def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
-    """One cell of the lattice in ``state``, as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
+    """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
 
-    In reduced units, in ASE's HEX2D cell (120 degrees) for the triangular lattice, one diameter thick, periodic in the
-    plane; with finite overlap the cell is that of the spacing a = d - delta. The state must be at one load
-    (:class:`~granphon.base.errors.InputError`). The keyword ``finite_overlap`` is deprecated: the state has it.
+    Lengths and masses are in reduced units. The cell is one diameter thick and periodic in the plane; for the triangular
+    lattice it is ASE's HEX2D cell (120 degrees). With finite overlap the cell has the spacing a = d - delta. Raises
+    :class:`~granphon.base.errors.InputError` if the state holds several loads. The keyword ``finite_overlap`` is deprecated:
+    the state says whether overlap is finite.
     """
     state = with_keyword(state, finite_overlap)
     scales = state.scales
@@ -72,30 +77,32 @@ def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
 class HertzMindlin(Calculator):  # type: ignore[misc]
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
-    Energy, forces and stress follow from positions and rotations: each contact has the energy of the state's own law at its
-    overlap, plus kappa s^2/2 of its slip s since the reference configuration, at the kappa it has there. Balls that
-    are apart exert nothing. Stress is that of a layer one diameter thick (Voigt; times ``Units.modulus`` it is in Pa).
+    Energy, forces and stress follow from positions and rotations. The energy of a contact is that of the state's contact law
+    at the overlap of the contact, plus kappa s^2/2, where s is the slip since the reference configuration and kappa the
+    shear stiffness there. Balls that are apart exert no force on each other. Stress is that of a layer one diameter thick,
+    in Voigt order; multiplied by ``Units.modulus`` it is in Pa.
 
-    By default, in the paper's limit, the overlap is delta - (r - d n).n with n fixed;
-    with finite overlap, which the state has or has not, it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
+    In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed; if the state has finite
+    overlap it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
 
-    Force constants come from the state (and the arrays ``displacements`` and ``diameter_deviations``), never from positions:
-    these only tell which balls touch.
+    Force constants come from the state and from the arrays ``displacements`` and ``diameter_deviations``. Positions only
+    tell which balls touch.
 
-    The state of one simulated sample serves that sample's own ``sample.atoms()``, whose contacts have the law of two balls,
-    and ``gp.atoms(state)``, whose contacts have the mean law.
+    The state of one simulated sample serves two kinds of Atoms: the sample's own ``sample.atoms()``, whose contacts have the
+    law of two balls, and ``gp.atoms(state)``, whose contacts have the mean law.
 
     Parameters
     ----------
-    state : at one load.
-    finite_overlap : deprecated; the state has it.
+    state : the state of the contacts, at one load.
+    finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
     ------
-    InputError : unknown keywords, several loads; on use, Atoms without masses or an array of :mod:`granphon.array.atoms`, or
-        of another state (:meth:`adopt` gives what is missing); balls that are periodic across the plane, or that touch in
-        other directions than the lattice's, as when it is turned (with ``finite_overlap`` and no friction they may).
-    PrecisionError : on use, delta/d < 1e-10: positions hold too few digits of the overlap.
+    InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses or an array of
+        :mod:`granphon.array.atoms` (:meth:`adopt` adds what is missing), or that belong to another state; balls that are
+        periodic across the plane; balls that touch in directions other than those of the lattice, as when it is turned
+        (allowed with ``finite_overlap`` and no friction).
+    PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
@@ -107,19 +114,19 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
         self._overlap = float(state.relative_overlap)
-        # the overlap up to which balls are apart: below zero where they differ
+        # delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first
         self._apart = state.law.least_overlap / self.scales.length
         self._eta = float(state.packing.mindlin_ratio)
         self._motions = select_motions(self._eta)
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         table = state.packing.structure.contacts
         self._directions = np.concatenate([table.normal, -table.normal])
-        # without friction contacts of finite overlap have no direction but that in which the balls are
+        # with finite overlap and no friction a contact acts along the line between the balls, whatever the lattice
         self._is_free = self.finite_overlap and not self._motions.rotate
         self._near = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
-        """Refuse parameters: what this calculator needs is its state."""
+        """Raise InputError for any parameter: all that this calculator needs is in its state."""
         if unknown:
             raise InputError(message(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}"))
         return {}
@@ -127,7 +134,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     # -- ASE's protocol ---------------------------------------------------------------------------------------------
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Names of what has changed since the last calculation, of ASE's six properties and of granphon's arrays."""
+        """Return the names of what has changed since the last calculation: ASE's six properties and granphon's arrays."""
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is not None:
             old = self.atoms
@@ -136,14 +143,15 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return changes
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
-        """Copy Atoms from elsewhere, and make the copy balls of this state with this calculator.
+        """Return a copy of Atoms from elsewhere that has all that balls of this state need, and this calculator.
 
-        The copy keeps what the Atoms have, also where that was set by hand. Masses, scales and the arrays of
-        :mod:`granphon.array.atoms` that are missing are those of ``like``, ball by ball; without it, those of balls of the
-        state on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in mean diameters.
+        The copy keeps what the Atoms have, including what was set by hand. Masses, scales and arrays of
+        :mod:`granphon.array.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` they are those
+        of balls of the state on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in units
+        of the mean diameter.
 
-        Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or the Atoms are of another
-        state.
+        Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the Atoms belong to
+        another state.
         """
         balls = adopt(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like)
         find_kind(balls, self.scales, self.finite_overlap)
@@ -153,7 +161,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
     ) -> None:
-        """Energy (k d^2), forces (k d) and stress (k/d) of the atoms."""
+        """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
@@ -175,7 +183,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
         if area > 0.0:
-            # the energy's derivative with respect to a strain of positions and cell, over area times one diameter
+            # stress is dE/d(strain of positions and cell) over the volume, which is the area times one diameter
             virial = -np.einsum("ca,cb->ab", pull, contacts.vector) / area
             virial = 0.5 * (virial + virial.T)
             self.results["stress"] = np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]])
@@ -185,14 +193,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Torque about z on each ball, -dE/dphi, (N,), in units of k d^2."""
+        """Return the torque about z on each ball, -dE/dphi, (N,), in units of k d^2."""
         self.get_property("energy", atoms)
         return self._torques.copy()
 
     # -- contacts ---------------------------------------------------------------------------------------------------
 
     def _law(self, balls: Atoms) -> Law:
-        """The contact law of these balls; raises :class:`InputError` where the state cannot have such balls."""
+        """Return the contact law of these balls; raises :class:`InputError` if the balls cannot belong to the state."""
         if len(self.state.samples) > 1 and has_sampled(balls):
             raise InputError(
                 message(
@@ -224,16 +232,16 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return self.state.law
 
     def _pairs(self, balls: Atoms, positions: Array) -> Pairs:
-        """Find the pairs of balls that might touch, each pair once."""
+        """Find the pairs of balls that are near enough to touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
         periodic = bool(balls.pbc[0]), bool(balls.pbc[1])
         return self._near.near(positions, np.asarray(balls.cell)[:2, :2], periodic, largest)
 
     def _normals(self, vector: Array, extra: Array, turned: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Direction of each pair's contact in the lattice, and whether the pair is near enough to be that contact.
+        """Find the direction of the lattice contact nearest to each pair, and whether the pair is near enough to be it.
 
-        :class:`InputError` if balls touch in another direction, or the lattice is turned so that contacts of fixed direction
-        would overlap by ``turned`` more.
+        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned so far that contacts of
+        fixed direction would overlap by ``turned`` (in diameters) more than they do.
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._is_free:
@@ -261,7 +269,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return normal, near
 
     def _deformations(self, balls: Atoms) -> _Deformations:
-        """Find the contacts that are closed at the balls' positions, with their energies, forces and torques."""
+        """Find the contacts that are closed at the positions of the balls, with their energies, forces and torques."""
         law = self._law(balls)
         apart = law.least_overlap / self.scales.length
         i, j, _, vector = self._pairs(balls, balls.positions[:, :2])
@@ -289,7 +297,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             rest = self._at_rest(balls, i, j, normal)
             origin = balls.arrays["slip_origin"][:, :2]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
-            # stiffnesses are those of the reference: the energy is incremental
+            # kappa is that of the reference state: slip adds to the energy of that state
             stiffness = self._stiffness(law, rest.overlap)
             for row in contact_rows(rest.axis, arm_i, arm_j, self._motions, elongation=0.0, slip=self._eta):
                 (x, y, turn_j), (_, _, turn_i) = row.head.T, row.tail.T
@@ -306,10 +314,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
     def _at_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
-        """Contacts in the reference state, where balls are displaced from sites in the direction ``normal``.
+        """Find direction, overlap and distance of each contact in the reference state.
 
-        In the paper's limit their direction is that of the sites. Differences of displacements are not added to the spacing,
-        which would take the digits of the overlap.
+        There balls are displaced from their sites, which are one spacing apart in the direction ``normal``. In the paper's
+        limit the contact keeps the direction of the sites. The overlap is found without adding displacements to the spacing,
+        where it would lose its digits.
         """
         deviations, displacements = balls.arrays["diameter_deviations"], balls.arrays["displacements"][:, :2]
         moved = displacements[j] - displacements[i]
@@ -319,23 +328,23 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             return _Rest(normal, overlap - along, np.full(len(normal), self._spacing))
         vector = self._spacing * normal + moved
         distance = np.linalg.norm(vector, axis=1)
-        # |r| - a of r = a n + u
+        # |r| - a for r = a n + u, without the difference of two nearly equal numbers
         farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
         return _Rest(vector / distance[:, None], overlap - farther, distance)
 
     def _stiffness(self, law: Law, overlap: Array) -> Array:
-        """Normal stiffness of contacts over that of the state: of the state's law it is exactly one at its own overlap."""
+        """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
         stiffness, other = np.ones(overlap.shape), (overlap != self._overlap) | (law is not self.state.law)
-        if np.any(other):  # where the law is that of a simulation, each overlap is an equilibrium
+        if np.any(other):  # only where needed: the law of a simulation solves an equilibrium for each overlap
             stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
         return stiffness
 
     def contact_lattice(self, atoms: Atoms) -> ContactLattice:
-        """The :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls: harmonic about the state.
+        """Return the harmonic :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls, about the state.
 
-        Contacts are those of the lattice between balls that are there; their overlap is the state's, plus the deviations of
-        the diameters, less the ``displacements``. With ``finite_overlap`` these turn the contacts too. Masses are those of
-        the Atoms.
+        Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is that
+        of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.
+        With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms.
         """
         law = self._law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
@@ -370,17 +379,18 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def get_force_constants(
         self, atoms: Atoms, format: Literal["dense", "csr"] = "dense"
     ) -> NDArray[np.float64] | csr_array[Any]:
-        """Analytic force constants of the cell, summed over its images, in (x, y, w) of each ball; units of k.
+        """Return the analytic force constants of the cell, summed over its images, in (x, y, w) of each ball; units of k.
 
         Parameters
         ----------
         atoms : any cell of these balls.
-        format : "dense", (N, N, 3, 3); "csr", a (3N, 3N) ``scipy.sparse.csr_array``.
+        format : "dense" for an array (N, N, 3, 3), "csr" for a (3N, 3N) ``scipy.sparse.csr_array``. Another word raises
+            :class:`~granphon.base.errors.InputError`.
 
         Notes
         -----
-        w = R_g phi, so that the ball's mass serves all three. Without friction the rows and columns of w are zero. In a
-        cell so small that two balls touch more than once (2 x 2 and less), contacts add up.
+        w = R_g phi is a length, so that the mass of the ball serves all three coordinates. Without friction the rows and
+        columns of w are zero. In a cell so small that two balls touch more than once (2 x 2 and less), contacts add up.
         """
         if format not in ("dense", "csr"):
             raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
@@ -388,7 +398,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
 
 class _Deformations(NamedTuple):
-    """Closed contacts at given positions: vectors (n, 2) from i to j, energies, forces (n, 2) and torques on the balls."""
+    """Closed contacts in reduced units: vectors (n, 2) from ball i to j, energies (n,), forces (n, 2) and torques (n,)."""
 
     i: NDArray[np.intp]
     j: NDArray[np.intp]
@@ -400,7 +410,7 @@ class _Deformations(NamedTuple):
 
 
 class _Rest(NamedTuple):
-    """Contacts in the reference state: directions (n, 2), overlaps, and distances of the centres."""
+    """Contacts in the reference state: directions (n, 2), and overlaps and distances of the centres (n,), in diameters."""
 
     axis: Array
     overlap: Array

@@ -19,24 +19,24 @@ __all__ = ["DensityOfStates"]
 
 Array = NDArray[np.float64]
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
-#: the first comment of dos.csv
+#: first comment of dos.csv, where the braces take the number of the schema
 _DOS_SCHEMA = "granphon density of states, schema {}, per ball"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DensityOfStates(Result):
-    """Density of states per ball and hertz; it integrates to the number of branches of a ball.
+    """Density of states per ball, 1/Hz; it integrates to the number of branches per ball.
 
     With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
-    that number exactly. Of a smeared density the tails below zero are reflected.
+    exactly the number of branches. With smearing the tails below zero frequency are reflected.
 
     Attributes
     ----------
     frequencies : (n,), Hz.
-    translational, rotational : (n,), 1/Hz, the parts of the density weighted with the modes' kinetic energy.
+    translational, rotational : (n,), 1/Hz, the density with each mode weighted by that fraction of its kinetic energy.
     method : "tetrahedron" or "smearing".
-    mesh : (n1, n2).
-    warnings : limits of the model that the state exceeds.
+    mesh : (n1, n2), numbers of wave vectors along the two axes of the reciprocal cell.
+    warnings : one sentence for each limit of the model that the state exceeds.
     """
 
     units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
@@ -50,20 +50,20 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Check, besides, that all numbers are finite."""
+        """Check the shapes, and that all numbers are finite."""
         super().check()
         self.check_finite()
 
     @property
     def total(self) -> Array:
-        """(n,), 1/Hz."""
+        """Total density of states, translational plus rotational, (n,), 1/Hz."""
         return self.translational + self.rotational
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns frequency, total, translational, rotational with all digits, their units in the heading.
+        """Write the columns frequency, total, translational and rotational, with all digits and the units in the heading.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path, delimiter=",", names=True)`` take
-        the names from it; below it are comments with the digest of the file, the method, the mesh and the warnings.
+        the names from it. Comments below it hold the digest of the file, the method, the mesh and the warnings.
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
         comments = (
@@ -76,14 +76,14 @@ class DensityOfStates(Result):
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Read what :meth:`write_csv` wrote; errors and warning as :meth:`Bands.read`."""
+        """Read a file that :meth:`write_csv` wrote; raises and warns as :meth:`Bands.read` does."""
         text, verified = read_sealed(path)
         with own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
             comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
             what, how = comments[:2]
             words = re.fullmatch(r"method (\w+), mesh (\d+) (\d+)", how)
-            # of schema 1, the heading stood below the comments
+            # schema 1 differs only in that the heading stood below the comments
             known = what in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2))
             if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or not known or words is None:
                 raise InputError("its head is not that of one")

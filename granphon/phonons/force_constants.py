@@ -1,4 +1,4 @@
-"""Force constants of balls in contact: of each contact alone, and of all balls of a cell with each other."""
+"""Force constants of balls in contact: those of each contact alone, and those between all balls of a cell."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """(n_c, 6, 6) force constants of each contact alone, in (x, y, w) of ball i and then of ball j; units of k.
+    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then of ball j; units of k.
 
-    With all six motions (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each.
+    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
     """
     slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
@@ -34,9 +34,9 @@ def contact_blocks(lattice: ContactLattice) -> Array:
 
 
 def assemble(lattice: ContactLattice, sparse: bool) -> Array | csr_array[Any]:
-    """Force constants of a cell, summed over its images, (N, N, 3, 3) in (x, y, w) of each ball; units of k.
+    """Return the force constants of a cell, summed over its images, (N, N, 3, 3) in (x, y, w) of each ball; units of k.
 
-    With ``sparse`` as a (3N, 3N) ``scipy.sparse.csr_array``.
+    With ``sparse`` they are a (3N, 3N) ``scipy.sparse.csr_array``.
     """
     table, n, blocks = lattice.contacts, lattice.n_balls, contact_blocks(lattice)
     size = blocks.shape[1] // 2

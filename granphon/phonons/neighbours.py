@@ -1,4 +1,4 @@
-"""Pairs of balls that are near each other, kept from call to call while the balls move little."""
+"""Pairs of balls that are near each other, in a list that is kept from call to call while the balls move little."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from granphon.base.errors import InputError, message
 __all__ = ["PairList", "Pairs"]
 
 Array = NDArray[np.float64]
-#: how much farther than asked, in spacings, a list reaches. It serves until a ball has moved by half of this. It does not
-#: reach the second neighbours of the lattices.
+#: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
+#: is small enough that a list does not reach the second neighbours of the lattices.
 _SKIN = 0.3
-#: area, in spacings squared, below which a cell is taken to have none
+#: area, in diameters squared, below which a cell counts as one of no area
 _FLAT = 1e-12
 
 
 class Pairs(NamedTuple):
-    """Pairs of balls, each once: indices ``i``, ``j`` (n,), ``shift`` (n, 2) whole cells, ``vector`` (n, 2) from i to j."""
+    """Pairs of balls, each once: indices ``i`` and ``j`` (n,), vectors (n, 2) from i to j, in diameters.
+
+    ``shift`` (n, 2) is the number of whole cells by which the image of ball j is shifted.
+    """
 
     i: NDArray[np.intp]
     j: NDArray[np.intp]
@@ -30,15 +33,17 @@ class Pairs(NamedTuple):
 
 
 class PairList:
-    """A search for pairs that keeps its list: it reaches farther than asked, and serves until it might miss a pair."""
+    """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until it might miss a pair."""
 
     def __init__(self) -> None:
         self._kept: tuple[Pairs, Array, Array, tuple[bool, bool], float] | None = None
 
     def near(self, positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: float) -> Pairs:
-        """The pairs nearer than ``cutoff``, in the order of (i, j, shift), the same to the last digit from a kept list.
+        """Find the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are in diameters.
 
-        ``positions`` (N, 2), ``cell`` (2, 2). :class:`~granphon.base.errors.InputError` for a period of no length.
+        ``positions`` are (N, 2), ``cell`` is (2, 2). A kept list gives the same numbers to the last digit as a new one.
+        Raises :class:`~granphon.base.errors.InputError` for a periodic axis whose cell vector has no length, and for a
+        periodic cell of no area.
         """
         if self._kept is None or not self._serves(positions, cell, periodic, cutoff):
             reach = cutoff + _SKIN
@@ -50,10 +55,10 @@ class PairList:
         return Pairs(i[near], j[near], shift[near], vector[near])
 
     def _serves(self, positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: float) -> bool:
-        """Whether no pair can have come within the cutoff that is not in the list.
+        """Whether the kept list still holds every pair nearer than the cutoff.
 
-        With the cell every vector turns into vector F; a pair beyond the reach is then at least the least stretch of F
-        times the reach apart, less what two balls have moved besides.
+        A change of the cell maps every vector to vector F. A pair that was beyond the reach is then at least s times the
+        reach apart, where s is the smallest singular value of F, less what its two balls have moved besides.
         """
         assert self._kept is not None
         _, old, last, axes, reach = self._kept
@@ -71,7 +76,7 @@ class PairList:
 
 
 def _search(positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: float) -> Pairs:
-    # brings much of scipy along, and the cells of the lattice itself do not need it
+    # imported here because it loads much of scipy, which one cell of a lattice does not need
     from ase.geometry import complete_cell
     from ase.neighborlist import primitive_neighbor_list
 

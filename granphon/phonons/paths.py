@@ -1,4 +1,4 @@
-"""Paths through the Brillouin zone: its special points, and the corners and points of a path."""
+"""Special points of the Brillouin zone, and paths through the zone with their corners, points and labels."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-#: the greatest number of points or cells
+#: greatest number of points or cells that an argument may ask for; a larger one is a mistake
 LARGEST_COUNT = 1_000_000_000
-#: corners of the path around the irreducible zone: letters, and their places on a hexagonal cell of 120 degrees and on a
-#: square one
+#: letters of the corners of the path around the irreducible zone, and their coordinates as fractions of the reciprocal cell,
+#: for a hexagonal cell of 120 degrees and for a square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 
@@ -42,9 +42,9 @@ _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 
 
 def special_points(vectors: ArrayLike) -> dict[str, Array]:
-    """Find the special points of the Brillouin zone of lattice vectors (2, 2), by ASE's letters.
+    """Find the special points of the Brillouin zone of lattice vectors (2, 2), keyed by ASE's letters.
 
-    Each is (3,), in fractions of the reciprocal cell.
+    Each point is (3,), in fractions of the reciprocal cell.
     """
     from ase.cell import Cell
 
@@ -55,9 +55,9 @@ def special_points(vectors: ArrayLike) -> dict[str, Array]:
 
 
 def default_letters(points: Mapping[str, Any]) -> str:
-    """Letters of the path around the irreducible zone of a hexagonal or a square cell, which has these special points.
+    """Return the letters of the path around the irreducible zone of the hexagonal or square cell with these special points.
 
-    :class:`~granphon.base.errors.InputError` for another cell.
+    Raises :class:`~granphon.base.errors.InputError` for another cell.
     """
     for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
         if set(letters) <= set(points):
@@ -74,20 +74,25 @@ def interpolate_path(
     special_points: Mapping[str, ArrayLike],
     labels: Sequence[str] | None = None,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Points along a path through the Brillouin zone, and the labels of its corners.
+    """Return the points along a path through the Brillouin zone, and the labels of its corners.
 
     Parameters
     ----------
     path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, 2 or 3) in fractions of the
         reciprocal cell, or a list of such arrays.
     npoints : points in each segment, both ends counted; at least 2.
-    special_points : what the letters mean.
+    special_points : the point that each letter means, in fractions of the reciprocal cell.
     labels : one for each corner; by default the letters, or the coordinates.
 
     Returns
     -------
-    qpoints : (n_segments, npoints, 3).
+    qpoints : (n_segments, npoints, 3), in fractions of the reciprocal cell.
     labels : (n_segments + 1), with "K|M" where the path jumps from K to M.
+
+    Raises
+    ------
+    InputError : an unknown letter; a path that is not letters or finite numbers, has fewer than two corners, leaves the
+        plane or has the same corner twice in a row; ``npoints`` below 2; another number of labels than corners.
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     pieces: list[Array] = []
@@ -113,7 +118,7 @@ def interpolate_path(
         try:
             try:
                 corners = [real_array("path", given)]
-            except InputError:  # paths of different lengths, perhaps
+            except InputError:  # the path may be a list of arrays of different lengths
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
             raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
@@ -147,7 +152,7 @@ def interpolate_path(
 
 
 def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[str]]:
-    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # letters of one text are labels, too
+    flat = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
     count = sum(map(len, pieces))
     if len(flat) != count:
         raise InputError(message(f"{len(flat)} labels for {count} corners of the path"))
@@ -156,7 +161,7 @@ def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[s
 
 
 def _coordinates(q: Array) -> str:
-    """A corner that has no name, as a label."""
+    """Return the label of a corner that has no name: its coordinates."""
     return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
 
 
@@ -164,7 +169,7 @@ def _coordinates(q: Array) -> str:
 
 
 def read_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:
-    """Paths of points, from "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma parts paths that do not join."""
+    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates paths that do not join."""
     allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
     if not isinstance(value, str):
         raise Refused(show(value), allowed, "Write the points as one line of text.")
@@ -193,7 +198,7 @@ def _fraction(word: str, value: str, allowed: str) -> float:
 
 
 def read_labels(value: Any) -> tuple[str, ...]:
-    """Labels of the corners, from "G K M G" or a list of words."""
+    """Read the labels of the corners from text such as "G K M G" or from a list of words."""
     words = value.split() if isinstance(value, str) else value
     if (
         not isinstance(words, list | tuple)
@@ -207,9 +212,10 @@ def read_labels(value: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class BandPath:
-    """Where bands are drawn: paths that do not join, each of two points or more, and a label for every point or for none.
+    """The path of a band structure: one or more pieces of two points or more, with a label for every point or for none.
 
-    ``paths`` are tuples of tuples of q-points, three fractions of the reciprocal cell each.
+    ``paths`` holds the pieces, which do not join. A piece is a tuple of q points, each of three fractions of the reciprocal
+    cell. Raises :class:`~granphon.base.errors.InputError` if there are labels, but not one for each point.
     """
 
     paths: tuple[tuple[tuple[float, float, float], ...], ...]
@@ -222,13 +228,13 @@ class BandPath:
 
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """Read phonopy's notation, "0 0 0 1/3 1/3 0" and "G K"."""
+        """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as "G K"."""
         named = None if labels is None else require("band_labels", read_labels, labels)
         return cls(require("band", read_paths, points), named)
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
-        """Around the irreducible zone of a lattice: G-K-M-G, or G-X-M-G on a cell with a right angle."""
+        """Return the path around the irreducible zone of a lattice: G-K-M-G, or G-X-M-G if the cell has a right angle."""
         (ax, ay), (bx, by) = structure.cell
         cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
         letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH
@@ -236,7 +242,7 @@ class BandPath:
 
     @property
     def arrays(self) -> list[Array]:
-        """Each path as an array (n_points, 3)."""
+        """Each piece of the path as an array (n_points, 3), in fractions of the reciprocal cell."""
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Phonons of balls in contact: bands and densities of states from C(q), and the force constants as an object of phonopy."""
+"""Phonons of balls in contact: bands and densities of states from C(q), and force constants in a phonopy object."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonop
 
 Array = NDArray[np.float64]
 
-#: points of a mesh of which eigenvectors are held at a time
+#: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
-#: bytes of tetrahedron weights that are held at a time
+#: memory for the tetrahedron weights that are held at a time, bytes
 _WEIGHTS = 2**26
 
 
@@ -48,23 +48,25 @@ class Phonons:
 
     Parameters
     ----------
-    state : at one load.
+    state : the state of the contacts, at one load.
     atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
         default one cell of the lattice.
-    finite_overlap : deprecated; the state has it.
-    dim : (n1, n2), or (n1, n2, 1), cells of the supercell for force constants; by default as few as keep contacts apart.
+    finite_overlap : deprecated; the state says whether overlap is finite.
+    dim : numbers of cells (n1, n2), or (n1, n2, 1), of the supercell for force constants; by default the fewest with which
+        no two balls touch through two images.
 
     Attributes
     ----------
-    state, atoms, scales : as given; the scales of reduced units.
-    lattice : the :class:`~granphon.dynamics.modes.ContactLattice` of the cell, whose C(q) gives velocities and limits.
+    state, atoms : the state, and the cell of balls.
+    scales : the length, stiffness and mass that convert reduced units to SI.
+    lattice : the :class:`~granphon.dynamics.modes.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
 
     Raises
     ------
-    InputError : several loads; atoms without masses, of other scales, or otherwise refused by :class:`HertzMindlin`; a
-        ``dim`` so small that contacts would be confused.
-    MechanismError : the state's own lattice is a mechanism (atoms that are given may be one).
+    InputError : a state with several loads; atoms without masses, of other scales, or otherwise refused by
+        :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
+    MechanismError : the lattice of the state is a mechanism (``atoms`` that are given may be one).
     """
 
     def __init__(
@@ -81,8 +83,8 @@ class Phonons:
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
         if not self.atoms.cell[2].any():
-            self.atoms.cell[2, 2] = 1.0  # phonopy wants a cell; the layer is one diameter thick
-        # one cell of the lattice has the contacts of the state: they need not be looked for
+            self.atoms.cell[2, 2] = 1.0  # phonopy needs a cell in three dimensions; the layer is one diameter thick
+        # one cell of the lattice has the contacts of the state, so no search is needed
         self.lattice: ContactLattice = (
             contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
         )
@@ -98,7 +100,7 @@ class Phonons:
 
     def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
         contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
-        # an axis without periods has no images
+        # an axis that is not periodic has no images: a very long cell vector keeps them away
         periodic = np.asarray(self.atoms.pbc)[:2]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
@@ -116,7 +118,7 @@ class Phonons:
             return dim
         n1 = n2 = 1
         while not contacts_apart(cell, (n1, n2), contact):
-            # lengthen the shorter side, so that the supercell stays as round as the cell allows
+            # lengthen the shorter side, so that the two sides stay about equal
             if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
                 n1 += 1
             else:
@@ -127,10 +129,10 @@ class Phonons:
 
     @cached_property
     def phonopy(self) -> ContactPhonopy:
-        """The Phonopy object, in reduced units (frequencies in (k/M)^1/2), symmetry off.
+        """Phonopy object in reduced units (frequencies in (k/M)^1/2), with symmetry off.
 
-        Its force constants are those of the calculator. What may be done with it is listed in the documentation; methods
-        that would give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
+        Its force constants are those of the calculator. The documentation lists what may be done with it; methods that would
+        give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
         """
         bridge = ContactPhonopy(
             self._phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
@@ -142,17 +144,17 @@ class Phonons:
     def _phonopy_cell(self) -> PhonopyAtoms:
         cell, extent = np.array(self.atoms.cell), float(np.ptp(self.atoms.positions[:, :2], axis=0).sum())
         for axis in np.flatnonzero(~np.asarray(self.atoms.pbc)[:2]):
-            # phonopy knows no open edge: an image must be too far to share a pair's weight
+            # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
             cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / np.linalg.norm(cell[axis]))
         return PhonopyAtoms(
             symbols=[BALL] * len(self.atoms), cell=cell, masses=self.atoms.get_masses(), positions=self.atoms.positions
         )
 
     def _force_constants(self, bridge: Phonopy) -> Array:
-        """(n, n_supercell, 3, 3): the calculator's force constants between balls of the cell and of phonopy's supercell."""
+        """Force constants between balls of the cell and of phonopy's supercell, (n, n_supercell, 3, 3), units of k."""
         table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
         dim = np.array(self.dim)
-        # where phonopy has a ball of the cell and its images
+        # where[ball, n1, n2]: index in phonopy's supercell of the image of a ball in cell (n1, n2)
         cells, unit = bridge.supercell, bridge.unitcell
         ball = np.array([cells.u2u_map[s] for s in cells.s2u_map])
         place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int)[:, :2] % dim
@@ -172,23 +174,26 @@ class Phonons:
     # -- spectra ----------------------------------------------------------------------------------------------------
 
     def frequencies(self, qpoints: ArrayLike) -> Array:
-        """Frequencies (n_q, n_branches) in Hz, ascending, at ``qpoints`` (n_q, 2 or 3) in fractions of the reciprocal cell.
+        """Return frequencies (n_q, n_branches), Hz, ascending, at ``qpoints`` (n_q, 2 or 3).
+
+        ``qpoints`` are fractions of the reciprocal cell.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         return self.lattice.frequencies(self.lattice.wavevectors(_check_qpoints(qpoints))) * self.scales.frequency
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
-        """Frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
+        """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
 
-        ``direction`` (Cartesian) resolves branches that touch and the limit at Gamma, where it is required.
+        ``qpoints`` are fractions of the reciprocal cell. Where branches touch, and at Gamma, the result is the limit along
+        ``direction`` (Cartesian), which is required at Gamma.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints))
         return PhononModes.of(self.lattice.modes(q, direction), self.scales)
 
     @property
     def special_points(self) -> dict[str, Array]:
-        """The special points of the cell's Brillouin zone, by ASE's letters, in fractions of the reciprocal cell."""
+        """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of the reciprocal cell."""
         return special_points(self.atoms.cell[:2, :2])
 
     def bands(
@@ -197,14 +202,14 @@ class Phonons:
         npoints: int = 101,
         labels: Sequence[str] | None = None,
     ) -> Bands:
-        """Band structure along a path.
+        """Return the band structure along a path.
 
         Parameters
         ----------
         path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
             reciprocal cell; by default around the irreducible zone (GKMG on a hexagonal cell, GXMG on a square one).
         npoints : points in each segment, both ends counted.
-        labels : of the corners; by default the letters, or the coordinates.
+        labels : names of the corners; by default the letters, or the coordinates.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
         segments, ticks = interpolate_path(default_letters(letters) if path is None else path, npoints, letters, labels)
@@ -214,7 +219,7 @@ class Phonons:
         distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
-        along[p - 1 :: p] *= -1.0  # the last point of a segment is reached from behind
+        along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
         modes = self.lattice.modes(q.reshape(-1, 2), along)
         b = self.lattice.n_branches
         return Bands(
@@ -231,14 +236,15 @@ class Phonons:
         sigma: float | None = None,
         points: int = 501,
     ) -> DensityOfStates:
-        """Density of states, split into translation and rotation.
+        """Return the density of states per ball, 1/Hz, split into translation and rotation.
 
         Parameters
         ----------
-        mesh : (n1, n2), or (n1, n2, 1), Gamma-centred; reduced by the symmetry of the layer.
+        mesh : (n1, n2), or (n1, n2, 1), wave vectors of a Gamma-centred mesh, which the symmetry of the layer reduces.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
-        sigma : width of the Gaussian, Hz, not below the spacing of the points; by default a hundredth of the top frequency.
-        points : how many frequencies, 12 or more, from zero to just above the top.
+        sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies; by default a hundredth of
+            the top frequency, or more if there are few ``points``.
+        points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         numbers = grid_numbers("mesh", mesh, LARGEST_COUNT, "64 64 1")
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
@@ -246,7 +252,7 @@ class Phonons:
         count = whole_number("points", points, 12, LARGEST_COUNT)
         grid = self._mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
-        # any direction: the fractions of a degenerate set add up to the same
+        # any direction will do: the rotational fractions of degenerate modes have the same sum
         modes = (self.lattice.modes(some, (1.0, 0.0)) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
         values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
@@ -255,10 +261,10 @@ class Phonons:
         if method == "tetrahedron":
             if sigma is not None:
                 raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
-            # each value is the mean over its own interval, from the integrated density: van Hove singularities fall between
-            # points, and the trapezoidal sum over the points is the number of modes exactly
+            # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
+            # stay finite, and the trapezoidal sum over the points is exactly the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
-            # phonopy holds a weight for each mode and frequency: some frequencies at a time
+            # phonopy holds a weight for each mode and frequency: to save memory, take some frequencies at a time
             several = np.array_split(edges, -(-8 * values.size * edges.size // _WEIGHTS))
             integrated = np.concatenate([
                 TetrahedronDOSAccumulator(
@@ -275,7 +281,7 @@ class Phonons:
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
                 raise InputError(message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points"))
-            # what a Gaussian has below zero is reflected, so that no mode is lost
+            # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
             density = sum(
                 SmearingDOSAccumulator(
                     side, grid.weights, mode_property=parts, sigma=width, sampling_points=at
@@ -288,7 +294,7 @@ class Phonons:
         )
 
     def _mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
-        """A Gamma-centred mesh, reduced by the layer group as far as the frequencies have its symmetry."""
+        """Return a Gamma-centred mesh, reduced by the layer group if the frequencies have its symmetry."""
         dataset = self._layer_dataset() if reduce else None
         if dataset is not None and numbers[0] != numbers[1] and np.any(dataset.rotations[:, [0, 1], [1, 0]] != 0):
             dataset = None  # a rotation that mixes the axes does not map this mesh on itself
@@ -299,7 +305,7 @@ class Phonons:
         )  # fmt: skip
 
     def _layer_dataset(self) -> Any:
-        """spglib's dataset of the layer group, or None where the frequencies do not have that symmetry."""
+        """Return spglib's dataset of the layer group, or None if the frequencies do not have that symmetry."""
         import spglib
 
         scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
@@ -311,7 +317,7 @@ class Phonons:
             return None
         if dataset is None:
             return None
-        # spglib sees where the balls are, not how stiff the contacts are: ask the frequencies themselves
+        # spglib knows the places of the balls, not the stiffness of contacts: compare frequencies at equivalent q points
         generic = np.array([0.1234, 0.2871, 0.0])
         images = np.einsum("rji,j->ri", dataset.rotations, generic)
         values = self.lattice.frequencies(self.lattice.wavevectors(images))
@@ -320,14 +326,15 @@ class Phonons:
     # -- files ------------------------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str] = "phonopy_params.yaml") -> None:
-        """Write the force constants for phonopy, readable by its command with no option, and by Euphonic.
+        """Write the force constants in a file for phonopy, whose command reads it without options, and for Euphonic.
 
-        On loading, phonopy symmetrises force constants and takes frequencies for THz. The file is made so that both do no
-        harm: one very heavy auxiliary atom at a general position carries what the sum rule lacks and lowers the symmetry to
-        P1, at the price of three flat bands at zero; the masses are such that phonopy's "THz" are the decimal unit of hertz
-        in which the top frequency lies between 1 and 1000. The file names that unit under ``granphon``, with the scales.
+        On loading, phonopy symmetrises force constants and takes frequencies for THz. Two measures keep the numbers right.
+        One very heavy auxiliary atom at a general position takes up what the force constants lack in the sum rule, and
+        lowers the symmetry to P1; it adds three flat bands at zero. Masses are scaled so that phonopy's "THz" stand for Hz,
+        kHz, MHz or another such unit, in which the top frequency lies between 1 and 1000. The file names this unit under
+        ``granphon``, with the scales.
 
-        :func:`load_phonopy` reads it back without the auxiliary atom.
+        :func:`load_phonopy` reads the file back without the auxiliary atom.
         """
         flat = 3 + len(self.atoms) * len(self.lattice.motions.still_slots)
         write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)

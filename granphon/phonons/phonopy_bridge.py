@@ -1,8 +1,8 @@
 """The Phonopy object for balls in contact, and its files.
 
-The ball's three degrees of freedom sit in phonopy's x, y, z as (u_x, u_y, w), w = R_g phi. w is axial and not changed by a
-translation of the lattice, so whatever symmetrises force constants, or enforces their sum rule, is wrong here:
-:class:`ContactPhonopy` refuses it, and exported files are made so that it does no harm.
+Phonopy's x, y, z hold the three degrees of freedom of a ball, (u_x, u_y, w) with w = R_g phi. A translation of the lattice
+does not change w, which is an axial quantity. Methods that symmetrise force constants, or enforce their sum rule, are
+therefore wrong here: :class:`ContactPhonopy` refuses them, and exported files are made so that they do no harm.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _CHARGE = "balls carry no charge"
 _FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
 _UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
 
-#: what reads the result of a method that is refused
+#: methods that read the result of a refused method, which is the key
 _READERS = {
     "run_irreps": ("show_irreps", "write_yaml_irreps"),
     "run_modulations": (
@@ -56,7 +56,7 @@ _READERS = {
         "write_yaml_thermal_displacement_matrices",
     ),
 }  # fmt: skip
-#: methods of phonopy.Phonopy that would give a wrong answer, and why
+#: methods of phonopy.Phonopy that would give a wrong answer for balls, each with the reason
 REFUSED: dict[str, str] = {
     **dict.fromkeys(
         ("symmetrize_force_constants", "symmetrize_force_constants_by_space_group", "set_irreps", "run_irreps"), _SYMMETRY
@@ -81,16 +81,17 @@ REFUSED: dict[str, str] = {
     **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
     **{reader: f"it reads the result of {run}, which is refused" for run, readers in _READERS.items() for reader in readers},
 }  # fmt: skip
-#: attributes that may be read, and not set
+#: attributes that may be read but not set, each with the reason
 READ_ONLY: dict[str, str] = {
     **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
     **dict.fromkeys(("force_constants", "masses"), _FIXED),
     "nac_params": _CHARGE,
 }
 
-#: exported force constants are multiplied by this, so that phonopy's fixed decimals keep every digit
+#: factor by which exported force constants are multiplied, so that the fixed number of decimals that phonopy writes keeps
+#: every digit; a power of two, so that no digit changes
 _EXPORT_SCALE = 2.0**30
-#: symbol, place and mass (in balls) of the auxiliary atom of an export, see Phonons.save
+#: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary atom, see Phonons.save
 _AUXILIARY = "He"
 _AUXILIARY_PLACE = (0.137, 0.291, 0.373)
 _AUXILIARY_MASS = 1e16
@@ -106,10 +107,13 @@ def _refuse(name: str, reason: str) -> Any:
 
 
 class ContactPhonopy(Phonopy):  # type: ignore[misc]
-    """A ``phonopy.Phonopy`` that refuses what would be wrong for balls; in reduced units, frequencies in (k/M)^1/2."""
+    """A ``phonopy.Phonopy`` in reduced units, frequencies in (k/M)^1/2, whose methods that are wrong for balls raise.
+
+    What they raise is :class:`~granphon.base.errors.UnsupportedError`.
+    """
 
     def give_force_constants(self, force_constants: Array) -> None:
-        """Set the force constants, once, by the calculator that knows them; they are read-only from then on."""
+        """Set the force constants, in units of k, that the calculator found; they are read-only from then on."""
         Phonopy.force_constants.fset(self, force_constants)
         self.force_constants.setflags(write=False)
 
@@ -122,9 +126,9 @@ for _name, _reason in READ_ONLY.items():
 
 
 def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, zero_bands: int) -> None:
-    """Write the force constants of ``bridge`` so that phonopy reads them right with no option; see ``Phonons.save``.
+    """Write the force constants of ``bridge`` so that phonopy reads them correctly without options; see ``Phonons.save``.
 
-    ``top`` is the highest frequency in Hz; ``zero_bands`` how many flat bands at zero a reader will see.
+    ``top`` is the highest frequency, Hz; ``zero_bands`` is the number of flat bands at zero that a reader of the file sees.
     """
     unit = HertzPrefix.for_top(top)
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
@@ -137,7 +141,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
     )  # fmt: skip
     export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
     export.force_constants = _add_auxiliary(bridge.force_constants, export) * _EXPORT_SCALE
-    # setting the factor marks it as deliberate: phonopy then claims no physical units in the file
+    # phonopy writes physical units into the file unless the factor was set, if only to its own value
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
         *file_header(unit, scales), f"  version: {versions()['granphon']}",
@@ -149,7 +153,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
 
 
 def _add_auxiliary(own: Array, export: Phonopy) -> Array:
-    """Compact force constants of the cell with the auxiliary atom, which is coupled to the balls of its own cell."""
+    """Return compact force constants of the cell and the auxiliary atom, which is coupled to the balls of its own cell."""
     n, cells = own.shape[0], own.shape[1] // own.shape[0]
     total = own.sum(axis=1)  # (n, 3, 3): what the sum rule lacks
     out = np.zeros((n + 1, (n + 1) * cells, 3, 3))
@@ -166,14 +170,14 @@ def _add_auxiliary(own: Array, export: Phonopy) -> Array:
 
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
-    """Read back what :meth:`Phonons.save` wrote: the Phonopy object in reduced units, without the auxiliary atom.
+    """Read a file of :meth:`Phonons.save`: the Phonopy object in reduced units, without the auxiliary atom, and the scales.
 
-    Only the named file is read, as plain data, and phonopy's own loader has no part in it.
+    Only the named file is read, as plain data; phonopy's own loader is not used.
 
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : the file is not granphon's, was damaged, or edited after granphon had written it.
+    InputError : granphon did not write the file, or it was damaged or edited afterwards.
 
     Warns
     -----
@@ -207,8 +211,11 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
 
 
 def _count_cells(matrix: NDArray[Any]) -> int:
-    """Number of cells of a supercell n1 x n2 x 1; others are refused, as granphon writes none and phonopy may never end."""
-    # as Python's numbers, whose product does not wrap around
+    """Return the number of cells of a supercell n1 x n2 x 1; raises InputError for another matrix.
+
+    Granphon writes no other matrix, and phonopy may never return from one.
+    """
+    # Python's integers, whose product does not overflow
     n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
     if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
         raise InputError("its supercell_matrix is not that of n1 x n2 x 1 cells")
@@ -216,7 +223,7 @@ def _count_cells(matrix: NDArray[Any]) -> int:
 
 
 def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:
-    """Read numbers of a file as a float array of this shape, in which -1 stands for any length."""
+    """Read finite numbers of a file as a float array of this shape, in which -1 stands for any length."""
     found = np.array(values)
     if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
         raise InputError("it has something else where finite numbers belong")
@@ -226,7 +233,7 @@ def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Array:
-    """(atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
+    """Read (atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
     rows, columns = block["shape"]
     if columns != atoms * cells or rows not in (atoms, columns):
         raise InputError(f"its force constants of shape {block['shape']} do not belong to {cells} cells of {atoms} atoms")
