@@ -1,7 +1,7 @@
-"""The catalogue of observables: each quantity's name, SI unit and words, and the function that finds it in a state.
+"""The catalogue of observables: for each quantity its name, SI unit and description, and the function that finds it.
 
-Sweeps, summaries, figures, the command line and the reference read it, so that an observable is one entry here and its
-function.
+Sweeps, summaries, figures, the command line and the reference read this catalogue. To add an observable, write one entry
+here and its function.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 
 __all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "missing_error"]
 
-#: what an observable takes: nothing but the packing; the state itself; its long waves; its long waves at neighbouring loads,
-#: for which a simulation solves two more equilibria; or bands, whose path somebody gives
+#: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
+#: long waves at neighbouring loads, for which a simulation solves two more equilibria; or bands, along a path that is given
 CostClass = Literal["packing", "state", "velocities", "exponent", "bands"]
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A state, with the results that several observables are read from, each found once and only if it is needed.
+    """A state, with the results that several observables share. Each result is found once, and only when it is needed.
 
-    ``given_velocities`` and ``given_moduli`` are those of the state, where they are known already.
+    ``given_velocities`` and ``given_moduli`` are results for this state that are known already; None if they are not.
     """
 
     state: ContactState
@@ -41,33 +41,33 @@ class Analysis:
 
     @cached_property
     def velocities(self) -> SoundVelocities:
-        """Sound velocities along (1, 0), a row of touching balls."""
+        """Sound velocities along (1, 0), the direction of a row of touching balls, m/s."""
         return self.given_velocities or sound_velocities(self.state, (1.0, 0.0))
 
     @cached_property
     def moduli(self) -> Moduli:
-        """Elastic moduli."""
+        """Elastic moduli, Pa."""
         return self.given_moduli or moduli(self.state)
 
 
 @dataclass(frozen=True)
 class Observable:
-    """A quantity, as files, tables and figures know it.
+    """A quantity that files, tables and figures show, with its name, unit and description.
 
     Attributes
     ----------
-    name : in files, data sets and summaries.
-    unit : SI; "1" for a plain number, "" for what is no number.
-    title : what it is, in a phrase; ``long_name`` in data sets.
-    label : its name on an axis and in the terminal, without the unit; by default the name in words.
-    meaning : what the reference says of it; by default the title.
-    find : its value, of the shape of the load and then of ``dims``; None where a state has none. Left out where it is not
-        found in a state alone.
-    cost : what finding it takes.
+    name : the name in files, data sets and summaries.
+    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number.
+    title : a phrase that says what the quantity is; ``long_name`` in data sets.
+    label : the name on an axis and in the terminal, without the unit; by default the name in words.
+    meaning : the description in the reference; by default the title.
+    find : function that returns the value, with the shape of the load followed by ``dims``, or None if the state has no such
+        quantity. It is None for a quantity that cannot be found from a state alone.
+    cost : what must be worked out to find it.
     dims : names of its dimensions besides those of loads, media and parameters.
-    swept : whether sweeps hold it.
-    sampled : whether it is a standard error over samples, which is zero for a medium that samples nothing.
-    told : whether the command line tells it.
+    swept : whether sweeps store it.
+    sampled : whether it is a standard error over samples, which is zero for a medium that does not sample.
+    told : whether the command line prints it.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Observable:
 
 
 def _words(name: str) -> str:
-    """A name as an axis has it: words, of which the first begins with a capital."""
+    """Write a name as the label of an axis: words, the first with a capital letter."""
     return name.replace("_", " ").capitalize()
 
 
@@ -98,19 +98,22 @@ def _words(name: str) -> str:
 
 
 def _pressure(of: Analysis) -> Any:
-    """P; None where the stress of the lattice is no pressure."""
+    """Return P, N/m; None if the stress of the lattice is not a pressure."""
     with suppress(InputError):
         return of.state.pressure
     return None
 
 
 def _direction(of: Analysis) -> Any:
-    """The direction of the velocities; None where any other gives the same."""
+    """Return the direction of propagation; None if the velocities are the same in all directions."""
     return None if of.moduli.isotropic else of.velocities.direction
 
 
 def _without_overlap_terms(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
-    """A function of the state; None with the terms of finite overlap, of whose limit the exponent is."""
+    """Make ``find`` a function of an analysis that returns None for states with finite overlap.
+
+    The exponent is that of the limit of small overlap, and does not belong to such states.
+    """
     return lambda of: None if of.state.finite_overlap else find(of.state)
 
 
@@ -122,18 +125,18 @@ def _of_packing(name: str, unit: str, title: str, find: Callable[[Packing], floa
 
 
 def _of_state(name: str, title: str, **more: Any) -> Observable:
-    """An attribute of the state; those of simulated states alone are None elsewhere."""
+    """Make the entry of an attribute of the state; its value is None for states that do not have the attribute."""
     return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
 
 
 def _of_velocities(name: str, title: str, **more: Any) -> Observable:
-    """An attribute of the sound velocities."""
+    """Make the entry of an attribute of the sound velocities."""
     unit = SoundVelocities.units[name]
     return Observable(name, unit, title, find=lambda of: getattr(of.velocities, name), cost="velocities", **more)
 
 
 def _of_moduli(name: str, title: str, **more: Any) -> Observable:
-    """An attribute of the moduli; the two that only an isotropic lattice has are None elsewhere."""
+    """Make the entry of an attribute of the moduli; bulk and shear are None unless the lattice is isotropic."""
 
     def find(of: Analysis) -> Any:
         return getattr(of.moduli, name) if of.moduli.isotropic or name not in ("bulk", "shear") else None
@@ -142,7 +145,10 @@ def _of_moduli(name: str, title: str, **more: Any) -> Observable:
 
 
 def _of_load(name: str, title: str) -> Observable:
-    """Standard error of the force or the overlap; None of the one that samples have in common, and of one sample."""
+    """Make the entry of the standard error of the force or the overlap.
+
+    Its value is None for the quantity that all samples have in common, and if there is only one sample.
+    """
 
     error = f"{name}_error"
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
@@ -150,7 +156,7 @@ def _of_load(name: str, title: str) -> Observable:
 
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
-#: what packings are swept over, which is given and not found
+#: parameters of packings over which sweeps run, each with its description; they are given, and need no function
 _PARAMETERS = {
     "young_modulus": "Young modulus of the material", "poisson_ratio": "Poisson ratio of the material",
     "density": "density of the material", "diameter": "mean diameter", "friction": "whether contacts resist shear",
@@ -216,14 +222,17 @@ _OBSERVABLES = (
     ),
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip
-#: all of them by name, in the order in which files have them
+#: every observable and every parameter of a sweep by its name, in the order in which files store them
 CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
     name: Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()
 }
 
 
 def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> dict[str, Any]:
-    """The observables of these costs that the state has, group by group; of sweeps alone with ``swept``."""
+    """Find the observables of these ``costs`` that the state has, in the order of the costs, as values in SI by name.
+
+    With ``swept`` only those that sweeps store.
+    """
     found = {
         one.name: one.find(of)
         for cost in costs
@@ -234,7 +243,10 @@ def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> d
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
-    """What an axis is labelled with: the quantity, and its unit in brackets; ``unit`` of a file that says it itself."""
+    """Return the label of an axis: the quantity, with its unit in brackets.
+
+    ``unit`` replaces the unit of the catalogue, as for a file that states its own.
+    """
     entry = CATALOGUE.get(name)
     label = _words(name) if entry is None else entry.label
     said = (entry.unit if entry else "") if unit is None else unit
@@ -242,7 +254,7 @@ def axis_label(name: str, unit: str | None = None) -> str:
 
 
 def missing_error(found: dict[str, Any]) -> tuple[str, ...]:
-    """A sentence if the standard error of the exponent, among what was ``found``, is not known; else nothing."""
+    """Return a warning if ``found`` has an unknown standard error of the exponent (nan); else an empty tuple."""
     if not np.any(np.isnan(found.get("exponent_error", 0.0))):
         return ()
     return ("the standard error of the exponent is not known (nan) from one sample: take two or more",)

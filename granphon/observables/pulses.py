@@ -26,17 +26,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PulseVelocities(Result):
-    """Phase and group velocity of a pulse of given frequency.
+    """Phase and group velocity of a pulse of given frequency, m/s.
 
     Attributes
     ----------
     branches : names of the branches, along the first axis of the arrays; then come loads and frequencies, then directions.
-    phase : (n_branches, ...) m/s.
+    phase : (n_branches, ...) phase velocity, m/s.
     group : (n_branches, ...) m/s, the component of the group velocity along the wave vector, d omega/dq in its direction.
-    group_vector : (n_branches, ..., 2) m/s, the group velocity itself: where energy goes, and how fast.
+    group_vector : (n_branches, ..., 2) m/s, the group velocity itself: the direction and speed of the flow of energy.
     wavenumber : (n_branches, ...) rad/m.
-    frequency : Hz.
+    frequency : the given frequencies, Hz.
     direction : unit vector of the wave vector, (2,) or (n, 2).
+    warnings : one sentence for each limit of the model that the state exceeds.
     """
 
     units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
@@ -59,19 +60,21 @@ def pulse_velocities(
     finite_overlap: bool | None = None,
     branches: str | Sequence[str] = ("longitudinal", "transverse"),
 ) -> PulseVelocities:
-    """Phase and group velocity of the acoustic branches at a given frequency, which lie below the long-wave velocity.
+    """Return phase and group velocity of the acoustic branches at a given frequency, m/s.
+
+    Both are below the velocity of long waves.
 
     Parameters
     ----------
-    state : at one load or many.
+    state : the state of the contacts, at one load or many.
     frequency : Hz; a scalar or an array that broadcasts against the load.
-    direction : of the wave vector, Cartesian, (2,), or (n, 2) for many at once. (1, 0) is along a row of touching balls of
-        the named lattices: Gamma-K of the triangular and kagome lattices, where (0, 1) is Gamma-M, and Gamma-X of the
-        square one.
-    finite_overlap : deprecated; the state has it.
-    branches : those wanted, in the order wanted.
+    direction : direction of the wave vector, Cartesian, (2,), or (n, 2) for many at once. In the named lattices (1, 0) is
+        along a row of touching balls: Gamma-K of the triangular and kagome lattices (where (0, 1) is Gamma-M), and Gamma-X
+        of the square lattice.
+    finite_overlap : deprecated; the state says whether overlap is finite.
+    branches : names of the branches, in the order of the result.
 
-    Of a simulation the branches are those of the lattice, each with the velocity of the samples' own long waves.
+    For a simulation the branches are those of the ideal lattice, each scaled to the long-wave velocity of the samples.
 
     Returns
     -------
@@ -82,7 +85,8 @@ def pulse_velocities(
     Raises
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
-    InputError : a frequency that is not finite and above zero, an unknown branch, a direction that is none.
+    InputError : a frequency that is not finite and above zero; an unknown branch; a direction that is not two finite numbers
+        or has no length; frequencies whose shape does not broadcast against the load.
     """
     state = with_keyword(state, finite_overlap)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
@@ -101,10 +105,10 @@ def pulse_velocities(
         ) from None
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     target = 2.0 * np.pi * hertz.reshape(hertz.shape + (1,) * axes) * d / scale
-    # one row of loads and frequencies, one of directions
+    # shape (branches, loads and frequencies, directions)
     flat = (len(names), -1, len(along.reshape(-1, 2)))
     target, units = target.reshape(flat), scale.reshape(flat) / d
-    # in the paper's limit one dispersion relation serves all loads; with finite overlap each load has its own
+    # in the paper's limit all loads share one dispersion relation; with finite overlap each load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
     if state.finite_overlap and state.shape:
         force, overlap, stiffness = (
@@ -128,9 +132,9 @@ def pulse_velocities(
 def _find_wavenumbers(
     lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
 ) -> tuple[Array, Array]:
-    """Wavenumber (b, m, n) and group velocity (b, m, n, 2), reduced, in directions ``along`` (n, 2).
+    """Find wavenumber (b, m, n) and group velocity (b, m, n, 2), in reduced units, in directions ``along`` (n, 2).
 
-    ``target`` (b, m, n) are angular frequencies in units of ``scale``, rad/s.
+    ``target`` (b, m, n) holds angular frequencies in units of ``scale`` (rad/s).
     """
     places = [("longitudinal", "transverse").index(name) for name in names]
     wanted = np.full((2, len(along)), -np.inf)
@@ -141,7 +145,7 @@ def _find_wavenumbers(
     for one, which in enumerate(places):
         last = np.where(both.rising[which] > 0, both.frequencies[which, row, both.rising[which] - 1], 0.0)
         beyond = wanted[which] > last
-        # up to the last point before a maximum all directions together; to the maximum itself one by one
+        # directions are solved together if the frequency is below the last point before the maximum; the others one by one
         inside = np.flatnonzero(~beyond)
         if inside.size:
             flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
@@ -158,7 +162,7 @@ def _find_wavenumbers(
 
 
 def _unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
-    """What to say of angular frequencies, in units of ``scale``, rad/s, above the top of a branch."""
+    """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
     wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
     return UnreachableFrequencyError(
         message(

@@ -1,4 +1,4 @@
-"""Where the model holds: the conditions under which a state may be trusted, and how far each is fulfilled."""
+"""Limits of the model: the conditions under which a state may be trusted, and how close the state is to each limit."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from granphon.media.state import ContactState, with_keyword
 
 __all__ = ["Check", "Tally", "Validity", "validity"]
 
-#: what is checked of the contacts: the limit, what it limits, and what fails beyond it. The first four are reached together,
-#: near delta/d = 1 %, which is also the size of the terms that the contact law leaves out there.
+#: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
+#: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
 _LIMITS = {
     "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
@@ -31,9 +31,9 @@ _LIMITS = {
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
-#: why a material is questioned
+#: reason given when a property of the material is outside its limit
 _WRONG_UNIT = "probably a wrong unit, where SI is expected"
-#: what is checked of the material: the attribute, what it is, the limit, and whether that is the least value
+#: conditions on the material, by name: the attribute, what it is, the limit (SI), and whether the limit is a least value
 _MATERIAL_LIMITS = {
     "young_modulus": ("young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
     "density": ("density", "density in kg/m^3", 1.0, True),
@@ -42,7 +42,10 @@ _MATERIAL_LIMITS = {
 
 
 class Tally(NamedTuple):
-    """A condition over several loads, or with ``loads`` None at a single one: its worst value, and at how many it fails."""
+    """A condition over several loads: its worst value, and the number of loads at which it fails.
+
+    ``loads`` is the number of loads, or None for a state at a single load.
+    """
 
     meaning: str
     limit: float
@@ -53,14 +56,14 @@ class Tally(NamedTuple):
     loads: int | None
 
     def join(self, other: Tally) -> Tally:
-        """The same condition over the loads of both."""
+        """Return the same condition over the loads of both."""
         worst = (min if self.at_least else max)(self.worst, other.worst)
         loads = (self.loads or 1) + (other.loads or 1)
         return self._replace(worst=worst, failing=self.failing + other.failing, loads=loads)
 
     @property
     def warning(self) -> str | None:
-        """What to tell the user, or None if the condition holds at every load."""
+        """Warning for the user, or None if the condition holds at every load."""
         if not self.failing:
             return None
         where = "" if self.loads is None else f" (worst of {self.failing} loads out of {self.loads})"
@@ -72,9 +75,9 @@ class Tally(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Result):
-    """One condition of validity: ``value`` (the shape of the load) must not exceed ``limit``, or not be less, ``at_least``.
+    """One condition of validity: ``value`` must not be above ``limit``, or with ``at_least`` must not be below it.
 
-    ``meaning`` says what the value is, ``reason`` why it is limited.
+    ``value`` has the shape of the load. ``meaning`` says what the value is, ``reason`` why it is limited.
     """
 
     shapes = {"value": "..."}
@@ -93,7 +96,7 @@ class Check(Result):
 
     @property
     def tally(self) -> Tally:
-        """The condition over its loads: the worst value, and at how many it fails."""
+        """The worst value over the loads, and the number of loads at which the condition fails."""
         worst = float(np.min(self.value) if self.at_least else np.max(self.value))
         loads = None if np.ndim(self.value) == 0 else int(np.size(self.ok))
         failing = int(np.sum(~np.asarray(self.ok)))
@@ -101,13 +104,13 @@ class Check(Result):
 
     @property
     def warning(self) -> str | None:
-        """What to tell the user, or None if the condition holds at every load."""
+        """Warning for the user, or None if the condition holds at every load."""
         return self.tally.warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validity(Result):
-    """The conditions under which the model holds, and how far each is fulfilled."""
+    """The conditions under which the model holds, each with the value that the state has and the limit."""
 
     checks: tuple[Check, ...]
 
@@ -128,34 +131,44 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: part by which simulated shear moduli with friction are too small, at these a*, as seen against a code of discrete elements
-#: and a response with true directions of contacts. The simulation is that of no width; in true directions loose balls lean
-#: on their neighbours with a trace of the mean force, 1e-6 to 1e-3, and the shear springs there go as its cube root
+#: relative amount by which simulated shear moduli with friction are too small, by a*. It was measured against a
+#: discrete-element code and against a response with the true directions of contacts. The simulation is the limit of zero
+#: width. With true directions, loose balls lean on their neighbours with 1e-6 to 1e-3 of the mean force; the stiffness of
+#: the shear springs at these contacts goes as the cube root of that force, so that they still add to the modulus
 _DEFICITS = {0.4: 0.17, 0.45: 0.055, 0.5: 0.03, 0.7: 3e-4}
-#: W/d at which these were seen
+#: W/d at which these deficits were measured
 _DEFICIT_WIDTH = 2.55e-4
-#: power of W/d with which they fall
+#: exponent p with which the deficits vary as (W/d)^p
 _DEFICIT_POWER = 0.31
 
 
 def _shear_deficit(state: ContactState) -> np.ndarray[Any, Any]:
-    """Expected relative deficit of the shear modulus, at most one; beyond the a* that were seen, that at the nearest."""
+    """Return the expected relative deficit of the shear modulus, at most 1.
+
+    Outside the range of a* that was measured it is the deficit at the nearest measured a*.
+    """
     seen = np.exp(np.interp(state.reduced_spacing, list(_DEFICITS), np.log(list(_DEFICITS.values()))))
     width = state.packing.width / state.packing.diameter
     return np.asarray(np.minimum(seen * (width / _DEFICIT_WIDTH) ** _DEFICIT_POWER, 1.0))
 
 
 def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
-    """Where the state stands against the limits of its medium (Section IV) and of the contact model (end of Section II).
+    """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
 
-    Computed: if balls differ, how far the load is above the medium's range (:attr:`ContactState.least_valid_force`) and how
-    much they differ; contact radius over ball radius; (f/E d^2)^(1/6); sound over bulk velocity (the larger of the
-    longitudinal and transverse ratios); the top of the branches over the lowest resonance of a free ball; if the material
-    has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985: yield begins at
-    1.07); of a simulation of balls that differ, with friction, the part by which its shear modulus is expected to be too
-    small; and whether Young modulus and density are those of a solid, or given in a wrong unit.
+    The quantities compared with limits are:
 
-    The keyword ``finite_overlap`` is deprecated: the state has it.
+    - if balls differ, the contact force against the least one at which the medium is valid
+      (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
+    - the contact radius over the ball radius;
+    - (f/E d^2)^(1/6);
+    - the sound velocity over the bulk velocity (the larger of the longitudinal and transverse ratios);
+    - the top frequency of the branches over the lowest resonance of a free ball;
+    - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
+      yield begins at 1.07);
+    - for a simulation with friction of balls that differ, the part by which its shear modulus is expected to be too small;
+    - Young modulus and density, which must be those of a solid: others are probably given in a wrong unit.
+
+    The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
     return with_keyword(state, finite_overlap).once(_validity)
 
@@ -164,11 +177,11 @@ def _validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = ideal_lattice(state.packing)
     v = state.long_waves((1.0, 0.0))
-    # of the mean force: where balls differ the mean overlap may be negative
+    # the overlap of equal balls at the mean force: where balls differ the mean overlap may be negative
     radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
     values = {
         "contact_radius": radius,
-        # roots before products: f and E d^2 may each be near the ends of the floating range
+        # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
         "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
         "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
         "resonance": lattice.top_frequency * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),

@@ -1,4 +1,4 @@
-"""Long waves: sound velocities, elastic moduli, and their local exponents."""
+"""Long waves: sound velocities (m/s), elastic moduli (Pa), and the local exponent of the velocities."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ Array = NDArray[np.float64]
 
 
 def local_exponent(state: ContactState) -> Any:
-    """d log v / d log P of both sound velocities, of the shape of the load, always without the terms of order delta/d.
+    """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
-    v goes as the root of k, and P as f, so that it is f k'/2k^2 with the slope k' = dk/d(delta) of the medium's law: 1/6
-    for equal balls. Listed diameters have a kink in k where contacts of a pair open, and spikes in the exponent there. Of a
-    simulation, whose moduli are not all proportional to k, it is the exponent of the longitudinal velocity: that of the
-    mean K + G of the samples, by differences between two loads, 5 % below and above, at which the same samples are solved.
-    ``state.exponent_error`` is its standard error over the samples: 0 of a medium, which samples nothing, and nan of one
-    sample. :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails.
+    Terms of relative order delta/d are always left out. As v goes as the root of k, and P as f, the exponent is f k'/2k^2,
+    with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters k has a kink, and
+    the exponent a spike, where the contacts between two of the diameters open.
+
+    The moduli of a simulation are not all proportional to k. Its exponent is that of the longitudinal velocity, which
+    follows from the mean K + G of the samples: the same samples are solved at two loads, 5 % below and above, and the
+    difference is taken. ``state.exponent_error`` is the standard error over the samples: 0 for a medium that does not
+    sample, nan for one sample. Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails.
     """
     return given_state(state).exponent
 
@@ -46,9 +48,11 @@ def local_exponent(state: ContactState) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
-    """Velocities of long waves, m/s, with the shape of the load, then that of the directions, and their warnings.
+    """Velocities of long waves, m/s, with the shape of the load followed by that of the directions.
 
-    ``longitudinal_error`` and ``transverse_error`` are standard errors over the samples of a simulation; else None.
+    ``longitudinal_error`` and ``transverse_error`` are standard errors over the samples of a simulation, m/s; None if there
+    are fewer than two samples. ``direction`` is the unit vector, (2,) or (n, 2). ``warnings`` has one sentence for each
+    limit of the model that the state exceeds.
     """
 
     units = {"longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s"}
@@ -68,16 +72,16 @@ class SoundVelocities(Result):
 def sound_velocities(
     state: ContactState, direction: ArrayLike | None = None, finite_overlap: bool | None = None
 ) -> SoundVelocities:
-    """Longitudinal and transverse sound velocity (equations 13, 14, 16).
+    """Return the longitudinal and transverse sound velocity, m/s (equations 13, 14, 16).
 
     Parameters
     ----------
-    state : at one load or many.
-    direction : of propagation, Cartesian, (2,), or (n, 2) for many at once, whose axis follows those of the load. It may be
-        left out where sound is isotropic, as on the triangular lattice. Elsewhere the two are the quasi-longitudinal and
-        quasi-transverse waves. Of a simulation, isotropic on average, velocities are those of its mean bulk and shear
-        modulus.
-    finite_overlap : deprecated; the state has it.
+    state : the state of the contacts, at one load or many.
+    direction : direction of propagation, Cartesian, (2,), or (n, 2) for many at once, whose axis follows those of the load.
+        It may be left out where sound is isotropic, as on the triangular lattice. On other lattices the two velocities are
+        those of the quasi-longitudinal and the quasi-transverse wave. A simulation is isotropic on average: its velocities
+        follow from its mean bulk and shear modulus.
+    finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
     ------
@@ -110,8 +114,10 @@ def sound_velocities(
 class Moduli(Result):
     """Elastic constants of the layer taken one diameter thick, Pa.
 
-    ``tensor`` (..., 3, 3) is in Voigt order xx, yy, xy, after the shape of the load. A simulated sample is ``isotropic`` on
-    average only; ``bulk_error`` and ``shear_error`` are standard errors over the samples of a simulation, else None.
+    ``tensor`` is (..., 3, 3), the shape of the load followed by the Voigt order xx, yy, xy. ``isotropic`` says whether it is
+    the same in all directions; for a simulation it is True, though samples are isotropic only on average. ``bulk_error`` and
+    ``shear_error`` are standard errors over the samples of a simulation, Pa; None if there are fewer than two samples.
+    ``warnings`` has one sentence for each limit of the model that the state exceeds.
     """
 
     units = {
@@ -127,21 +133,28 @@ class Moduli(Result):
 
     @property
     def bulk(self) -> Any:
-        """K, Pa (equation 17); :class:`~granphon.base.errors.InputError` if the lattice is not isotropic."""
+        """Bulk modulus K, Pa (equation 17).
+
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        """
         self._require_isotropic()
         return bulk_and_shear(self.tensor)[..., 0][()]
 
     @property
     def shear(self) -> Any:
-        """G, Pa (equation 17); :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        """Shear modulus G, Pa (equation 17), the mean over the two orientations of :attr:`shears`.
 
-        The mean of two orientations, which differ in a sample of finite size.
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
         """
         return np.mean(self.shears, axis=-1)[()]
 
     @property
     def shears(self) -> Array:
-        """(..., 2) Pa: G of the shear xx - yy, and of xy; their difference measures the isotropy of a sample."""
+        """Shear moduli of the two shears xx - yy and xy, (..., 2), Pa.
+
+        In a sample of finite size they differ; the difference shows how far the sample is from isotropic. Raises
+        :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        """
         self._require_isotropic()
         return shears(self.tensor)
 
@@ -151,10 +164,10 @@ class Moduli(Result):
 
 
 def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
-    """Bulk and shear modulus (equation 17), or the elastic tensor of a lattice that is not isotropic.
+    """Return bulk and shear modulus, Pa (equation 17), or the elastic tensor of a lattice that is not isotropic.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static pressure, for which
-    equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state has it.
+    equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
     state = with_keyword(state, finite_overlap)
     bulk_error, shear_error = None, None
