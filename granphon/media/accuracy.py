@@ -1,11 +1,12 @@
-"""What each medium is worth: its measured error at a load, from a table that comes with the package.
+"""The accuracy of each medium: its measured relative error at a load, from a table that comes with the package.
 
-``tests/benchmarks/accuracy.py`` made the table: the media against large samples of the disordered array (the triangular
-lattice), for some distributions, values of eta, and loads. Kept is the largest error over the distributions of a family
-(uniform, normal, any), at this load or any higher one, in reduced units, and more for what lies between: of listed diameters
-errors peak where contacts of a pair of kinds open. So it is a bound for packings whose distribution is no more skewed and
-has no longer tails than those, as far as such a sample of distributions goes. Of a simulation the table has the chance, the
-standard deviation of a sample, which falls as the root of the number of its balls.
+``tests/benchmarks/accuracy.py`` made the table. It compared the media with large samples of the disordered array (the
+triangular lattice), for some distributions, values of eta, and loads. For each family of distributions (uniform, normal,
+any) the table stores the largest error at a load, in reduced units, or at any higher load. It adds a margin for what lies
+between the tabulated points: with listed diameters errors peak where the contacts between two of the diameters open. An
+error of the table is therefore a bound for packings whose distribution is not more skewed, and has no longer tails, than
+those that were tried, as far as such a choice of distributions can show. For a simulation the table stores the statistical
+error: the standard deviation of a sample, which falls as the root of the number of its balls.
 """
 
 from __future__ import annotations
@@ -29,29 +30,30 @@ from granphon.base.errors import InputError, message
 __all__ = ["DEVIATIONS", "Accuracy", "accuracy", "coefficients_of_form"]
 
 Array = NDArray[np.float64]
-#: standard deviations of the chance in a sample that an expected error takes; the table has them with a margin
+#: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
+#: table include a margin
 DEVIATIONS = 2.5
 
 
 def coefficients_of_form(shape: Shape) -> tuple[float, float]:
-    """Skewness and excess kurtosis of a distribution; both zero for a normal one that is not cut."""
+    """Return skewness and excess kurtosis of a distribution; both are zero for a normal distribution without cutoff."""
     x, weights = shape.nodes(0.0, 64, whole=True)
     second, third, fourth = (float(np.sum(weights * x**n)) for n in (2, 3, 4))
     return third / second**1.5, fourth / second**2 - 3.0
 
 
 class Accuracy:
-    """The table. ``data`` is what its file holds."""
+    """The table of relative errors of the media. ``data`` is the content of its file."""
 
     def __init__(self, data: Mapping[str, Any]) -> None:
         self.data = data
 
     def media(self) -> tuple[str, ...]:
-        """Names of the media whose error is known, the cheapest first; the last is "simulation"."""
+        """Return the names of the media whose error is known, the cheapest first; the last is "simulation"."""
         return tuple(self.data["errors"]["any"]["force"])
 
     def uncovered(self, packing: Packing) -> str | None:
-        """Why the table says nothing of a packing; None if it does."""
+        """Return the reason why the table does not cover a packing; None if it does."""
         if not packing.width:
             return None
         if packing.structure != TRIANGULAR:
@@ -64,11 +66,11 @@ class Accuracy:
         return None
 
     def least(self, kind: str) -> float:
-        """The least load, f* or a*, from which errors are known."""
+        """Return the least load from which errors are known: a* for the kind "overlap", f* for the others."""
         return float(self.data["loads"][_tabulated_kind(kind)][0])
 
     def reduced(self, packing: Packing, load: Load) -> Array:
-        """f* of an applied load, or a* of one that is given as an overlap."""
+        """Return f* of an applied load, or a* of a load that is given as an overlap."""
         values = load.array
         with np.errstate(all="ignore"):
             if load.kind == "overlap":
@@ -78,11 +80,11 @@ class Accuracy:
             return np.asarray(packing.width_units.reduced_force(values))
 
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
-        """Expected relative error, of the shape of an applied load: of velocities and frequencies, the largest of them.
+        """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
-        ``balls`` is how many balls a simulation has in all its samples. Zero for equal balls; +inf where nothing is known,
-        below the least load of the table. Above the greatest the error falls as the square of the spread over the overlap,
-        which is the law of high loads.
+        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls, and +inf
+        for packings that the table does not cover and below its least load. Above its greatest load the error falls as the
+        square of the spread over the overlap, which is the law of high loads.
         """
         if not packing.width:
             return np.zeros(load.shape)
@@ -101,7 +103,7 @@ class Accuracy:
         return np.asarray(np.where(place >= at[0], found, np.inf))
 
     def _rows(self, eta: float) -> list[int]:
-        """Places of the tabulated eta next to one below and above."""
+        """Return the rows of the tabulated eta next below and above ``eta``, or the one row that has it."""
         known: Sequence[float] = self.data["mindlin_ratios"]
         above = min(int(np.searchsorted(known, eta)), len(known) - 1)
         beside = [max(above - 1, 0), above]
@@ -109,7 +111,7 @@ class Accuracy:
 
 
 def _family(packing: Packing) -> str:
-    """That of the distribution."""
+    """Return the family of the distribution of diameters: "uniform", "normal" or "any"."""
     shape = packing.spread.shape if packing.spread else None
     if isinstance(shape, UniformShape):
         return "uniform"
@@ -122,7 +124,7 @@ def _tabulated_kind(kind: str) -> str:
 
 @cache
 def accuracy() -> Accuracy:
-    """The table that comes with the package."""
+    """Read the table that comes with the package; it is read once."""
     data = json.loads((files("granphon") / "data" / "accuracy.json").read_text(encoding="utf-8"))
     if data["schema"] != 1:
         raise InputError(message(f"accuracy.json has schema {data['schema']}, not 1", mend="Install granphon anew"))

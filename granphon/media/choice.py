@@ -1,4 +1,4 @@
-"""The media by name: what scenes, sweeps and fits choose from, or have chosen for them."""
+"""The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps and fits."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-#: sides of the samples that are chosen among
+#: balls along a side of the square samples that an automatic medium chooses among
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
-#: a rule: a relative error
+#: rule of validation for a relative error
 relative_error: Rule = partial(number, low=1e-12, high=0.99)
-#: s; about what the effective medium takes for a density of diameters
+#: rough time of the effective medium for a density of diameters, s
 _DENSITY_TIME = 0.03
-#: s; about what the effective medium takes for 64 listed diameters
+#: rough time of the effective medium for 64 listed diameters, s
 _LIST_TIME = 0.25
-#: openings of the pairs of 64 listed diameters
+#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2
 _LIST_OPENINGS = 2080.0
-#: power of the openings with which the time of a list grows
+#: exponent with which the time for listed diameters grows with the number of these overlaps
 _LIST_POWER = 1.25
-#: s; about what a simulation takes beside the time of its balls
+#: rough time of a simulation besides the time for its balls, s
 _SIMULATION_TIME = 0.04
-#: s; about what each ball of a simulation takes
+#: rough time for each ball of a simulation, s
 _BALL_TIME = 3e-6
-#: s; what takes less is done where a scene is only looked at
+#: time below which work is done even when a scene is only checked and not run, s
 _MOMENT = 0.1
 
 
@@ -69,9 +69,9 @@ class Option:
 class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are those of :mod:`granphon.media.accuracy`, relative, of velocities and frequencies at the load that is given. A
+    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. A
     simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024. ``at_*`` take scalars or arrays, and
-    give the state of the one medium that serves all of these loads; :meth:`rungs` has the choice for each.
+    return the state of the one medium that is accurate enough at all of these loads; :meth:`rungs` chooses for each load.
 
     Parameters
     ----------
@@ -80,9 +80,10 @@ class AutoMedium(Loaded[ContactState]):
 
     Raises
     ------
-    InputError : a tolerance that is not between 1e-12 and 0.99. ``at_*`` and :meth:`rungs`: a load at which no medium is
-        within the tolerance, which says what can be had; one below those that the errors are known for; a packing that they
-        are not known for, another lattice or a distribution too skewed; and finite overlap, which a simulation has not.
+    InputError : a tolerance that is not between 1e-12 and 0.99. From ``at_*`` and :meth:`rungs`: a load at which no medium
+        is within the tolerance (the message gives the smallest error available); a load below those for which errors are
+        known; a packing for which errors are not known, as on another lattice or with too skewed a distribution. From
+        ``at_*``: finite overlap, which a simulation does not offer.
     """
 
     name: ClassVar[str] = "auto"
@@ -96,7 +97,10 @@ class AutoMedium(Loaded[ContactState]):
         object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
-        """The media that serve loads of a ``kind`` ("force", "pressure", "overlap"; SI), the cheapest first."""
+        """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
+
+        Each medium that is chosen is one :class:`Rung`; the cheapest comes first.
+        """
         load = Load(kind, loads).flat
         options, errors = self._errors(load)
         first = np.argmax(errors <= self.tolerance, axis=0)
@@ -108,14 +112,17 @@ class AutoMedium(Loaded[ContactState]):
         ]
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """The one medium, the cheapest, that serves all loads of a ``kind``."""
+        """Return the cheapest medium that is accurate enough at all loads of a ``kind``."""
         options, errors = self._errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        # the largest simulation is better than any other medium wherever that would do
+        # if no option serves every load, the largest simulation does: it is best wherever another medium would serve
         return options[serves[0]] if serves.size else max(options, key=lambda option: option.settings.get("shape", (0,)))
 
     def _errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
-        """What is chosen among, the cheapest first, and the expected errors (n_options, n_loads): one at least serves."""
+        """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
+
+        Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
+        """
         if (why := accuracy().uncovered(self.packing)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
         options = _options_by_cost(self.packing, load)
@@ -140,7 +147,7 @@ class AutoMedium(Loaded[ContactState]):
         return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at a load, in the one medium that serves all of its values."""
+        """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
         if overlap_flag(finite_overlap)[0]:
             raise no_finite_overlap(self.name)
         load = load.applied
@@ -148,11 +155,11 @@ class AutoMedium(Loaded[ContactState]):
         return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
 
 
-#: the rungs of the ladder by the names that scenes and sweeps use
+#: the classes of media by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium | DirectSimulation | AutoMedium]] = {
     rung.name: rung for rung in (AveragedLattice, AveragedForce, EffectiveMedium, DirectSimulation, AutoMedium)
 }
-#: the options of each
+#: the options of each medium, by the name of the medium and then of the option
 OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
     EffectiveMedium.name: {
         option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
@@ -168,10 +175,10 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
 
 @dataclass(frozen=True)
 class MediumChoice:
-    """A medium by its name, with the options of its class, for a packing to be given later.
+    """The name and options of a medium, without a packing.
 
-    :class:`~granphon.base.errors.InputError` for a name that is not in :data:`MEDIA`, an option that it does not have, or a
-    value that the option does not take.
+    Raises :class:`~granphon.base.errors.InputError` for a name that is not in :data:`MEDIA`, an option that the medium does
+    not have, or a value that the option does not take.
     """
 
     name: str
@@ -180,19 +187,19 @@ class MediumChoice:
     def __post_init__(self) -> None:
         name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
         given = require(f"medium.{name}", partial(_options, name), dict(self.options))
-        # two choices are equal if they mean the same: a default is not kept
+        # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
         object.__setattr__(self, "options", kept)
 
     @classmethod
     def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
-        """From "ema", or {"ema": {"local_field": "paper"}}."""
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}."""
         found: MediumChoice = require("medium", medium, value)
         return found
 
     @property
     def label(self) -> str:
-        """The name, with the options in brackets."""
+        """The name of the medium, with the options that are not at their default in brackets."""
         options = ", ".join(f"{option}={_write_option(value)}" for option, value in self.options)
         return f"{self.name}({options})" if options else self.name
 
@@ -212,12 +219,15 @@ class MediumChoice:
         return self.name == AutoMedium.name
 
     def of(self, packing: Packing) -> Medium:
-        """The medium of this packing."""
+        """Return the medium for this packing."""
         options: Any = dict(self.options)
         return MEDIA[self.name](packing, **options)
 
     def rungs(self, packing: Packing, load: Load) -> list[Rung]:
-        """What serves which values of an applied load: this medium all of them, unless it is an :class:`AutoMedium`."""
+        """Return the media that serve the values of an applied load.
+
+        This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
+        """
         medium = self.of(packing)
         if isinstance(medium, AutoMedium):
             return medium.rungs(load.kind, load.array)
@@ -226,9 +236,9 @@ class MediumChoice:
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """A medium that serves some of many loads: ``loads`` (n,) are their places, and ``load`` has their values.
+    """A medium that serves some of many loads: ``loads`` (n,) are the indices of these loads, ``load`` has their values.
 
-    ``chosen``: whether the medium was chosen for its expected error, by an :class:`AutoMedium`.
+    ``chosen`` says whether an :class:`AutoMedium` chose the medium for its expected error.
     """
 
     medium: MediumChoice
@@ -239,28 +249,31 @@ class Rung:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states are found in a moment: it is no simulation, and no effective medium of a long list."""
+        """Whether its states take less than 0.1 s, unlike simulations and an effective medium of many listed diameters."""
         if self.medium.name == EffectiveMedium.name:
             return solving_time(self.packing) < _MOMENT
         return not self.medium.simulates
 
     @cached_property
     def errors(self) -> Array:
-        """(n,) expected relative error, worked out when asked for: a scene that names its medium does not need it."""
+        """Expected relative error at each load, (n,).
+
+        It is found when it is first asked for: a scene that names its medium does not need it.
+        """
         return expected_error(self.medium, self.packing, self.load).ravel()
 
 
 def solving_time(packing: Packing) -> float:
-    """About how many seconds the effective medium takes for the distribution of a packing, at any number of loads."""
+    """Return the rough time of the effective medium for the distribution of a packing, s, for any number of loads."""
     shape = packing.spread.shape if packing.spread and packing.width else None
     listed = _LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER if isinstance(shape, PointShape) else 0.0
     return max(_DENSITY_TIME, listed) if shape else 0.0
 
 
 def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
-    """What an :class:`AutoMedium` chooses among, the cheapest at these loads first."""
+    """Return the options of an :class:`AutoMedium`, sorted by their time at the least of these loads."""
     if not packing.width:
-        return [MediumChoice(AveragedLattice.name)]  # exact
+        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls
     media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
     least = load[int(np.argmin(load.array))]
     simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]
@@ -275,7 +288,10 @@ def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
 
 
 def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
-    """Expected relative error of a medium's velocities and frequencies, of the shape of the load; +inf if not known."""
+    """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
+
+    It is +inf where the error is not known.
+    """
     settings = choice.settings
     if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
         return np.full(load.shape, np.inf)
@@ -284,7 +300,7 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
 
 
 def medium(value: Any) -> MediumChoice:
-    """The rule of a medium: its name, or {name: {option: value}}; see :mod:`granphon.base.validation`."""
+    """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`."""
     if isinstance(value, MediumChoice):
         return value
     is_block = isinstance(value, Mapping) and len(value) == 1
@@ -295,8 +311,9 @@ def medium(value: Any) -> MediumChoice:
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
-    """:class:`~granphon.base.errors.InputError` if a medium is, or may be, a simulation, which has no terms of finite
-    overlap.
+    """Raise :class:`~granphon.base.errors.InputError` if a medium is, or may become, a simulation.
+
+    A simulation has no terms of finite overlap.
     """
     for one in media:
         if one.simulates or one.is_automatic:
@@ -308,5 +325,5 @@ def _options(name: str, given: Any) -> dict[str, Any]:
 
 
 def _write_option(value: Any) -> str:
-    """As a scene may have it."""
+    """Write the value of an option as a scene would: numbers separated by spaces."""
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)

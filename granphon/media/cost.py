@@ -1,10 +1,10 @@
-"""What some work will need, before it is done: memory and time.
+"""Estimates of the memory and time that work will need, made before it is done.
 
-Memory follows from the arrays. The time of a simulation is that of a small sample, found here and now, times what the load
-adds: the nearer the rigidity threshold, the more steps each equilibrium takes. The powers were fitted to runs of 64^2 to
-256^2 balls between f* = 1e-3 and 30, of which the estimate is within a factor of three. Bands, densities of states, force
-constants and sweeps were measured on one processor at 2 to 3 GHz: memory, their arrays as Python's tracemalloc counts them,
-is right within a factor of two or so, their time within five.
+Memory follows from the arrays. The time of a simulation is that of a small sample, measured on this machine when it is
+needed, times a factor for the load: the nearer the rigidity threshold, the more steps each equilibrium takes. The exponents
+were fitted to runs of 64^2 to 256^2 balls between f* = 1e-3 and 30, for which the estimate is within a factor of three.
+Bands, densities of states, force constants and sweeps were measured on one processor at 2 to 3 GHz: memory (arrays, as
+Python's tracemalloc counts them) is right within a factor of about two, time within a factor of five.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from granphon.media.simulation import DirectSimulation
 __all__ = ["Cost", "available_memory", "bands", "density_of_states", "estimate", "force_constants", "sweep_states"]
 
 Array = NDArray[np.float64]
-#: what Python and its libraries take, bytes
+#: memory of Python and its libraries, bytes
 _PYTHON_BYTES = 80e6
 #: bytes for each ball while a sample without rotations is worked on
 _BALL_BYTES = 450.0
@@ -39,7 +39,7 @@ _ROTATING_BALL_BYTES = 620.0
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of a further equilibrium that is kept
 _EQUILIBRIUM_BYTES = 17.0
-#: a* of uniform diameters, between which loads given as overlaps are placed
+#: a* of uniform diameters, between which the f* of loads given as overlaps is interpolated
 _SPACINGS = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
 #: f* of uniform diameters at each of these a*
 _FORCES = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
@@ -47,30 +47,30 @@ _FORCES = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
 _RESPONSE_TIME = 0.8
 #: time of a linear response with rotations over that of its equilibrium
 _ROTATING_RESPONSE_TIME = 1.4
-#: time of an equilibrium that is found from one beside it, over that of the other
+#: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample
 _SMALL_SPACING = 1.0
-#: s; work that takes less is not worth telling
+#: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
-#: bytes; work that takes less is not worth telling
+#: memory below which an estimate is not worth showing, bytes
 _TOLD_BYTES = 1e8
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What work takes; costs add up to that of one piece after the other.
+    """Memory and time of pieces of work. The sum of two costs is that of doing one piece after the other.
 
     Attributes
     ----------
-    working : bytes while a piece is done, given back after it.
-    kept : bytes that stay to the end.
-    work : of simulations, in balls of the small sample.
-    known : seconds of what is not simulated.
-    balls, equilibria : of one sample, and how many there are.
-    parts : what else there is, in words.
+    working : memory that a piece needs while it is done and then gives back, bytes.
+    kept : memory that is kept to the end, bytes.
+    work : time of simulations, in units of the time for one ball of the small sample.
+    known : time of work that is not a simulation, s.
+    balls, equilibria : number of balls in one sample, and number of equilibria.
+    parts : descriptions of the work that is not a simulation.
     """
 
     working: float = 0.0
@@ -88,7 +88,7 @@ class Cost:
         )  # fmt: skip
 
     def times(self, count: float) -> Cost:
-        """Of so many of the same kind, one after the other."""
+        """Return the cost of ``count`` pieces of this kind, one after the other."""
         return replace(
             self, kept=self.kept * count, work=self.work * count, known=self.known * count,
             equilibria=round(self.equilibria * count),
@@ -96,22 +96,22 @@ class Cost:
 
     @property
     def memory(self) -> float:
-        """Bytes at the most, with Python and its libraries."""
+        """Greatest memory, with Python and its libraries, bytes."""
         return _PYTHON_BYTES + self.working + self.kept
 
     @property
     def seconds(self) -> float:
-        """Of one processor of this machine, on which the small sample is tried when simulations are first asked for."""
+        """Time on one processor of this machine, s; with simulations, the first call measures the small sample."""
         return self.known + (self.work * _second_per_ball() if self.work else 0.0)
 
     @property
     def tells(self) -> bool:
-        """Whether it is worth telling: a simulation always is."""
+        """Whether the estimate is worth showing to the user; for a simulation it always is."""
         return bool(self.equilibria) or self.known > _TOLD_SECONDS or self.memory - _PYTHON_BYTES > _TOLD_BYTES
 
     @property
     def text(self) -> str:
-        """One line."""
+        """The estimate as one line of text."""
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
         what = "; ".join(simulated + self.parts)
@@ -130,7 +130,7 @@ def _duration(seconds: float) -> str:
 
 
 def _digits(value: float) -> str:
-    """Two of them."""
+    """Write a number with two significant digits."""
     return f"{value:.2g}" if value < 100.0 else f"{float(f'{value:.2g}'):,.0f}"
 
 
@@ -138,10 +138,11 @@ def _digits(value: float) -> str:
 
 
 def available_memory(root: Path = Path("/")) -> float:
-    """Bytes that this process may still take beside all others; infinite where the system does not say.
+    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
 
-    On Linux what the kernel says is available, or what is left of the limit of the process's control group or one above it,
-    whichever is least; elsewhere the memory that is free, or that there is. ``root`` is where the files of the system are.
+    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
+    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
+    ``root`` is the folder of the system's files.
     """
     return min(_of_machine(root), _of_groups(root))
 
@@ -158,7 +159,8 @@ def _of_machine(root: Path) -> float:
     return float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
 
 
-#: of the two versions of control groups: where they are, the files of limit and use, the cache that can be given back
+#: for both versions of control groups, by the name of the controller: the folder, the files of the limit and of the use, and
+#: the entry of memory.stat with the cache that can be given back
 _GROUPS = {
     "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
@@ -166,7 +168,7 @@ _GROUPS = {
 
 
 def _of_groups(root: Path) -> float:
-    """What is left of the least limit of the process's groups; infinite where there is none."""
+    """Return the least memory that the limits of the process's control groups leave, bytes; infinite without a limit."""
     left = math.inf
     for line in _lines(root / "proc/self/cgroup"):
         _, _, rest = line.partition(":")
@@ -176,7 +178,7 @@ def _of_groups(root: Path) -> float:
             continue
         place, limit, use, cache = _GROUPS[kind]
         group = Path(path.lstrip("/"))
-        for folder in (group, *group.parents):  # a limit above holds too; in a container its path may not be there
+        for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
             here = root / place / folder
             most, taken = (_number(_lines(here / name)) for name in (limit, use))
             if most is not None and taken is not None:
@@ -186,7 +188,7 @@ def _of_groups(root: Path) -> float:
 
 
 def _number(lines: list[str]) -> float | None:
-    """The one number of a file; None if there is none ("max")."""
+    """Read the number in the first line; None if it is not a number ("max")."""
     return float(lines[0]) if lines and lines[0].isdigit() else None
 
 
@@ -206,11 +208,10 @@ def estimate(
     moduli: bool = True,
     exponents: bool = False,
 ) -> Cost:
-    """Memory and time of the states at a load, and of their ``moduli``, on one processor of this machine.
+    """Estimate memory and time of the states at a load, and of their ``moduli``, on one processor of this machine.
 
-    With ``exponents`` also of the two equilibria beside each, and their moduli, by which the local exponent is found.
-
-    Meant for loads above the rigidity threshold: what lies below is taken to be at it.
+    With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and their moduli, from which the
+    local exponent is found. A load below the rigidity threshold is taken to be at the threshold.
     """
     balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
     packing = simulation.packing
@@ -228,7 +229,7 @@ def estimate(
 
 
 def _reduced_force(packing: Packing, load: Load) -> Array:
-    """f*, about, of an applied load."""
+    """Return the approximate f* of each value of an applied load."""
     loads = np.ravel(load.array)
     if load.kind == "overlap":
         spacing = packing.width_units.reduced_spacing(loads)
@@ -240,13 +241,13 @@ def _reduced_force(packing: Packing, load: Load) -> Array:
 
 
 def _steps(force: ArrayLike) -> Array:
-    """What an equilibrium costs a ball, in arbitrary units, by the reduced force."""
+    """Return the time of an equilibrium per ball, in arbitrary units, at a reduced force."""
     return np.asarray(1.0 + 0.37 * np.asarray(force, float) ** -0.7)
 
 
 @cache
 def _second_per_ball() -> float:
-    """Of the small sample at a* = 1, with its stiffness, on this machine."""
+    """Measure the time per ball of an equilibrium of the small sample at a* = 1, with its stiffness, on this machine, s."""
     deviations = uniform_numbers(_SMALL_SHAPE, 0) - 0.5
     deviations -= np.mean(deviations)
     times = []
@@ -261,10 +262,10 @@ def _second_per_ball() -> float:
 
 
 def bands(points: int, branches: int) -> Cost:
-    """Of a band structure at so many wave vectors, with its file.
+    """Estimate the cost of a band structure at ``points`` wave vectors, with its file.
 
-    Bytes and microseconds of a wave vector, with eigenvectors, phonopy's dynamical matrices and the lines of the file, as
-    measured with 2, 3 and 9 branches; the matrices take the square.
+    The numbers are bytes and microseconds for each wave vector: eigenvectors, phonopy's dynamical matrices and the lines of
+    the file, as measured with 2, 3 and 9 branches. Matrices go as the square of the number of branches.
     """
     square = branches * branches
     what = f"bands at {points:,} wave vectors"
@@ -272,11 +273,12 @@ def bands(points: int, branches: int) -> Cost:
 
 
 def density_of_states(mesh: tuple[int, int], branches: int) -> Cost:
-    """Of a density of states on a mesh.
+    """Estimate the cost of a density of states on a mesh.
 
-    Bytes and microseconds of a point of the mesh: phonopy's tables of the grid, and of the points that its symmetry leaves
-    (an eighth at the most, of equal sides; else it may be all) the modes, and the weights of the tetrahedra at 501
-    frequencies, of which 64 MB are held at a time. Measured on the three lattices, 128^2 to 512^2 wave vectors.
+    The numbers are bytes and microseconds. Each point of the mesh needs phonopy's tables of the grid. Each point that
+    symmetry leaves (at most an eighth of a mesh with equal sides; of others it may be all) needs its modes and the weights
+    of the tetrahedra at 501 frequencies, of which 64 MB are held at a time. Measured on the three lattices, with 128^2 to
+    512^2 wave vectors.
     """
     points = mesh[0] * mesh[1]
     left = points * (0.125 if mesh[0] == mesh[1] else 1.0)
@@ -286,10 +288,10 @@ def density_of_states(mesh: tuple[int, int], branches: int) -> Cost:
 
 
 def force_constants(dim: tuple[int, int], balls: int) -> Cost:
-    """Of phonopy's supercell of ``dim`` cells of so many ``balls``, and of its file.
+    """Estimate the cost of force constants on phonopy's supercell of ``dim`` cells with ``balls`` each, and of the file.
 
-    phonopy compares the atoms of the supercell with each other, once for every cell: 20 bytes a pair, and by their number to
-    the power 2.2 in time. The file has one atom more in each cell.
+    phonopy compares the atoms of the supercell with each other, once for every cell: this takes 20 bytes for each pair, and
+    a time that goes as the number of atoms to the power 2.2. The file has one more atom in each cell.
     """
     atoms = dim[0] * dim[1] * (balls + 1)
     what = f"force constants of {dim[0]} x {dim[1]} cells"
@@ -297,10 +299,10 @@ def force_constants(dim: tuple[int, int], balls: int) -> Cost:
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
-    """Of a sweep: so many media and packings, at so many loads each, with so many ``frequencies`` of bands in a state.
+    """Estimate the cost of a sweep of ``cases`` (a medium with a packing), each at ``loads`` loads.
 
-    A state takes some thirty numbers, held as results, stacked, and written; a case its tables. Bytes and seconds were
-    measured with 40 to 40 000 states, and with up to 1e7 frequencies.
+    Each state has ``frequencies`` frequencies of bands, and some thirty numbers that are held as results, stacked, and
+    written; each case has tables. Bytes and seconds were measured with 40 to 40 000 states, and up to 1e7 frequencies.
     """
     states = cases * loads
     what = f"{states:,} states" + (f" with {frequencies:,} frequencies each" if frequencies else "")

@@ -1,4 +1,4 @@
-"""One sample of the disordered array under many loads: what each load prescribes, and the equilibria."""
+"""One sample of the disordered array under many loads: the quantity that each load prescribes, and the equilibria."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
-    """What each value of an applied load prescribes in the packing's units of the width, in C order."""
+    """Convert each value of an applied load to a prescribed force or overlap in units of the width, in C order."""
     units = packing.width_units
     if load.kind == "overlap":
         return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
@@ -33,10 +33,11 @@ def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
 
 
 def require_load(packing: Packing, load: Load, largest: float) -> None:
-    """:class:`~granphon.base.errors.InputError` for an applied load that no sample of a packing can bear.
+    """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample of a packing can bear.
 
-    A load is beyond the law of equal balls, or presses them together by a whole diameter; or, where balls differ, it is
-    below f* = 1e-8, or an overlap at which not even two of the ``largest`` balls (m above the mean) touch.
+    These are loads beyond the range of the law of equal balls, or that press them together by a whole diameter. Where balls
+    differ they are also loads below f* = 1e-8, and overlaps at which not even two of the largest balls touch; ``largest`` is
+    the excess of their diameter over the mean, m.
     """
     hertz = AveragedLattice(replace(packing, spread=None))
     if load.kind != "overlap":
@@ -53,23 +54,23 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
 
 
 def in_order(prescribed: Sequence[Prescribed]) -> list[int]:
-    """Places of the loads from the highest down.
+    """Return the indices of the loads, from the highest load down.
 
-    Each equilibrium is found from the one above; where it began shows only in digits beyond the tolerance.
+    Each equilibrium is found from that at the next higher load. The starting point affects only digits beyond the tolerance.
     """
     return sorted(range(len(prescribed)), key=lambda i: prescribed[i], reverse=True)
 
 
 def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers: int) -> dict[int, Equilibrium]:
-    """A sample of these ``deviations`` under all loads, by the places of the loads, each found from the one above it.
+    """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
-    An error says at which place it arose, as ``load_index``.
+    Each is found from the equilibrium at the next higher load. An error carries the index of its load as ``load_index``.
     """
     stencils, out, last = Stencils(deviations.shape, workers=workers), dict[int, Equilibrium](), None
     for place in in_order(prescribed):
         try:
             last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
-            _ = last.stiffness  # needed by every state; here, so that it is worked out side by side
+            _ = last.stiffness  # every state needs it: found here, it is found in parallel
         except GranphonError as error:
             error.load_index = place
             raise
@@ -80,15 +81,18 @@ def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers
 def find_equilibrium(
     deviations: Array, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int
 ) -> Equilibrium:
-    """A sample of these ``deviations`` under one load, from overlap and displacements ``before`` it, if there are any."""
+    """Find the equilibrium of a sample with these ``deviations`` under one load.
+
+    The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None.
+    """
     start = None if before is None else Equilibrium(deviations, *before)
     return equilibrate(deviations, prescribed, Stencils(deviations.shape, workers=workers), start)
 
 
 def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
-    """The same equilibria with one array of deviations and one of stencils.
+    """Return the same equilibria with one shared array of deviations and one shared set of stencils.
 
-    Each has its own arrays when it comes from another process.
+    Equilibria that come from another process have copies of their own.
     """
     deviations = next(iter(found.values())).deviations
     stencils = Stencils(deviations.shape, workers=workers)

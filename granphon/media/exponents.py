@@ -1,4 +1,4 @@
-"""The local exponent of simulated samples, by differences between equilibria beside each other."""
+"""The local exponent of simulated samples, from differences between equilibria at neighbouring loads."""
 
 from __future__ import annotations
 
@@ -20,27 +20,30 @@ Array = NDArray[np.float64]
 
 
 def mean_exponent(state: SimulatedState) -> Array:
-    """(...) d log v_L / d log P of the mean K + G of the samples of a state."""
+    """Return d log v_L / d log P, with the shape of the load, from the mean K + G of the samples of a state."""
     return _exponent(np.mean(_terms(state), axis=-2))
 
 
 def exponent_error(state: SimulatedState) -> Array:
-    """(...) standard error of :func:`mean_exponent`, of two samples or more."""
+    """Return the standard error of :func:`mean_exponent`, with the shape of the load; it needs two samples or more."""
     return jackknife(_exponent, _terms(state))
 
 
 def _exponent(means: Array) -> Array:
-    """(...) f M'/2kM from means (..., 4) of M' = dM/d(delta), M = K + G, k and f; at common f of dM/d log f, M, 1 and 1."""
+    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), M = K + G, k and f.
+
+    If all samples have the same force, the four are dM/d log f, M, 1 and 1.
+    """
     rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
 def _terms(state: SimulatedState) -> Array:
-    """(..., n_samples, 4) the terms of each sample that :func:`_exponent` takes the means of."""
+    """Return the terms of each sample whose means :func:`_exponent` takes, (..., n_samples, 4)."""
     low, high = np.moveaxis(_longitudinal(state, lambda sample: sample.elastic_tensors_beside), -1, 0)
     modulus = _longitudinal(state, lambda sample: sample.elastic_tensor)
     force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
-    if state.spaced:  # what the samples have in common is the overlap, and forces add up
+    if state.spaced:  # samples have the same overlap, so the mean force is an average over them
         force = state.over_samples(lambda sample: sample.force)
         stiffness = state.over_samples(lambda sample: sample.normal_stiffness)
     rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
@@ -48,5 +51,5 @@ def _terms(state: SimulatedState) -> Array:
 
 
 def _longitudinal(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
-    """M = K + G, Pa, of an elastic tensor, or several, of every sample."""
+    """Return M = K + G, Pa, of the elastic tensor or tensors that ``of`` finds for every sample."""
     return np.asarray(np.sum(bulk_and_shear(state.over_samples(of)), axis=-1))

@@ -1,8 +1,8 @@
-"""From a load to the stiffness of the contacts.
+"""The media that are contact laws: averaged lattice, averaged force, and effective medium.
 
-A medium turns a packing and a load into a :class:`ContactState`: the accuracy ladder of Section III, from the averaged
-lattice (equations 23 and 24) by the averaged force (25) to the effective medium (28-46). They differ in their contact law
-alone; for equal balls all are the averaged lattice, which is then exact.
+A medium turns a packing and a load into a :class:`ContactState`. The media of Section III are, in order of accuracy, the
+averaged lattice (equations 23 and 24), the averaged force (25) and the effective medium (28-46). They differ only in their
+contact law. For equal balls all are the averaged lattice, which is then exact.
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ from granphon.media.state import ContactState, Law, overlap_flag
 __all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
 
 Array = NDArray[np.float64]
-#: the least normal number of double precision; those below have lost digits
+#: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
 class _ByLaw(Loaded[ContactState]):
-    """A medium that is a contact law: ``at_*`` take scalars or arrays, in SI.
+    """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
     together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
-    known there. With ``finite_overlap`` all that is found of the state keeps the terms of relative order delta/d, and its
-    pressure and density are those of a boundary that follows the balls.
+    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and its
+    pressure and density are those of a boundary that shrinks with the balls.
     """
 
     name: ClassVar[str]
-    #: the options of the medium, each with its words, the default first
+    #: the options of the medium by name, each with the words that it takes, the default first
     options: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     packing: Packing
 
     @cached_property
     def law(self) -> Law:
-        """The medium's contact law; Hertz's for equal balls, in every medium."""
+        """Contact law of the medium; for equal balls it is Hertz's law in every medium."""
         return self._law if self.packing.width else self.packing.law
 
     @property
     @abstractmethod
     def _law(self) -> Law:
-        """The law of balls that differ."""
+        """Contact law of the medium for balls that differ."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` name its kind."""
+        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, (follows, said) = load.applied, overlap_flag(finite_overlap)
         find = {"force": self._at_force, "pressure": self._at_pressure, "overlap": self._at_overlap}[load.kind]
-        with np.errstate(all="ignore"):  # whatever is beyond double precision is refused below
+        with np.errstate(all="ignore"):  # _require_range raises for what is beyond double precision
             force, overlap = find(load, follows)
             stiffness = np.asarray(self.law.stiffness(overlap))
         self._require_range(load, force, overlap, stiffness)
@@ -77,11 +77,11 @@ class _ByLaw(Loaded[ContactState]):
         )  # fmt: skip
 
     def _at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Force and overlap of a contact."""
+        """Find force (N) and overlap (m) of a contact at given forces."""
         return load.array, np.asarray(self.law.overlap(load.array))
 
     def _at_overlap(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Force and overlap of a contact."""
+        """Find force (N) and overlap (m) of a contact at given overlaps; raises InputError where no balls touch."""
         law, overlap = self.law, load.array
         if law.least_overlap == 0.0:
             require_compressive("overlap", overlap)
@@ -90,14 +90,17 @@ class _ByLaw(Loaded[ContactState]):
         return np.asarray(law.force(overlap)), overlap
 
     def _at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Force and overlap of a contact; if the boundary ``follows`` the balls, P a = sqrt(3) f."""
+        """Find force (N) and overlap (m) of a contact at given pressures.
+
+        If the boundary ``follows`` the balls, P a = sqrt(3) f on the triangular lattice; otherwise P d = sqrt(3) f.
+        """
         law, d = self.law, self.packing.diameter
-        slope = load.array / self.packing.structure.pressure_factor  # of the force in the spacing
+        slope = load.array / self.packing.structure.pressure_factor  # force over spacing, N/m
         force = slope * d
         delta = np.asarray(law.overlap(force))
         if not follows:
             return force, delta
-        # f(delta) = slope (d - delta). The left side rises and is convex: Newton from an overlap too large comes down.
+        # solve f(delta) = slope (d - delta): f rises and is convex, so that Newton's method descends from a larger overlap
         for _ in range(100):
             step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
             delta = delta - step
@@ -106,11 +109,14 @@ class _ByLaw(Loaded[ContactState]):
         return np.asarray(law.force(delta)), delta
 
     def _require_range(self, load: Load, force: Array, overlap: Array, stiffness: Array) -> None:
-        """Raise if a number of the state, or what observables make of it, is beyond double precision; or balls vanish."""
+        """Raise InputError if a number of the state, or one that observables derive from it, is beyond double precision.
+
+        Also raise it if balls overlap by their diameter or more.
+        """
         diameter = self.packing.diameter
         with np.errstate(all="ignore"):
             length = np.maximum(np.abs(overlap), self.packing.width)
-            # and what observables make of them: slope of the stiffness, pressure, modulus
+            # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = [force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter]
         if not all(np.all((values >= _LEAST_NORMAL) & (values < np.inf)) for values in made):
             raise InputError(message(f"{load} is too small or too large for double precision"))
@@ -127,7 +133,10 @@ class _ByLaw(Loaded[ContactState]):
 
 @dataclass(frozen=True)
 class AveragedLattice(_ByLaw):
-    """Balls of the mean diameter on the lattice: f = (2/3) E* d^(1/2) delta^(3/2) (equation 23). Exact for equal balls."""
+    """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
+
+    It is exact for equal balls.
+    """
 
     name = "ala"
 
@@ -138,7 +147,7 @@ class AveragedLattice(_ByLaw):
 
 @dataclass(frozen=True)
 class AveragedForce(_ByLaw):
-    """Balls that differ, held at the sites of the lattice: f is the mean over pairs (equation 25)."""
+    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25)."""
 
     name = "afa"
 
@@ -150,17 +159,18 @@ class AveragedForce(_ByLaw):
 
 @dataclass(frozen=True, init=False)
 class EffectiveMedium(_ByLaw):
-    """Balls that differ and displace their neighbours, in a lattice that is the average of all (equations 28-46).
+    """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
 
-    Valid from f* = 0.08 (Section IV), which states carry as ``valid``; solved from f* = 1e-6, to 1e-8 or better in force
-    and stiffness from 1e-4 on. Each pair of listed diameters puts a kink into the law, which is resolved. Of some lists
-    with kinds rarer than about 1 % the stiffness falls to zero at a higher f*, and the equation has no solution below.
+    It is valid from f* = 0.08 (Section IV); ``valid`` of a state says so. It is solved from f* = 1e-6, and force and
+    stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed diameters puts a kink into the law, which is
+    resolved. For some lists with diameters rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and
+    the equation has no solution below.
 
     Parameters
     ----------
     packing : the balls.
-    local_field : "computed"; or "paper" for the printed alpha and beta, which do not satisfy their own definition, and
-        belong to the triangular lattice.
+    local_field : "computed"; or "paper" for alpha and beta as printed in the paper, which do not satisfy their own
+        definition, and belong to the triangular lattice.
 
     Raises
     ------
@@ -187,7 +197,7 @@ class EffectiveMedium(_ByLaw):
 
     @cached_property
     def local_field(self) -> LocalField:
-        """The local-field factor Xi, and alpha and beta, of the packing's lattice and Mindlin ratio."""
+        """Local-field factor Xi, with alpha and beta, of the packing's lattice and Mindlin ratio."""
         eta = self.packing.mindlin_ratio
         return paper_local_field(eta) if self.source == "paper" else local_field(self.packing.structure, eta)
 

@@ -1,4 +1,4 @@
-"""What every medium offers: the state of a packing under a load, which is named in one of three ways."""
+"""The interface of all media: the state of a packing under a load given as a force, a pressure or an overlap."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ __all__ = ["Loaded", "Medium", "untouched"]
 
 @runtime_checkable
 class Medium(Protocol):
-    """What every rung of the accuracy ladder offers: the state of a packing at a given load.
+    """The interface of every medium: the state of a packing at a given load.
 
-    ``finite_overlap`` is said here and read from the state ever after; None leaves the terms of relative order delta/d out.
+    ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False leave them out. The state
+    stores the choice, and all functions of a state read it there.
     """
 
     @property
@@ -44,23 +45,23 @@ class Medium(Protocol):
         ...
 
 
-#: the kind of state that a medium gives
+#: type of the states that a medium returns
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
 
 class Loaded(ABC, Generic[StateT]):
-    """Base of the media: the three ways to name a load, all of them by way of :meth:`at`."""
+    """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
 
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:
-        """State at a load, of the shape of its values."""
+        """Return the state at a load, with the shape of the values of the load."""
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
         """State at the mean contact force f, N."""
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the force per length P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
+        """State at the linear pressure (force per length) P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
 
         With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
         """
@@ -72,7 +73,10 @@ class Loaded(ABC, Generic[StateT]):
 
 
 def untouched(load: Load, largest: float) -> InputError:
-    """The error of an overlap at which all balls are apart, also the ``largest`` ones (m above the mean)."""
+    """Return the error for an overlap at which even the largest balls are apart.
+
+    ``largest`` is the excess of their diameter over the mean, m.
+    """
     return InputError(
         message(
             f"{load}: no balls touch",

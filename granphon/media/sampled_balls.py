@@ -1,4 +1,4 @@
-"""Which balls the samples of a simulation have: their number, their diameters, and where these come from."""
+"""The balls in the samples of a simulation: their number, and their diameters, given or drawn from a seed."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ __all__ = ["MOST_SEED", "SampledBalls"]
 Array = NDArray[np.float64]
 #: the largest seed of a sample
 MOST_SEED = 2**64 - 1
-#: balls along a side of a sample, of which no machine holds a millionth
+#: greatest number of balls along a side of a sample, far beyond what fits into memory
 _MOST_SIDE = 2**31
-#: samples, of which no machine holds a millionth
+#: greatest number of samples, far beyond what fits into memory
 _MOST_SAMPLES = 2**31
-#: least width over diameter: where overlaps are more widths than this some samples do not come to rest
+#: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
 _LEAST_WIDTH = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
 class SampledBalls:
-    """The balls of one or more samples; the base of :class:`granphon.DirectSimulation`, which describes the fields.
+    """The balls of one or more samples; the base class of :class:`granphon.DirectSimulation`, which describes the fields.
 
-    ``executor`` and ``workers`` do not change the numbers, and are not compared.
+    ``executor`` and ``workers`` do not change results, so that comparisons leave them out.
     """
 
     packing: Packing
@@ -80,17 +80,17 @@ class SampledBalls:
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """All that determines the numbers, but for given diameters."""
+        """Everything that determines the results, except the values of given diameters."""
         return self.packing, self.shape, self.seed, self.samples, self.diameters is None
 
     def _take(self, diameters: ArrayLike) -> None:
-        """Given diameters: their shape, and their spread if the packing has none."""
+        """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
         array = read_only(finite_array("diameters", diameters, "m", "above zero"))
         if array.ndim != 2:
             raise InputError(message(f"diameters have the shape {array.shape}", mend="Give an array (L1, L2)"))
         packing = self.packing
         if packing.spread is None and np.ptp(array):
-            # the mean of the list, which its own rounding may move, is the packing's
+            # the packing takes the mean of the shifted list, which rounding may have changed
             spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
             packing = replace(packing, spread=spread, diameter=spread.mean)
         object.__setattr__(self, "packing", packing)
@@ -101,12 +101,12 @@ class SampledBalls:
         object.__setattr__(self, "shape", array.shape)
 
     def deviations(self, index: int) -> Array:
-        """(L1, L2) x = Delta/W of a sample, of mean zero."""
+        """Return the reduced deviations x = Delta/W of the diameters of a sample, (L1, L2), with mean zero."""
         packing = self.packing
         if packing.spread is None:
             return np.zeros(self.shape)
         given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
-        # twice: the mean of what is left is then zero to its own rounding
+        # the mean is subtracted twice, so that what remains is zero to the rounding of the deviations, not of the diameters
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 

@@ -1,4 +1,4 @@
-"""The contacts of a packing under load: what every medium gives, and every observable starts from."""
+"""The contacts of a packing under load: the state that every medium returns and from which observables are found."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["ContactLaw", "ContactState", "Law", "given_state", "overlap_flag", "with_keyword"]
 
 Array = NDArray[np.float64]
-#: scalar in, scalar out; array in, array out
+#: a number for a state at a single load, an array for a state at several loads
 Values = Any
 
 
@@ -37,7 +37,7 @@ class ContactLaw(Protocol):
 
     @property
     def coefficient(self) -> float:
-        """c of equal balls, N/m^(3/2)."""
+        """Coefficient c of the law of equal balls, N/m^(3/2)."""
         ...
 
     @property
@@ -46,39 +46,39 @@ class ContactLaw(Protocol):
         ...
 
     def energy(self, overlap: ArrayLike) -> Any:
-        """Of a contact, J."""
+        """Return the energy of a contact, J."""
         ...
 
     def force(self, overlap: ArrayLike) -> Any:
-        """f, N."""
+        """Return the mean contact force f, N."""
         ...
 
     def stiffness(self, overlap: ArrayLike) -> Any:
-        """df/d(delta), N/m."""
+        """Return the normal stiffness df/d(delta), N/m."""
         ...
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """d^2f/d(delta)^2, N/m^2."""
+        """Return the slope of the stiffness, d^2f/d(delta)^2, N/m^2."""
         ...
 
     def overlap(self, force: ArrayLike) -> Any:
-        """delta, m."""
+        """Return the overlap delta at a mean contact force, m."""
         ...
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Delta f / f."""
+        """Return the force fluctuation Delta f / f, without a unit."""
         ...
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """N_c / 6."""
+        """Return the fraction of contacts that carry load, N_c / 6."""
         ...
 
     def least_valid_force(self, width: float) -> float:
-        """The mean contact force, N, from which the law is valid for balls whose diameters have a width W, m."""
+        """Return the least mean contact force, N, at which the law is valid for diameters of width W (m)."""
         ...
 
 
-#: what a function finds of a state
+#: type of the result of a function of a state
 Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 
@@ -89,14 +89,14 @@ class ContactState(Result):
 
     Attributes
     ----------
-    packing, medium, law : where the state comes from: the packing, the medium's name and its contact law.
+    packing, medium, law : the packing, the name of the medium that made the state, and its contact law.
     force : f, mean contact force, N.
-    overlap : delta = d - a, m. The state variable: the spacing a would lose every digit of it.
+    overlap : delta = d - a, m. It is stored instead of the spacing a, which would lose every digit of it.
     normal_stiffness : k = df/d(delta), N/m.
-    finite_overlap : whether the terms of relative order delta/d are kept, in everything that is found of the state: spacing
-        a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that follows the balls.
-    chosen : whether the medium was chosen for its expected error at this load, which says more than its own limit.
-    overlap_given : whether somebody said what ``finite_overlap`` is; it is False if nobody did.
+    finite_overlap : whether every result from the state includes the terms of relative order delta/d: spacing
+        a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that shrinks with the balls.
+    chosen : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
+    overlap_given : whether ``finite_overlap`` was given explicitly; False if it is the default.
     """
 
     units = {
@@ -117,12 +117,12 @@ class ContactState(Result):
     overlap_given: bool = field(default=False, repr=False, compare=False)
 
     def __getitem__(self, index: Any) -> Self:
-        """The state at some of the loads, as arrays are indexed."""
+        """Return the state at some of the loads, indexed like an array."""
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
 
     def once(self, find: Callable[[Self], Found]) -> Found:
-        """``find`` of this state, called the first time that it is asked for."""
+        """Return ``find(self)``, which is called only the first time and then kept."""
         if find not in self._found:
             self._found[find] = find(self)
         return self._found[find]  # type: ignore[no-any-return]
@@ -133,85 +133,89 @@ class ContactState(Result):
 
     @property
     def shear_stiffness(self) -> Values:
-        """kappa = eta k, N/m (equation 4); zero without friction."""
+        """Shear stiffness kappa = eta k, N/m (equation 4); zero without friction."""
         return self.packing.mindlin_ratio * self.normal_stiffness
 
     @property
     def pressure(self) -> Values:
-        """P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
+        """Linear pressure P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
 
-        With finite overlap sqrt(3) f / a. :class:`~granphon.base.errors.InputError` if the lattice's stress is no pressure.
+        With finite overlap it is sqrt(3) f / a. Raises :class:`~granphon.base.errors.InputError` if the stress of the
+        lattice is not a pressure.
         """
         return self.packing.structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage)
 
     @property
     def effective_density(self) -> Values:
-        """rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
+        """Density rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
         return self.packing.effective_density / self._shrinkage**2
 
     @property
     def _shrinkage(self) -> Values:
-        """a/d where the boundary follows the balls, else one."""
+        """a/d if the boundary follows the balls (finite overlap), otherwise 1."""
         return 1.0 - self.relative_overlap if self.finite_overlap else self._constant(1.0)
 
     @property
     def relative_overlap(self) -> Values:
-        """delta / d."""
+        """Overlap over the mean diameter, delta / d."""
         return self.overlap / self.packing.diameter
 
     @property
     def reduced_force(self) -> Values:
-        """f* of Section IV, f in units of the force c W^(3/2) of equal balls at an overlap of W; +inf for equal balls."""
+        """Reduced force f* = f / (c W^(3/2)) of Section IV, over the force of equal balls at overlap W; +inf if W = 0."""
         if not self.packing.width:
             return self._constant(np.inf)
-        # W may be so small that its force is below the floating range: f* is then beyond it
+        # W may be so small that c W^(3/2) is below the floating range: f* is then +inf
         with np.errstate(over="ignore", divide="ignore"):
             return _scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
 
     @property
     def reduced_spacing(self) -> Values:
-        """a* of Section IV, (d + W/2 - a)/W; +inf for equal balls."""
+        """Reduced spacing a* = (d + W/2 - a)/W of Section IV; +inf for equal balls."""
         return self._infinite_if_equal(self.packing.width_units.reduced_spacing)
 
     @property
     def force_fluctuation(self) -> Values:
-        """Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean; 0 for equal balls."""
+        """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean.
+
+        It is 0 for equal balls.
+        """
         return _scalars(self.law.force_fluctuation(self.overlap))
 
     @property
     def contact_fraction(self) -> Values:
-        """N_c / 6, the fraction of contacts that carry load; 1 for equal balls."""
+        """Fraction of contacts that carry load, N_c / 6; 1 for equal balls."""
         return _scalars(self.law.contact_fraction(self.overlap))
 
     @property
     def stiffness_ratio(self) -> Values:
-        """k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
+        """Normal stiffness k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
         ideal = self.packing.law
         return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
 
     @property
     def exponent(self) -> Values:
-        """d log v / d log P of both sound velocities, f k'/2k^2, see :func:`granphon.local_exponent`."""
+        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see :func:`granphon.local_exponent`."""
         slope = self.law.stiffness_slope(self.overlap)
         return _scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
 
     @property
     def exponent_error(self) -> Values:
-        """Standard error of ``exponent`` over samples: 0, as a law samples nothing."""
+        """Standard error of ``exponent`` over samples: 0, because a contact law does not sample."""
         return self._constant(0.0)
 
     @property
     def valid(self) -> Values:
-        """Whether the load is inside the medium's range; always, for equal balls.
+        """Whether the load is inside the range of the medium; always True for equal balls.
 
-        That of the effective medium is f* >= 0.08 (Section IV). The other two leave out what disorder does to the lattice,
-        and hold at high pressure (:attr:`regime`).
+        The range of the effective medium is f* >= 0.08 (Section IV). The averaged lattice and the averaged force leave out
+        what disorder does to the lattice, and hold at high pressure (:attr:`regime`).
         """
         return _scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
     def least_valid_force(self) -> float:
-        """The mean contact force from which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
+        """Least mean contact force at which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
         width = self.packing.width
         if not width or self.chosen:
             return 0.0
@@ -219,16 +223,17 @@ class ContactState(Result):
 
     @property
     def regime(self) -> Values:
-        """Pressure regime of Section III: "low", "intermediate" or "high"; equal balls are in the last.
+        """Pressure regime of Section III: "low", "intermediate" or "high"; for equal balls it is "high".
 
-        Which of the overlap and Delta_rms is much larger, taken as sqrt(10) times or more.
+        It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is sqrt(10) times the overlap or
+        more.
         """
         ratio = math.sqrt(12.0) * np.asarray(self._infinite_if_equal(self.packing.width_units.reduced_overlap))
         words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)]
         return words if self.shape else str(words)
 
     def _infinite_if_equal(self, reduce: Callable[[Values], Values]) -> Values:
-        """A reduced overlap or spacing; +inf for equal balls."""
+        """Return the overlap as ``reduce`` converts it, or +inf for equal balls."""
         if not self.packing.width:
             return self._constant(np.inf)
         with np.errstate(over="ignore"):
@@ -246,7 +251,10 @@ class ContactState(Result):
 
     @property
     def scales(self) -> Units:
-        """The scales of reduced units at this load; :class:`~granphon.base.errors.InputError` for several loads."""
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units at this load.
+
+        Raises :class:`~granphon.base.errors.InputError` for several loads.
+        """
         if not self.is_single:
             raise InputError(
                 message(
@@ -259,19 +267,19 @@ class ContactState(Result):
 
     @property
     def samples(self) -> tuple[Sample, ...]:
-        """The samples that the state is a mean of; none where the contacts follow from a law."""
+        """Samples over which the state is a mean; empty if the contacts follow from a law."""
         return ()
 
     @property
     def n_samples(self) -> int:
-        """How many samples the state is a mean of; 0 where the contacts follow from a law."""
+        """Number of samples over which the state is a mean; 0 if the contacts follow from a law."""
         return 0
 
     @property
     def elastic_tensor(self) -> Array:
-        """(..., 3, 3) Pa, Voigt order xx, yy, xy, of the layer taken one diameter thick: that of the lattice of contacts.
+        """Elastic tensor of the lattice of contacts, (..., 3, 3), Pa, Voigt order xx, yy, xy, one diameter thick.
 
-        With finite overlap the coefficients between Cauchy stress and strain under the static pressure.
+        With finite overlap its entries are the coefficients between Cauchy stress and strain under the static pressure.
         """
         return lattice_tensor(self)
 
@@ -282,20 +290,24 @@ class ContactState(Result):
 
     @property
     def sampled_moduli(self) -> Array | None:
-        """(..., n_samples, 2) bulk and shear modulus of two samples or more, Pa; None where there are not so many."""
+        """Bulk and shear modulus of each sample, (..., n_samples, 2), Pa; None if there are fewer than two samples."""
         return None
 
     @property
     def mean_errors(self) -> dict[str, Values]:
-        """Standard error over samples of what the load does not give, as "force_error" (N) or "overlap_error" (m)."""
+        """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
+
+        At a given force or pressure it is that of the overlap, at a given overlap that of the force. The dictionary is empty
+        if there are fewer than two samples.
+        """
         return {}
 
     def long_waves(self, direction: ArrayLike) -> Array:
-        """(..., 2) longitudinal and transverse velocity of long waves, m/s; (..., n, 2) for directions (n, 2)."""
+        """Return longitudinal and transverse velocity of long waves, m/s, (..., 2) or (..., n, 2) for directions (n, 2)."""
         return lattice_waves(self, direction)
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """d (k/M)^1/2 of each named branch, (...) or (..., n) for directions (n, 2), m/s: the scale of its velocities."""
+        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
         return [lattice_scales(self, direction)] * len(names)
 
     def _constant(self, value: Any) -> Values:
@@ -303,23 +315,26 @@ class ContactState(Result):
 
 
 def overlap_flag(given: bool | None) -> tuple[bool, bool]:
-    """Whether terms of finite overlap are kept, and whether somebody said so; :class:`InputError` if not true or false."""
+    """Return whether terms of finite overlap are kept, and whether that was given explicitly (None if not).
+
+    Raises :class:`InputError` if ``given`` is not True, False or None.
+    """
     said = given is not None
     return said and require("finite_overlap", truth, given), said
 
 
 def given_state(state: ContactState) -> ContactState:
-    """The state that a public function was given; :class:`InputError` if it is none."""
+    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
     if not isinstance(state, ContactState):
         raise InputError(message(f"state is {brief(state)}", mend="Give a ContactState, as medium.at_force gives it"))
     return state
 
 
 def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactState:
-    """The state as the deprecated keyword ``finite_overlap`` of the caller, a public function, would have it.
+    """Return the state with the deprecated keyword ``finite_overlap`` of the caller, a public function, applied.
 
-    None leaves it as it is. Otherwise a state on which nobody set it takes it; :class:`InputError` if it was set otherwise,
-    or is no state.
+    None leaves the state as it is. Otherwise the keyword gives the value, with a DeprecationWarning. Raises
+    :class:`InputError` if the state was explicitly made with the other value, or if it is not a ContactState.
     """
     given_state(state)
     if finite_overlap is None:
@@ -345,5 +360,5 @@ def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactSta
 
 
 def _scalars(values: Any) -> Values:
-    """A float (or bool) for a single load."""
+    """Return a float (or bool) for a single load, and arrays unchanged."""
     return np.asarray(values).item() if np.ndim(values) == 0 else values
