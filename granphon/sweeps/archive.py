@@ -1,4 +1,4 @@
-"""A sweep as files: netCDF for programs, a table for spreadsheets, and back."""
+"""Write a sweep to files, netCDF for programs and a table for spreadsheets, and read the netCDF file back."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
 
-#: what a file of a sweep calls itself
+#: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: version of the format
+#: version of the format, attribute "schema"; files of a higher one are refused
 SWEEP_SCHEMA = 1
-#: the attribute with the digest of the numbers
+#: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
-#: attributes in which other programs note what they did, and change no number
+#: attributes in which other programs log what they did; the digest leaves them out, as they change no number
 _HISTORY = ("history", "NCO")
-#: the largest file that is read: a sweep may hold many bands
+#: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may hold many bands
 MAX_SWEEP = 2_000_000_000
-#: time in which a file without a digest must open
+#: longest time that opening a file without a digest may take, s
 TRIAL_SECONDS = 120.0
+#: program of the process that tries to open a file without a digest, see _try_elsewhere
 _TRIAL = """
 import sys
 sys.path.insert(0, sys.argv[1])
@@ -45,8 +46,9 @@ from granphon.sweeps.archive import open_bytes
 open_bytes(sys.stdin.buffer.read())
 print("good")
 """
-#: what ends a file, before the digest of all that stands before it
+#: text behind the data of a file; the sha256 digest of all bytes before this text follows, in hexadecimal digits
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
+#: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
 #: variables without which a sweep is damaged: figures draw them
 _REQUIRED = {"force", "longitudinal", "transverse", "valid", "medium"}
@@ -60,8 +62,9 @@ def file_names(path: Path) -> list[str]:
 def write_sweep(dataset: Dataset, path: Path) -> None:
     """Write the netCDF file ``path``, and the table of the same name beside it.
 
-    The file carries two digests: an attribute, of the numbers, which stays if another program writes the file anew; and one
-    of all its bytes behind the end of what HDF5 reads, so that damage is found before HDF5 meets it.
+    The file carries two digests. The first, an attribute, is that of the numbers; it stays if another program rewrites the
+    file. The second is that of all bytes of the netCDF file and stands behind the end of what HDF5 reads, so that damage is
+    found before HDF5 reads the file.
     """
     marked = dataset.assign_attrs({DIGEST: _digest_numbers(dataset)})
     data = netcdf_bytes(marked)
@@ -72,19 +75,19 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
 
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
-    """What a netCDF file of the data set holds. Made in memory: HDF5 itself does not survive a disk that is full."""
+    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
     from h5netcdf import File  # type: ignore[import-untyped]
     from xarray.backends import H5NetCDFStore
 
     stream = io.BytesIO()
     with File(stream, "w") as file:
-        # xarray marks what is missing by nan unless told that nothing is
+        # without this, xarray declares nan to be the mark of missing values
         dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
     return stream.getvalue()
 
 
 def _digest_numbers(dataset: Dataset) -> str:
-    """Digest of names, dimensions, kinds, numbers and attributes, and of nothing that depends on how they are stored."""
+    """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they are stored."""
     variables = {
         str(name): [list(variable.dims), list(variable.shape), *_content(variable.values), variable.attrs]
         for name, variable in dataset.variables.items()
@@ -94,7 +97,7 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def _content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
-    """Kind and content of an array, whatever the order of its bytes, and the length that its texts are stored with."""
+    """Return type and content of an array; they depend neither on its byte order nor on the stored length of texts."""
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
     ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
@@ -102,7 +105,7 @@ def _content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
 
 
 def _write_table(dataset: Dataset, path: Path) -> None:
-    """One row for each load, medium and combination of parameters; all digits."""
+    """Write one row for each load, medium and combination of parameters, with all digits."""
     dims = dataset["longitudinal"].dims
     load = next(name for name in LOADS if name in dataset.coords)
     names = [load, *dims[1:], *(name for name, data in dataset.data_vars.items() if data.dims == dims)]
@@ -113,16 +116,16 @@ def _write_table(dataset: Dataset, path: Path) -> None:
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:
-    """The data set that :func:`granphon.sweeps.sweep.sweep` wrote to ``path``, in memory.
+    """Read the data set that :func:`granphon.sweeps.sweep.sweep` wrote to ``path`` into memory.
 
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is no sweep, was damaged, or edited after granphon had written it, or is of a newer schema.
+    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has a newer schema.
 
     Warns
     -----
-    UnverifiedFileWarning : the file carries no digest, as those of older versions.
+    UnverifiedFileWarning : the file carries no digest, like the files of older versions.
     """
     raw = read_bytes(path, MAX_SWEEP)
     body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
@@ -152,16 +155,17 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
 
 def _open_checked(path: str | os.PathLike[str], data: bytes) -> Dataset:
     try:
-        # the bytes that were checked, and no other file
+        # open the bytes that were checked: the file itself may have changed since
         return open_bytes(data)
-    except Exception as error:  # whatever HDF5, h5netcdf and xarray trip over stands in the file
+    except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _unreadable(path, str(error)) from None
 
 
 def open_bytes(data: bytes) -> Dataset:
-    """The data set in a netCDF file that is given as bytes, in memory; refuses what would read other files, or fill memory.
+    """Read the data set of a netCDF file that is given as bytes into memory.
 
-    Raises whatever HDF5, h5netcdf and xarray do.
+    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
+    raise.
     """
     import h5py
     from xarray import open_dataset
@@ -188,11 +192,11 @@ def _unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
-    """Open a file that no digest vouches for in a process of its own first: HDF5 may hang, or crash, on a damaged one."""
+    """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a damaged file."""
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _unreadable(path, "It is no netCDF file of version 4")
-    # isolated: what stands in the folder where we are, such as a sitecustomize.py, is not run when Python starts; granphon
-    # is this one, and whatever else it needs is looked for there last
+    # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run when Python starts. It
+    # imports the granphon of this process, and searches the rest of this process's path last
     found = [str(Path(str(sys.modules["granphon"].__file__)).parent.parent), *(place for place in sys.path if place)]
     try:
         done = subprocess.run(

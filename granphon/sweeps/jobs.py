@@ -1,7 +1,7 @@
-"""What a sweep is cut into: a medium on a packing at all loads, or one sample of a simulated one, load by load.
+"""The tasks of a sweep: one medium on one packing at all loads, or one sample of a simulation, load by load.
 
-Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Samples are put together again from the few numbers that are
-averaged, and give what a simulation of all of them gives, to the last bit.
+Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Of each sample only the few numbers that are averaged are kept.
+Their averages equal those of one simulation of all samples, to the last bit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from granphon.sweeps.tasks import TaskResult
 __all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "tell_warnings"]
 
 Array = NDArray[Any]
-#: what is said of the bands of a simulation
+#: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
     "bands and densities of states are those of a regular lattice with the mean stiffness of the samples: "
     "the disorder of the contacts is in the velocities and moduli only"
@@ -43,21 +43,22 @@ LATTICE_BANDS = (
 
 
 def to_json(data: Any) -> str:
-    """Plain data as a text, the same for equal data."""
+    """Return plain data as a JSON text; equal data give the same text."""
     return json.dumps(data, default=plain, sort_keys=True)
 
 
 @cache
 def packages() -> dict[str, str]:
-    """Versions of what determines the numbers."""
+    """Versions, by name, of the packages that determine the numbers."""
     return versions("numpy", "scipy")
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One medium on one packing at all loads; ``where`` says which, ``qpoints`` (s, p, 3) is the path of the bands.
+    """One medium on one packing at all loads.
 
-    ``places`` of its loads among those of the sweep, if an automatic medium gave it some of them.
+    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``places`` are
+    the indices of its loads among those of the sweep if an automatic medium gave it some of them; otherwise None.
     """
 
     where: str
@@ -69,26 +70,26 @@ class Job:
     places: tuple[int, ...] | None = None
 
     def state(self, load: Load) -> ContactState:
-        """The state under some of the loads."""
+        """Return the state under ``load``, all or some of the loads of the job."""
         state = self.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap)
         return replace(state, chosen=self.places is not None)
 
     @cached_property
     def name(self) -> str:
-        """Name of its file: the medium, and a digest of everything that determines the numbers."""
+        """Name of the file for its result: the medium, and a digest of everything that determines the numbers."""
         data = {**plain(self), "where": "", "places": "", "schema": SWEEP_SCHEMA, "versions": packages()}
         return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @cached_property
     def rungs(self) -> list[Rung]:
-        """What serves which of the loads; an error says at which load."""
+        """The media that serve the loads, each with its loads; an error names the task, and the load if it is known."""
         try:
             return self.medium.rungs(self.packing, self.load)
         except InputError as error:
             raise (_locate if error.load_index is not None else _name_task)(self, error) from error
 
     def _delegate(self) -> list[tuple[Job, Rung]]:
-        """The jobs that an automatic medium leaves to others, each with the rung of the ladder that it is."""
+        """Return the jobs that an automatic medium leaves to other media, each with its rung of the ladder."""
         out = []
         for rung in self.rungs:
             places = tuple(rung.loads.tolist())
@@ -98,7 +99,7 @@ class Job:
 
     @property
     def pieces(self) -> list[Job]:
-        """What can be done side by side: the loads of different media, and the samples of a simulation; else the job."""
+        """Jobs that can run side by side: one for each chosen medium or sample; the job itself if it cannot be cut."""
         if self.medium.is_automatic:
             return [piece for job, _ in self._delegate() for piece in job.pieces]
         try:
@@ -109,14 +110,14 @@ class Job:
             return [self]
         out: list[Job] = []
         for seed in range(medium.seed, medium.seed + medium.samples):
-            # the same sample is the same piece, however many there are
+            # the number of samples is left out: a sample is then the same piece, however many there are
             alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
             out.append(_SampleJob(where, self.packing, alone, self.load, self.finite_overlap, None, self.places))
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """The result, from those of its :attr:`pieces`."""
+        """Put the results of the :attr:`pieces` together."""
         if self.medium.is_automatic:
             return self._merge(parts)
         medium = self.medium.of(self.packing)
@@ -126,7 +127,7 @@ class Job:
         return self.observe(RecordedState.of(medium, records, self.load))
 
     def _merge(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """The results of the media that were chosen, each at its loads, of what all of them have."""
+        """Merge the results of the chosen media, each at its loads; variables that only some of them have are left out."""
         left, found = list(parts), []
         for job, rung in self._delegate():
             count = len(job.pieces)
@@ -140,7 +141,7 @@ class Job:
         return out
 
     def choices(self) -> TaskResult:
-        """The medium that serves each load, and its expected error, +inf where that is not known."""
+        """Return the medium that serves each load, and its expected error, +inf where that is not known."""
         choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
         for rung in self.rungs:
             choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
@@ -148,22 +149,25 @@ class Job:
 
     @property
     def steps(self) -> int:
-        """Number of steps: one, all loads together."""
+        """Number of steps: one, as all loads are solved together."""
         return 1
 
     def done(self, part: TaskResult) -> int:
-        """How many steps are in a result."""
+        """Return the number of steps that a result contains."""
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Find every variable at every load, and "warnings", for :func:`tell_warnings`; an error names its load and task."""
+        """Find every variable at every load, and the "warnings" that :func:`tell_warnings` reads.
+
+        An error names its task and, if it is known, its load.
+        """
         try:
             return self.observe(self.state(self.load))
         except GranphonError as error:
             raise _locate(self, error) from error
 
     def observe(self, state: ContactState) -> TaskResult:
-        """What is found of a state."""
+        """Return the variables of a state, and its "warnings"."""
         out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
         notes += missing_error(out)
@@ -174,7 +178,7 @@ class Job:
 
 
 def _write_notes(notes: Sequence[Tally | str]) -> NDArray[Any]:
-    """What has to be said of a result, as an array of texts: conditions over loads, or sentences."""
+    """Encode notes on a result, which are conditions over loads or sentences, as an array of JSON texts."""
     return np.array([json.dumps(note) for note in notes], str)
 
 
@@ -184,7 +188,7 @@ def _read_note(text: str) -> Tally | str:
 
 
 def _merge_notes(texts: Sequence[str]) -> NDArray[Any]:
-    """Notes on parts of the loads as notes on all of them: each condition once, and each sentence."""
+    """Merge notes on parts of the loads into notes on all of them: each condition and each sentence appears once."""
     found: dict[Any, Tally | str] = {}
     for note in map(_read_note, texts):
         key = note if isinstance(note, str) else note[:4]
@@ -194,15 +198,16 @@ def _merge_notes(texts: Sequence[str]) -> NDArray[Any]:
 
 
 def tell_warnings(part: TaskResult) -> list[str]:
-    """The warnings of a result, a sentence for each condition that fails."""
+    """Return the warnings of a result: a sentence for each condition that fails."""
     sentences = (note if isinstance(note, str) else note.warning for note in map(_read_note, part["warnings"].tolist()))
     return [sentence for sentence in sentences if sentence is not None]
 
 
 def _locate(job: Job, error: GranphonError) -> GranphonError:
-    """``error``, or that of the first load which alone gives one, with the task and the load before it.
+    """Return an error whose message begins with the task and the load.
 
-    The index of that load is its ``load_index``.
+    It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
+    index of that load. If no load fails alone, ``error`` is returned with the task only.
     """
 
     def at(index: int, error: GranphonError) -> GranphonError:
@@ -210,7 +215,7 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
         located.load_index = index if job.places is None else job.places[index]
         return located
 
-    if error.load_index is not None:  # that of a simulation, which is not worked out again
+    if error.load_index is not None:  # an error of a simulation knows its load: nothing is simulated again
         return at(error.load_index, error)
     for index in range(job.load.size):
         try:
@@ -221,14 +226,15 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
 
 
 def _name_task(job: Job, error: GranphonError) -> GranphonError:
-    """``error`` with the task before it."""
+    """Return ``error`` with the task before its message."""
     return type(error)(f"{job.where}: {error}")
 
 
 def _frequencies(state: ContactState, qpoints: Array) -> Array:
-    """(n_loads, s, p, n_branches), Hz, as those of phonopy, but from C(q).
+    """Frequencies along the path, (n_loads, s, p, n_branches), Hz: those of phonopy, but computed from C(q).
 
-    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all.
+    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all
+    loads.
     """
     loads = [state[i] for i in range(len(state.force))]
     lattices = [contact_lattice(one) for one in (loads if state.finite_overlap else loads[:1])]
@@ -242,22 +248,23 @@ def _frequencies(state: ContactState, qpoints: Array) -> Array:
 
 
 class _SampleJob(Job):
-    """One sample of a simulation at all loads, one after the other, each from the one above as in a simulation of all.
+    """One sample of a simulation at all loads, one load in each step.
 
-    What is begun has its loads in the order in which they are found, and where the balls rest under the last one.
+    The highest load comes first, and the search for each equilibrium starts from the one before, as in a simulation that is
+    not cut into tasks. An unfinished result has its loads in this order, and the balls at rest under the last of them.
     """
 
     @property
     def steps(self) -> int:
-        """One for each load."""
+        """Number of steps: one for each load."""
         return self.load.size
 
     def done(self, part: TaskResult) -> int:
-        """How many loads are in a result."""
+        """Return the number of loads that a result contains."""
         return len(part["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """What is begun and one load more; with the last (n_loads, ...) every number of the sample that is averaged."""
+        """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
         index: int | None = None
         try:
             simulation: Any = self.medium.of(self.packing)
@@ -279,5 +286,5 @@ class _SampleJob(Job):
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
     def observe(self, state: ContactState) -> TaskResult:
-        """Every number of the samples that is averaged, (n_loads, ...)."""
+        """Return every number of the samples that is averaged, (n_loads, ...)."""
         return SampleRecord.to_part([SampleRecord.of(sample) for sample in state.samples])

@@ -1,4 +1,4 @@
-"""Samples of which a sweep keeps the numbers that are averaged, and no balls; and the state that averages them."""
+"""Records of samples, which hold the numbers that a sweep averages and no balls; and the state that averages them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampleRecord(Result):
-    """Every number of a :class:`~granphon.array.sample.Sample` that a state averages, in SI and under its name there.
+    """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
     ``fraction`` is the sample's ``contact_fraction()``.
     """
@@ -43,7 +43,7 @@ class SampleRecord(Result):
 
     @classmethod
     def of(cls, sample: Sample) -> Self:
-        """Record a sample, which solves for the numbers that nobody has asked it for yet."""
+        """Record a sample; numbers that it has not computed yet are computed now."""
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
@@ -61,13 +61,13 @@ class SampleRecord(Result):
         return {one.name: np.array([getattr(record, one.name) for record in records]) for one in fields(cls)}
 
     def contact_fraction(self) -> float:
-        """N_c / 6, the part of the contacts that carry load."""
+        """Return N_c / 6, the fraction of the contacts that carry load."""
         return self.fraction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordedState(SimulatedState):
-    """The state of samples of which ``records`` are kept, in the order of ``samples``, which there are none of."""
+    """The state that averages ``records``, which are in the order that ``samples`` would have; ``samples`` is empty."""
 
     records: tuple[SampleRecord, ...] = field(default=(), repr=False)
 

@@ -74,24 +74,28 @@ def sweep(
 
     Parameters
     ----------
-    packing : what is common to the sweep.
+    packing : the packing whose parameters are varied; those that are not swept keep its values.
     force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
     media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
         {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
         each once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
-    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it: adds the frequencies along it, ``npoints`` a
-        segment.
-    labels : of the corners of that path; by default the letters, or the coordinates.
-    executor : any that follows :class:`concurrent.futures.Executor`, for work side by side; the numbers do not depend on it.
-    progress : told how many steps are done: a medium at one combination of parameters, or one sample of it at one load.
-    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it. What is finished is kept
-        beside it until then: the same sweep to the same path goes on from there, with the numbers of an uninterrupted one.
-    resume : if the sweep in ``path`` is complete return it, and compute and write nothing.
-    overwrite : replace existing files, and discard what another sweep to ``path`` has finished.
-    store : where finished tasks are kept, instead of beside ``path``; what is there serves, and the caller clears it.
+    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along it are added to the
+        data set.
+    npoints : number of points on each segment of that path.
+    labels : names of the corners of that path; by default the letters, or the coordinates.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work side by side; the numbers
+        do not depend on it.
+    progress : is told how many steps are done. A step is a medium at one combination of parameters, or one sample of a
+        simulation at one load.
+    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it. Finished tasks are kept
+        beside it until then: the same sweep to the same path continues from them, and gives the same numbers as an
+        uninterrupted one.
+    resume : if the sweep in ``path`` is complete, return it, and compute and write nothing.
+    overwrite : replace existing files, and discard the finished tasks of another sweep to ``path``.
+    store : where finished tasks are kept, instead of beside ``path``. Results that it holds are used; the caller clears it.
     **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread
-        and keeps its shape, uniform if there is none; a ``diameter`` leaves it as it is.
+        and keeps its shape, which is uniform if the packing has no spread; a ``diameter`` leaves the spread as it is.
 
     Returns
     -------
@@ -109,11 +113,11 @@ def sweep(
     ------
     InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
         bands over parameters that change the number of branches, a simulation with finite overlap.
-    FileExistsInRunError : files are there, or what another sweep or version has finished, and ``overwrite`` is off; found
-        out before anything is computed.
-    OutputError : the files cannot be written; found out before anything is computed if it can be.
-    GranphonError : a medium has no solution; names medium, parameters and load, whose index is its ``load_index``. No
-        result is written then.
+    FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and ``overwrite`` is off;
+        raised before anything is computed.
+    OutputError : the files cannot be written; raised before anything is computed if that can be known by then.
+    GranphonError : a medium has no solution. The message names medium, parameters and load, and ``load_index`` is the index
+        of that load. No result is written then.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     choices = _media(media)
@@ -148,7 +152,7 @@ def sweep(
 
 
 def _media(given: Any) -> list[MediumChoice]:
-    """The media, each once."""
+    """Parse the media; :class:`InputError` if there is none, or one is given twice."""
     choices = [MediumChoice.parse(one) for one in (given if isinstance(given, list | tuple) else [given])]
     if not choices:
         raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
@@ -160,7 +164,11 @@ def _media(given: Any) -> list[MediumChoice]:
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """The path of the bands: ``qpoints`` (s, p, 3), ``distances`` (s, p) in the paper's limit, ``labels`` (s + 1)."""
+    """The path of the bands, s segments of p points.
+
+    ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
+    limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
+    """
 
     qpoints: Array
     distances: Array
@@ -181,7 +189,7 @@ class _Way:
         letters = special_points(first.structure.vectors) if isinstance(bands, str) else {}
         qpoints, ticks = interpolate_path(bands, npoints, letters, labels)
         cartesian = qpoints[..., :2] @ np.linalg.inv(first.structure.vectors).T
-        # the step to the first point of a segment is none, so that paths that do not join are drawn side by side
+        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
 
@@ -198,7 +206,7 @@ def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
 
 
 def _complete(target: Path, frame: Dataset) -> Dataset | None:
-    """The sweep in ``target`` if it is that of ``frame``; else None."""
+    """Return the sweep in ``target`` if it is complete and is the one that ``frame`` describes; otherwise None."""
     written = files_written(target.parent)
     if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
         return None
@@ -210,13 +218,13 @@ def _complete(target: Path, frame: Dataset) -> Dataset | None:
 
 
 def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool) -> Dataset:
-    """The data set before anything is computed: its coordinates, the path of the bands, and what it is made of."""
+    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
     loads = ("load", load.array, _attributes(load.kind, load.array))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in media]}
     for axis in axes:
-        # labels say less than the spread or the lattice itself
+        # a label does not describe a spread or a lattice completely
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _attributes(axis.name, labels) | whole)
@@ -231,7 +239,7 @@ def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way:
 
 
 def _identity(frame: Dataset) -> dict[str, Any]:
-    """All that determines the numbers, as plain data; the same of a frame and of the sweep that is read from its file."""
+    """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
@@ -242,15 +250,15 @@ def _identity(frame: Dataset) -> dict[str, Any]:
 
 
 def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[TaskResult], axes: Sequence[Axis]) -> Dataset:
-    """The data set: the frame with what was found."""
+    """Return the frame with the results of the jobs, ``parts``, filled in."""
     load = jobs[0].load
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
-    # a medium that samples nothing has no error
+    # the standard error of a medium that samples nothing is zero
     exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
     if any(job.medium.is_automatic for job in jobs):
         parts = [part | job.choices() for job, part in zip(jobs, parts, strict=True)]
-    # what every medium gives; the tensor only where it is needed
+    # keep the variables that every medium gives; the tensor only where bulk and shear moduli do not replace it
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:
         names.remove("tensor")
@@ -263,18 +271,18 @@ def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[TaskResult], axes
     if "tensor" in names:
         frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
     warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in tell_warnings(part)]
-    path = dict(frame.data_vars)  # after what is found along it
+    path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 
 
 def _attributes(name: str, values: Array) -> dict[str, str]:
-    """What a variable says of itself: its meaning, and the unit of its numbers."""
+    """Return the attributes of a variable: its meaning, and the unit of its numbers."""
     unit = CATALOGUE[name].unit
     return {"long_name": CATALOGUE[name].title} | ({"units": unit} if unit and values.dtype.kind != "b" else {})
 
 
 def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
-    # "1/d" is one a day to readers of units, and the spacing is another at each load
+    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
     unit = "1/a" if finite_overlap else "1/d"
     return {
         "qpoints": (
@@ -291,7 +299,7 @@ def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
 def swept_packing(dataset: Dataset) -> Packing:
     """The packing that a sweep was made of, before its parameters were changed.
 
-    :class:`InputError` if the data set does not say it.
+    :class:`InputError` if the data set does not record it.
     """
     try:
         data = json.loads(dataset.attrs["packing"])

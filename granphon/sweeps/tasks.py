@@ -33,9 +33,9 @@ __all__ = ["IDENTITY", "TaskResult", "Store", "Task", "open_store", "solve_all"]
 
 #: the result of a task, or of its first steps; no array holds Python objects
 TaskResult = dict[str, NDArray[Any]]
-#: the file of a store that says what its results belong to
+#: name of the file in a store that says which work its results belong to
 IDENTITY = "identity.json"
-#: differences that a message names
+#: largest number of differences between two works that a message names
 _MOST_NAMED = 3
 
 
@@ -44,7 +44,7 @@ class Task(Protocol):
 
     @property
     def name(self) -> str:
-        """A file name that no task with another result has; it does not begin with a dot."""
+        """Name of the file for the result: no task with another result has it, and it does not begin with a dot."""
         ...
 
     @property
@@ -53,11 +53,11 @@ class Task(Protocol):
         ...
 
     def done(self, part: TaskResult) -> int:
-        """How many steps are in ``part``."""
+        """Return the number of steps that ``part`` contains."""
         ...
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """What is ``begun`` and the next step, or the first; the result if that was the last."""
+        """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
         ...
 
 
@@ -65,10 +65,10 @@ class Task(Protocol):
 
 
 class Store:
-    """The results of finished tasks and steps, one file a task in ``folder``; None keeps nothing.
+    """The results of finished tasks and steps, one file for each task in ``folder``; None keeps nothing.
 
-    The folder is made when the first is kept, in one that is there. It belongs to one work, see :meth:`claim`; ``force``
-    lets another discard it. Files in it that hold no result are the user's, and stay.
+    The folder is made when the first result is kept; its parent must exist. It belongs to one work, see :meth:`claim`;
+    ``force`` lets another work discard its results. Files in it that hold no result are the user's, and stay.
     """
 
     def __init__(self, folder: Path | None = None, force: bool = False) -> None:
@@ -78,16 +78,16 @@ class Store:
         self._home: tuple[int, int] | None = None
 
     def claim(self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple) -> None:
-        """Say what the results are to belong to, plain data; what is there serves it. None claims none.
+        """Claim the store for the work that ``identity``, plain data, describes; None claims it for no work.
 
-        The work may be another than the one that has left results there, if all of them are among its ``names``. They
-        belong to it from its first own result on.
+        Results that the store holds are used. Another work may have left them if all of them are among ``names``, the names
+        of this work's tasks. They belong to this work once it keeps a result of its own.
 
         Raises
         ------
-        OutputError : what is there is no folder, or a symbolic link.
-        FileExistsInRunError : there is a result of another work that is none of ``names``, and nobody has said ``force``:
-            then all are discarded.
+        OutputError : ``folder`` exists and is not a folder, or is a symbolic link.
+        FileExistsInRunError : there is a result of another work that is not among ``names``, and ``force`` is off. If
+            ``force`` is on, all results are discarded instead.
         """
         if self.folder is None:
             return
@@ -111,7 +111,7 @@ class Store:
             self._identity = json.dumps(data, indent=1).encode()
 
     def _check(self) -> None:
-        """Raise unless the folder is one, or is not there: what is kept in it is nowhere else."""
+        """Raise OutputError if ``folder`` exists and is not a folder, or is a symbolic link."""
         if self.folder is None:
             return
         try:
@@ -126,7 +126,7 @@ class Store:
             raise OutputError(message(f"{self.folder} is {what}", why, "Move it away, or choose another folder"))
 
     def _read_identity(self) -> Any:
-        """What is said of the results that are there; None if nothing is, or it is damaged."""
+        """Return the identity of the work that left results there; None if it is not recorded, or is damaged."""
         with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
             data = json.loads(read_bytes(self.folder / IDENTITY)) if self.folder else {}
             if hashlib.sha256(json.dumps(data["sweep"], sort_keys=True).encode()).hexdigest() == data["digest"]:
@@ -134,14 +134,14 @@ class Store:
         return None
 
     def _others(self) -> set[str]:
-        """Names of the results that are there and are not this work's."""
+        """Return the names of the results that are there and are not this work's."""
         with suppress(OSError):
             there = set(os.listdir(self.folder)) if self.folder else set()
             return {name for name in there - self._names if self._data(name) is not None}
         return set()
 
     def _data(self, name: str) -> memoryview | None:
-        """The content of the result of that name; None if there is none, or it is damaged."""
+        """Return the content of the result of that name; None if there is none, or it is damaged."""
         if self.folder is None:
             return None
         try:
@@ -151,7 +151,7 @@ class Store:
         return raw[32:] if raw[:32] == _digest_result(name, raw[32:]) else None
 
     def read(self, task: Task) -> TaskResult | None:
-        """The result of ``task`` or of its first steps; None if there is none, or one that is damaged or another task's."""
+        """Return the result of ``task`` or of its first steps; None if there is none, or it is damaged or another task's."""
         data = self._data(task.name)
         if data is None:
             return None
@@ -164,8 +164,8 @@ class Store:
     def write(self, task: Task, part: TaskResult) -> None:
         """Keep the result of ``task``, or of its first steps; :class:`~granphon.base.errors.OutputError` if that fails.
 
-        It fails too if the folder that holds the store has been removed, or is another one by now: whoever has locked that
-        one writes there alone.
+        It fails too if the parent of ``folder`` has been removed, or replaced by another folder: only the process that has
+        locked that one may write there.
         """
         if self.folder is None:
             return
@@ -179,12 +179,12 @@ class Store:
             data = stream.getbuffer()  # no copy: results may be large
             write_bytes(self.folder / task.name, _digest_result(task.name, data), data)
         except BaseException:
-            with suppress(OSError):  # it holds something
+            with suppress(OSError):  # a folder that is not empty stays
                 self.folder.rmdir()
             raise
 
     def _make(self) -> None:
-        """Make the folder, but not the one that holds it."""
+        """Make ``folder``, but not its parent."""
         if self.folder is None:
             return
         self._check()
@@ -200,7 +200,7 @@ class Store:
             raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
 
     def clear(self) -> None:
-        """Forget every result."""
+        """Delete every result, and the folder if nothing else is in it."""
         if self.folder is None or self.folder.is_symlink():
             return
         for name in self._names | self._others():
@@ -214,21 +214,21 @@ class Store:
 
 @contextmanager
 def open_store(folder: Path | None, force: bool = False) -> Iterator[Store]:
-    """A store in ``folder`` that is cleared when the block has ended well; what a failure leaves is there to go on from."""
+    """Open a store in ``folder``, and clear it if the block ends well; after a failure its results stay, to go on from."""
     store = Store(folder, force)
     yield store
     store.clear()
 
 
 def _digest_result(name: str, data: bytes | memoryview) -> bytes:
-    # of the name too: a file that was renamed is another task's
+    # the name is part of it: the result of one task, renamed, does not pass for that of another
     found = hashlib.sha256(name.encode())
     found.update(data)
     return found.digest()
 
 
 def _identify_folder(folder: Path) -> tuple[int, int] | None:
-    """Which folder it is, whatever its name; None if it is not there."""
+    """Return device and inode of a folder, which identify it whatever its name; None if it is not there."""
     with suppress(OSError):
         found = os.stat(folder)
         return found.st_dev, found.st_ino
@@ -249,7 +249,7 @@ def _why(there: Any, here: Any) -> str:
 
 
 def _differences(there: Any, here: Any) -> list[str]:
-    """The first few places where plain data differ, in words."""
+    """Describe the first few places where plain data differ."""
     found = list(_different(there, here, ""))
     more = len(found) - _MOST_NAMED
     return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
@@ -283,18 +283,18 @@ def solve_all(
     progress: Progress = silent,
     store: Store | None = None,
 ) -> list[TaskResult]:
-    """The results of ``tasks`` in their order, whichever is finished first.
+    """Do ``tasks`` and return their results in the order of the tasks, whichever is finished first.
 
     Parameters
     ----------
-    label : what ``progress`` calls the work; it is told of each step when its result has been kept.
-    tasks : those that ``store`` has are not done again, nor are steps of them.
-    executor : any that follows :class:`concurrent.futures.Executor`; None does one task after the other. It is not shut
-        down.
-    store : where each result is kept as soon as it is there.
+    label : name of the work for ``progress``, which is told of each step once its result has been kept.
+    tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it holds.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`; None does one task after the other.
+        It is not shut down.
+    store : where each result is kept as soon as it is found.
 
     An error of a task is raised as it is. Then, and on an interruption, tasks that have not begun are cancelled, and results
-    that are there are kept.
+    of finished ones are kept.
     """
     known = store or Store()
     parts = {i: part for i, task in enumerate(tasks) if (part := known.read(task)) is not None}
@@ -323,8 +323,8 @@ class _Work:
         self.step.advance()
 
     def _rescue(self, index: int, part: TaskResult) -> None:
-        """Keep what an error or an interruption has overtaken."""
-        with suppress(OutputError):  # that is the error itself
+        """Keep a result that was finished when an error or an interruption came."""
+        with suppress(OutputError):  # this may be the very error that is being raised
             self.store.write(self.tasks[index], part)
 
     def in_turn(self) -> None:
@@ -339,7 +339,7 @@ class _Work:
                     raise
 
     def spread_out(self, executor: Executor) -> None:
-        """Have them done side by side, the next step of a task when the one before is there."""
+        """Have the tasks done side by side; the next step of a task is submitted once the one before is kept."""
         running: dict[Future[TaskResult], int] = {}
         ready: SimpleQueue[Future[TaskResult]] = SimpleQueue()
 

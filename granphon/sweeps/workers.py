@@ -1,7 +1,7 @@
 """Worker processes that stop when they are told to, and do not outlive the process that has started them.
 
-Each has a pipe to a thread of this process, and nothing is shared: no lock that a killed one could keep, and no semaphore
-that would be left behind. A worker ends when its pipe is closed, whoever closes it, in the middle of what it does.
+Each has a pipe to a thread of this process, and nothing is shared: no lock that a killed worker could hold, and no semaphore
+that would be left behind. A worker ends when its pipe is closed, whoever closes it, even in the middle of its work.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from granphon.base.errors import GranphonError, message
 
 __all__ = ["worker_processes"]
 
-#: a function with its arguments, and the future of its result
+#: the future of a result, and the function with its arguments that gives it
 _Order = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]]
 
 
@@ -31,8 +31,8 @@ _Order = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str,
 
 
 def _serve(pipe: Connection) -> None:
-    """Do what comes through the pipe, one after the other."""
-    # where signals cannot be held back; the process that has started us ends us
+    """Call the functions that come through the pipe, one after the other, and send back their results."""
+    # for platforms on which signals cannot be masked: the process that started this one ends it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders: SimpleQueue[Any] = SimpleQueue()
     threading.Thread(target=_listen, args=(pipe, orders), daemon=True).start()
@@ -44,14 +44,14 @@ def _serve(pipe: Connection) -> None:
             answer = (False, _note_place(error))
         try:
             pipe.send(answer)
-        except OSError:  # nobody listens any more
+        except OSError:  # the other end of the pipe is closed
             return
-        except Exception as error:  # it cannot be pickled
+        except Exception as error:  # the answer cannot be pickled
             pipe.send((False, _note_place(RuntimeError(f"{type(error).__name__}: {error}"))))
 
 
 def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
-    """Take orders while others are carried out; end the process when no more can come."""
+    """Receive orders while others are carried out; end the process once the pipe is closed."""
     try:
         while True:
             orders.put(pipe.recv())
@@ -63,7 +63,7 @@ def _listen(pipe: Connection, orders: SimpleQueue[Any]) -> None:
 
 
 def _note_place(error: BaseException) -> BaseException:
-    """``error`` with a note of the place where it arose, which is not sent with it."""
+    """Add the traceback to ``error`` as a note, as the traceback itself is not sent through the pipe."""
     error.add_note("In a worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
     return error
 
@@ -71,14 +71,14 @@ def _note_place(error: BaseException) -> BaseException:
 # -- in the process that has started them -----------------------------------------------------------------------------
 
 
-#: what a terminal or a batch system stops us with
+#: signals with which a terminal or a batch system stops this process
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """Let the signals that stop us wait until the end of the block."""
-    if threading.current_thread() is not threading.main_thread():  # which alone is interrupted
+    """Hold back the signals that stop this process until the end of the block."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
         yield
         return
     come: list[int] = []
@@ -96,7 +96,7 @@ def _held_back() -> Iterator[None]:
 
 @contextmanager
 def _mask_interrupts() -> Iterator[None]:
-    """Let processes that are started in the block never be stopped by a signal that is meant for us: they inherit that."""
+    """Block the signals that stop this process; processes started in the block inherit that, and are not stopped by them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -108,19 +108,19 @@ def _mask_interrupts() -> Iterator[None]:
 
 
 class _Workers(Executor):
-    """An executor of processes, which are spawned, not forked: numerical libraries may have threads by now."""
+    """An executor of processes. They are spawned, not forked, as numerical libraries may have started threads by now."""
 
     def __init__(self) -> None:
         self._orders: SimpleQueue[_Order | None] = SimpleQueue()
         self._processes: list[Any] = []
 
     def start(self, count: int) -> None:
-        """Start so many."""
+        """Start ``count`` worker processes."""
         context = multiprocessing.get_context("spawn")
-        atexit.register(self.shutdown)  # before multiprocessing waits for them, should an interruption keep us from it
+        atexit.register(self.shutdown)  # runs before multiprocessing waits for them, if an interruption skips the shutdown
         with _held_back(), _mask_interrupts():
             if os.name == "posix":
-                # the first start of a process would start it, and let signals through again
+                # otherwise the first start of a process starts the tracker, which unblocks the signals
                 from multiprocessing import resource_tracker
 
                 resource_tracker.ensure_running()
@@ -131,11 +131,11 @@ class _Workers(Executor):
                 process.start()
                 theirs.close()
                 self._processes.append(process)
-                # nobody waits for a daemon at the end of the interpreter
+                # the interpreter does not wait for a daemon thread when it ends
                 threading.Thread(target=self._lead, args=(ours,), daemon=True).start()
 
     def _lead(self, pipe: Connection) -> None:
-        """Give one worker what is next, and its result to who has ordered it."""
+        """Send one worker the next order, and set the result in the order's future; repeat until the order is None."""
         while (given := self._orders.get()) is not None:
             future, order = given
             if not future.set_running_or_notify_cancel():
@@ -145,7 +145,7 @@ class _Workers(Executor):
                 done, answer = pipe.recv()
             except (OSError, EOFError):
                 future.set_exception(BrokenExecutor("a worker process has ended"))
-            except BaseException as error:  # it cannot be pickled
+            except BaseException as error:  # the order or the answer cannot be pickled
                 future.set_exception(error)
             else:
                 if done:
@@ -155,13 +155,13 @@ class _Workers(Executor):
         pipe.close()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Have ``fn`` done by the next worker that is free."""
+        """Queue ``fn`` for the next worker that is free, and return the future of its result."""
         future: Future[Any] = Future()
         self._orders.put((future, (fn, args, kwargs)))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes at once, in the middle of what they do."""
+        """Kill the processes at once, even in the middle of their work."""
         with _held_back():
             for process in self._processes:
                 process.kill()
@@ -174,10 +174,10 @@ class _Workers(Executor):
 
 @contextmanager
 def worker_processes(count: int) -> Iterator[Executor | None]:
-    """An executor of that many processes; None for one, which is this.
+    """Start ``count`` worker processes and yield their executor; None if ``count`` is 1, as this process does the work then.
 
-    The end of the block ends the processes at once, in the middle of what they do. They end too when this process does.
-    :class:`~granphon.base.errors.GranphonError` if one has been killed.
+    At the end of the block the processes are killed at once, even in the middle of their work. They end too when this
+    process ends. Raises :class:`~granphon.base.errors.GranphonError` if one has been killed by others.
     """
     if count == 1:
         yield None
