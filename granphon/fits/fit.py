@@ -1,7 +1,7 @@
-"""The width of the distribution of diameters from measured sound velocities, as Section IV finds W = 2.04 um.
+"""Fit the width of the distribution of diameters to measured sound velocities, as Section IV finds W = 2.04 um.
 
-The logarithm of each parameter is fitted by least squares (:mod:`granphon.fits.least_squares`), from several widths, with
-exact derivatives (:mod:`granphon.fits.velocity_model`).
+The logarithm of each parameter is fitted by least squares (:mod:`granphon.fits.least_squares`), starting from several
+widths, with exact derivatives (:mod:`granphon.fits.velocity_model`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from granphon.observables.validity import validity
 __all__ = ["FIT_FILES", "WidthFit", "fit_width", "force_of_pressure"]
 
 Array = NDArray[np.float64]
-#: what stands in fit.yaml before the fields of the fit
+#: keys that stand in fit.yaml before the fields of the fit; they are ignored when a fit is read
 _HEAD = ("versions", "medium", "width", "stderr", "std", "std_stderr", "p")
 
 
@@ -48,7 +48,8 @@ class WidthFit(Result):
     choice : the medium that models the packing.
     waves : which waves were measured.
     parameters, values : names (p,) and SI values (p,) of the fitted parameters.
-    covariance : covariance (p, p) of their errors; nan if the scatter is below the rounding of the data, which tells none.
+    covariance : covariance (p, p) of their errors, SI; nan if they are unknown, as the scatter is below the rounding of the
+        data.
     force, velocity : the data, (n,), N and m/s.
     sigma : standard error of each velocity, (n,), m/s: as given, or from the scatter, (sum of residuals^2 / dof)^(1/2).
     sigma_given : whether sigma was given.
@@ -114,9 +115,10 @@ class WidthFit(Result):
 
     @property
     def p(self) -> float:
-        """Probability that errors of the sigma given make a larger ``chi2``; of right errors and model any is as likely.
+        """Probability that errors of the given sigma make a larger ``chi2``.
 
-        nan with no degrees of freedom, or with sigma from the scatter.
+        If sigma and the model are right, all values from 0 to 1 are equally likely. nan with no degrees of freedom, or with
+        sigma from the scatter.
         """
         return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
@@ -131,9 +133,9 @@ class WidthFit(Result):
         return self.choice.label
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
-        """Velocity of the fitted packing at other forces (N), m/s, in another ``medium`` if one is named.
+        """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium`` if one is named.
 
-        :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of its own.
+        Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of its own.
         """
         if np.ndim(self.waves.frequency):
             raise InputError(message("the measured pulses have many frequencies", mend="Use .velocities, at the data"))
@@ -145,25 +147,25 @@ class WidthFit(Result):
         return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
 
     def said_units(self) -> dict[str, str]:
-        """Units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
+        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
         each = [PARAMETERS[name] or "1" for name in self.parameters]
         rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
         return super().said_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data; what stands in fit.yaml before its fields only repeats them, and is left out."""
+        """Build a fit from plain data; the keys that stand in fit.yaml before the fields are ignored."""
         mapping = isinstance(data, Mapping)
         return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
 
     def check(self) -> None:
-        """Check the fields, and that the parameters are some that can be fitted."""
+        """Check the fields, and that the parameters can be fitted; raise InputError otherwise."""
         super().check()
         if unknown := set(self.parameters) - set(VARIABLE):
             raise InputError(message(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE)))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, with everything, and fit.csv, with data and fit, into an existing folder."""
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fitted velocities, into an existing folder."""
         numbers = {name: getattr(self, name) for name in _HEAD[2:]}
         head = {"versions": versions("numpy", "scipy"), "medium": self.medium, **numbers}
         (Path(folder) / "fit.yaml").write_text(dump_yaml(head | self.to_dict()), encoding="utf-8")
@@ -198,31 +200,35 @@ def fit_width(
 
     Parameters
     ----------
-    packing : the balls. Its spread says the shape of the distribution, uniform where there is none; what is fitted starts
-        from its values, the width from many others as well.
+    packing : the balls. Its spread gives the shape of the distribution, which is uniform if there is no spread. The fit
+        starts from the values of the packing, and from many other widths as well.
     force : mean contact forces, (n,), N.
     velocity : sound velocities, (n,), m/s.
-    sigma : their standard errors, m/s, one or (n,). Left out, they are taken for equal and found from the scatter.
-    frequency : of the pulses, Hz, one or (n,): velocities are then group velocities. Left out, they are those of long waves.
-    medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, their
-        deviations in proportion. A dozen equilibria for a decade of force, interpolated, serve all widths.
+    sigma : standard errors of the velocities, m/s, one number or (n,). If left out, they are assumed equal and found from
+        the scatter.
+    frequency : frequency of the pulses, Hz, one number or (n,): velocities are then group velocities. If left out, they are
+        velocities of long waves.
+    medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, with
+        deviations in proportion to it. A dozen equilibria for a decade of force serve all widths, by interpolation.
     parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too.
     branch : "longitudinal" or "transverse".
-    direction : of propagation. (0, 1), across a row of touching balls, is from side to side of the paper's hexagonal frame.
+    direction : direction of propagation. (0, 1), across a row of touching balls, is from side to side of the paper's
+        hexagonal frame.
     finite_overlap : keep the terms of relative order delta/d in the velocities; derivatives are those of the paper's limit.
 
     Returns
     -------
-    :class:`WidthFit`. Standard errors are those of linear theory: of the sigma given, or of the scatter, when a parameter's
-    error over its standard error follows Student's distribution with ``dof`` degrees of freedom. Its ``warnings`` say where
-    a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below the rounding of the
-    data, one datum that decides alone (leverage above 0.9) or lies far off, a standard error above half the value.
+    :class:`WidthFit`. Standard errors are those of linear theory, from the given sigma or from the scatter. If from the
+    scatter, a parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
+    The ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter
+    below the rounding of the data, one datum that decides the fit alone (leverage above 0.9) or lies far off, a standard
+    error above half the value.
 
     Raises
     ------
     InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
-        parameters (a standard error above the parameter itself, parameters that have the same effect, velocities of equal
-        balls or above); loads or a frequency that the medium cannot carry; the medium "auto".
+        parameters (a standard error above the parameter itself, parameters that have the same effect, velocities equal
+        to those of equal balls or higher); loads or a frequency that the medium cannot carry; the medium "auto".
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
     waves = Waves(branch, one_direction(direction), data.frequency, finite_overlap)
@@ -238,7 +244,7 @@ def fit_width(
     residuals, matrix = problem(logs)
     covariance, step = find_covariance(problem, logs, residuals, matrix)
     errors = np.sqrt(np.diag(covariance))
-    # where sigma is smaller than the scatter, the minimum is as sharp as that tells, and found as well
+    # where the given sigma is smaller than the scatter, the step is compared with errors that the scatter would give
     scatter = max(1.0, math.sqrt(float(residuals @ residuals) / max(problem.dof, 1)))
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
@@ -248,7 +254,7 @@ def fit_width(
     )
     if not found.errors_are_known:
         covariance = np.full(covariance.shape, np.nan)
-    # what limits a simulation shows at the least and the greatest force
+    # the validity of a simulation is decided at the least and the greatest force
     loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.choice.simulates else data.force
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=finite_overlap)
     return WidthFit(
@@ -265,10 +271,10 @@ def force_of_pressure(
     fitted: Sequence[str],
     pressure: float,
 ) -> float:
-    """Contact force, N, of a pressure, N/m: with finite overlap that of the ``medium`` at the packing's own width.
+    """Return the contact force, N, under a pressure, N/m; with finite overlap, in the ``medium`` at the packing's own width.
 
-    :class:`~granphon.base.errors.InputError` if the diameter is among the parameters that are to be ``fitted``: the force is
-    proportional to it.
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
+    is proportional to it.
     """
     if "diameter" in fitted:
         why = "The contact force of a pressure is in proportion to the diameter"

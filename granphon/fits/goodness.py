@@ -1,4 +1,4 @@
-"""How far a fit by least squares can be trusted: what its residuals, leverages and errors say, each with its number."""
+"""How far a fit by least squares can be trusted, judged by its residuals, leverages and standard errors."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 __all__ = ["Goodness", "compute_leverages", "compute_probability", "find_rounding"]
 
 Array = NDArray[np.float64]
-#: a chi-squared whose probability is below this, or above one less this, is not taken for chance
+#: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
 _LEAST_CHANCE = 1e-3
-#: one datum is judged by sigma if a chi-squared as large as that of the others has at least this probability
+#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has at least this probability
 _CHANCE_OF_AGREEMENT = 0.05
 #: a datum of more than this leverage decides the fit almost alone
 _DECIDING_LEVERAGE = 0.9
@@ -21,25 +21,25 @@ _DECIDING_LEVERAGE = 0.9
 _LARGE_ERROR = 0.5
 #: scatter below this part of the rounding of the data tells nothing
 _SCATTER_OF_ROUNDING = 0.1
-#: rounding of data, over the largest of them, below which they are not taken for rounded
+#: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
 
 
 def compute_probability(chi2: float, dof: int) -> float:
-    """Probability that errors as given make a sum of squares above ``chi2``; nan with no degrees of freedom."""
+    """Return the probability that errors of the given sigma make a sum of squares above ``chi2``; nan if ``dof`` is 0."""
     from scipy.special import chdtrc
 
     return float(chdtrc(dof, chi2)) if dof else math.nan
 
 
 def compute_leverages(matrix: Array) -> Array:
-    """Diagonal (n,) of A (A^T A)^-1 A^T for the derivatives A (n, p): how far the fit follows each datum; the sum is p."""
+    """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A (n, p) the derivatives."""
     left, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
     return np.asarray(np.sum(left**2, axis=1))
 
 
 def find_rounding(values: Array) -> float:
-    """The unit of the last decimal of ``values``: the largest power of ten of which all are multiples."""
+    """Return the unit of the last decimal of ``values``: the largest power of ten of which all are multiples."""
     largest = float(np.max(values))
     for power in range(math.floor(math.log10(largest)), math.floor(math.log10(_FINEST_ROUNDING * largest)), -1):
         steps = values / 10.0**power
@@ -83,7 +83,7 @@ class Goodness:
 
     @property
     def p(self) -> float:
-        """Probability of a larger chi2; nan where sigma is from the scatter, or nothing is left to judge by."""
+        """Probability of a larger chi2; nan where sigma is from the scatter, or with no degrees of freedom."""
         return compute_probability(self.chi2, self.dof) if self.given else math.nan
 
     @property
@@ -128,17 +128,17 @@ class Goodness:
         if self.errors_are_known and self.dof > 1:
             from scipy.special import ndtr, stdtr
 
-            # a residual over its own standard error is the distance from the fit of the others, over that of it
+            # equal to the distance of the datum from a fit of the others, over the standard error of that distance
             r = np.abs(self.residuals) / np.sqrt(np.maximum(1.0 - self.leverages, 1e-12))
             off = int(np.argmax(r))
-            others = max(self.chi2 - float(r[off]) ** 2, 1e-12)  # their chi-squared, about a fit of their own
+            others = max(self.chi2 - float(r[off]) ** 2, 1e-12)  # chi-squared of the others about a fit of their own
             if self.given and compute_probability(others, self.dof - 1) >= _CHANCE_OF_AGREEMENT:
                 distance = float(r[off])
                 one = float(ndtr(-distance))
-            else:  # by the scatter of the others, and then it is Student's
+            else:  # judged by the scatter of the others: Student's distribution
                 distance = float(r[off]) * math.sqrt((self.dof - 1) / others)
                 one = float(stdtr(self.dof - 1, -distance))
-            chance = min(2.0 * len(r) * one, 1.0)  # of the farthest of so many
+            chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
             if chance < _LEAST_CHANCE:
                 where = f"{distance:.3g} standard errors off the fit of the others (p = {chance:.2g})"
                 out.append(f"{self._describe(off)} lies {where}")

@@ -18,7 +18,7 @@ from granphon.media.choice import MediumChoice
 __all__ = ["FitProblem", "explain_undetermined", "find_best", "find_covariance"]
 
 Array = NDArray[np.float64]
-#: f* at the least force of the data for the narrowest width that is tried: nothing is left of disorder there
+#: f* at the least force of the data for the narrowest width that is tried: disorder has no effect there
 _NARROWEST_AT = 1e4
 #: f* at the greatest force of the data for the widest width that is tried
 _WIDEST_AT = 1e-2
@@ -26,7 +26,7 @@ _WIDEST_AT = 1e-2
 _TRIALS_PER_DECADE = 2
 #: relative error of a model's velocities; a sigma below this part of a velocity, or above its inverse, is a mistake
 _MODEL_ERROR = 1e-12
-#: a pulse of more than this part of the highest frequency of its branch is near the end of it
+#: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
 _NEAR_TOP = 0.98
 #: velocities below this part of those of equal balls, or above its inverse, are taken for mistakes
 _LEAST_RATIO = 1e-6
@@ -40,8 +40,8 @@ _NO_EFFECT = 1e-9
 class FitProblem:
     """Measured velocities and the model that is fitted to them.
 
-    ``velocity`` and ``sigma``, its standard error, are (n,), m/s; sigma is 1 m/s until the scatter is known. Called with
-    the logarithms (p,) of the model's parameters.
+    ``velocity`` and ``sigma``, its standard error, are (n,), m/s; a sigma that is not given is 1 m/s until the scatter is
+    known. Call the problem with the logarithms (p,) of the model's parameters to get residuals and derivatives.
     """
 
     model: VelocityModel
@@ -50,7 +50,7 @@ class FitProblem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
-        """The problem of these data; :class:`~granphon.base.errors.InputError` if they cannot be right, or are too few."""
+        """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be right, or are too few."""
         model.require_carried()
         with np.errstate(all="ignore"):
             ratio = data.velocity / model.equal_balls(model.start(1e-9 * model.packing.diameter))[0]
@@ -87,16 +87,16 @@ class FitProblem:
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Residuals (n,) and derivatives (n, p) of the velocities, in units of sigma; InputError where there are none."""
+        """Return residuals (n,) and derivatives (n, p) of velocities, in units of sigma; InputError if there are none."""
         velocities, slopes = self.model(logs)
         return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
 
     def in_medium(self, medium: str) -> FitProblem:
-        """The same problem in another medium."""
+        """Return the same problem in another medium."""
         return replace(self, model=replace(self.model, choice=MediumChoice(medium)))
 
     def with_scatter(self, logs: Array) -> FitProblem:
-        """The same problem with sigma from the scatter about the fit at ``logs``."""
+        """Return the same problem with sigma from the scatter about the fit at ``logs``."""
         residuals = self(logs)[0]
         # numbers in double precision scatter by their rounding at least
         least = np.finfo(float).eps * float(np.max(self.velocity))
@@ -105,7 +105,10 @@ class FitProblem:
 
 
 def find_best(problem: FitProblem) -> Array:
-    """Find the logarithms (p,) of the least sum of squares; for a simulation, near those of the effective medium."""
+    """Find the logarithms (p,) of the parameters with the least sum of squares.
+
+    For a simulation, the search starts from those of the effective medium.
+    """
     if problem.model.choice.simulates:
         return _descend(problem, find_best(problem.in_medium("ema")))
     found = (_descend(problem, start) for start in _find_starts(problem))
@@ -113,7 +116,7 @@ def find_best(problem: FitProblem) -> Array:
 
 
 def _find_starts(problem: FitProblem) -> list[Array]:
-    """Find logarithms to start from: those of each width at which the sum of squares is less than at its neighbours.
+    """Find starting points, logarithms (p,): one at each width whose sum of squares is not above that of its neighbours.
 
     At each width, one linear step brings the other parameters to their best. Widths so large that the medium refuses them
     are left out.
@@ -127,7 +130,7 @@ def _find_starts(problem: FitProblem) -> list[Array]:
         try:
             residuals, matrix = problem(logs)
         except InputError:
-            if not starts:  # so narrow a spread is not to blame
+            if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
         step = np.linalg.lstsq(matrix[:, others], residuals, rcond=_SAME_EFFECT)[0]
@@ -152,7 +155,7 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     def residuals(move: Array) -> Array:
         try:
             return system(tuple(move.tolist()))[0]
-        except InputError:  # the trust region shrinks
+        except InputError:  # an infinite residual makes the trust region shrink
             if not any(move):
                 raise
             return np.full(problem.velocity.shape, np.inf)
@@ -165,15 +168,15 @@ def _descend(problem: FitProblem, start: Array) -> Array:
 
 
 def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: Array) -> tuple[Array, Array]:
-    """Covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem.
+    """Return the covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem.
 
     :class:`~granphon.base.errors.InputError` if the data do not determine the parameters.
     """
     norms = np.linalg.norm(matrix, axis=0)
     left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
     same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
-    never = same and len(problem.model.names) == len(VARIABLE)  # whatever the data
-    # were the others known, the standard error of a parameter would be one over its norm
+    never = same and len(problem.model.names) == len(VARIABLE)  # no data can tell all three apart
+    # if the others were known, the standard error of a parameter would be 1/norm
     if not never and (np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0])):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
     if same:
@@ -185,7 +188,7 @@ def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: 
 
 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
-    """The error that says why the data do not determine the parameters, whose logarithms have the standard ``errors``."""
+    """Return the error that says why the data do not determine the parameters; ``errors`` are those of the logarithms."""
     model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
     width, error = float(np.exp(logs[model.width_index])), float(errors[model.width_index])
     ideal = model.equal_balls(logs)[0]

@@ -21,11 +21,13 @@ from granphon.base.text import closest
 __all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements", "read_sigma"]
 
 Array = NDArray[np.float64]
+#: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
 TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 #: errors may be given in per cent of the quantity
 PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
+#: standard error of a velocity, m/s or per cent
 _SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
 #: columns that a table of measurements may have, and their quantities
 COLUMNS: Mapping[str, Quantity] = {
@@ -40,7 +42,7 @@ def _tell_column(kind: str) -> str:
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
-    """Read standard errors of the velocities, m/s, from a text: "5 m/s", one for all, or "1 %" of each."""
+    """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1 %" of each."""
     if re.search(r"(?:%|percent)\s*$", text):
         return velocity * (PERCENT.read(text) / 100.0)
     return _SIGMA.read(text)
@@ -58,7 +60,7 @@ class Measurements(Result):
 
     Raises
     ------
-    InputError : what is not a finite number above zero, or not as many of one as of the other.
+    InputError : a value is not a finite number above zero, or the arrays have different lengths.
     """
 
     units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
@@ -105,8 +107,8 @@ class Measurements(Result):
 
         Raises
         ------
-        InputError : a file, line or cell that cannot be read; too little in it, or what is said twice: by two columns, or
-            by a ``distance`` and a column of distances or of velocities.
+        InputError : a file, line or cell cannot be read, a column is missing, or a quantity is given twice: by two columns,
+            or by a ``distance`` and a column of distances or of velocities.
         """
         table, named = Table.read(path), dict(columns or {})
         for name in named:
@@ -116,7 +118,7 @@ class Measurements(Result):
                 raise InputError(message(f"{name!r} is nothing that a column of measurements holds", mend=mend))
 
         def choose(*kinds: str) -> str | None:
-            """The one of these kinds of column that the table has; None if it has none."""
+            """Return which of these kinds of column the table has; None if it has none of them."""
             there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
             if len(there) > 1:
                 raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0])))

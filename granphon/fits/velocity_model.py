@@ -1,12 +1,13 @@
 """Sound velocities as a function of a packing's parameters, with derivatives: what a fit to measured velocities needs.
 
-In the paper's limit v is in proportion to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)) and c to E d^(1/2). With nu,
+In the paper's limit v is proportional to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)), k* is a function of the reduced
+force f* = f/c W^(3/2) alone, and c is proportional to E d^(1/2). With nu,
 the local exponent d log v / d log f that every state knows, the derivatives d log v / d log p are exactly 1/4 - 3 nu/2 for
 the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter. In the ideal lattice, where nu = 1/6, they are
-0, 1/3 and -1/3: it knows nothing of the width.
+0, 1/3 and -1/3: its velocities do not depend on the width.
 
-A simulation scales in the same way, so that its samples make one curve, which serves all widths. It is interpolated: each
-contact that opens puts a cusp into the moduli of a sample, small, but of any slope.
+A simulation scales in the same way, so that its samples give one curve, which serves all widths. The curve is interpolated,
+because each contact that opens puts a cusp into the moduli of a sample, which is small but may have any slope.
 """
 
 from __future__ import annotations
@@ -39,11 +40,11 @@ from granphon.observables.velocities import local_exponent, sound_velocities
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 
 Array = NDArray[np.float64]
-#: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added
+#: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added to it
 VARIABLE: Mapping[str, tuple[float, float]] = {
     "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
 }  # fmt: skip
-#: steps of log f* between the equilibria of a simulation: eight to a decade
+#: distance in log f* between the equilibria of a simulation: eight to a decade
 _NODE_SPACING = math.log(10.0) / 8.0
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
 _FREQUENCY_STEP = 1e-4
@@ -76,7 +77,7 @@ class Waves(Result):
         super().__post_init__()
 
     def tops(self, state: ContactState) -> Array:
-        """Highest frequency of a pulse on the branch at each load, Hz."""
+        """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
         several = state.finite_overlap and bool(state.shape)
         each = [state[n] for n in range(len(state.force))] if several else [state]
@@ -85,11 +86,11 @@ class Waves(Result):
         return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
-        """Velocity at each load, m/s, of long waves or the group velocity of pulses, and d log v / d log frequency."""
+        """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v / d log frequency."""
         if self.frequency is None:
             velocities = np.asarray(getattr(sound_velocities(state, self.direction), self.branch))
             return velocities, np.zeros(velocities.shape)
-        # downwards, where the branch goes on
+        # step to lower frequencies, where the branch is sure to exist
         steps = np.reshape([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape))
         frequencies = self.frequency * (1.0 - steps)
         group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
@@ -98,14 +99,14 @@ class Waves(Result):
 
 @dataclass(frozen=True)
 class _WidenedSpread(Spread):
-    """The distribution ``source`` at another width, the shape the same to the last bit: one curve serves all widths."""
+    """The distribution ``source`` at another width; its shape is the same to the last bit, so that one curve serves all."""
 
     width: float = field()
     source: Spread = field()
 
     @property
     def rms(self) -> float:
-        """Delta_rms, m."""
+        """Root mean square deviation Delta_rms of the diameters, m."""
         return self.width / math.sqrt(12.0)
 
     @property
@@ -123,9 +124,9 @@ class _WidenedSpread(Spread):
 class _SampleCurve:
     """The stiffness of a regular lattice in which a ``branch`` has the velocity that it has in simulated samples.
 
-    log k/c W^(1/2) over log f*, from a few equilibria at fixed places, made when they are first needed. Between them it is
-    a cubic polynomial, with slopes from four neighbours. The cusps that it leaves out, 2e-4 of the velocity of 64 x 64 balls
-    (rms, f* > 0.05) and less of more, are smaller than what samples of that size differ by.
+    The curve is log(k/c W^(1/2)) as a function of log f*. It goes through equilibria at fixed f*, which are solved when they
+    are first needed. Between them it is a cubic polynomial, with slopes from four neighbours. The cusps that it leaves out
+    change the velocity of 64 x 64 balls by 2e-4 (rms, f* > 0.05), less for more balls. Samples of that size differ by more.
     """
 
     def __init__(self, packing: Packing, choice: MediumChoice, branch: str) -> None:
@@ -133,7 +134,7 @@ class _SampleCurve:
         self._known: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Value and slope at each log f*, (n,)."""
+        """Return value and slope of the curve at each log f*, (n,)."""
         cell, part = np.divmod(logs / _NODE_SPACING, 1.0)
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
         self._solve(sorted(set(nodes.ravel().tolist()) - set(self._known)))
@@ -157,7 +158,7 @@ class _SampleCurve:
 
 
 def _make_regular(state: ContactState, stiffness: Array) -> ContactState:
-    """A state of the same load on a regular lattice of contacts of this stiffness, N/m."""
+    """Return a state under the same load on a regular lattice of contacts of this stiffness, N/m."""
     return ContactState(state.packing, state.medium, state.law, state.force, state.overlap, stiffness)
 
 
@@ -165,8 +166,8 @@ def _make_regular(state: ContactState, stiffness: Array) -> ContactState:
 class VelocityModel:
     """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
 
-    ``names`` (p,) of the parameters, of :data:`VARIABLE`; the width is one of them. :class:`InputError` if it is not, and
-    for a medium that the packing, or finite overlap, does not have.
+    ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; the width is one of them. Raises :class:`InputError`
+    if it is not, or if the medium does not exist for the packing or with finite overlap.
     """
 
     packing: Packing
@@ -208,7 +209,7 @@ class VelocityModel:
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses: then no others do."""
+        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses, as no other balls do then."""
         if self.waves.frequency is None:
             return
         logs = self.start(1e-9 * self.packing.diameter)
@@ -219,7 +220,7 @@ class VelocityModel:
             raise UnreachableFrequencyError(message(what, why, "Check the frequency (Hz)"))
 
     def nearest_to_top(self, logs: Array) -> str:
-        """The pulse whose frequency is nearest to the top of its branch, or farthest above it, in words."""
+        """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above it."""
         tops = self.tops(logs)
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
         i = int(np.argmax(frequencies / tops))
@@ -229,9 +230,9 @@ class VelocityModel:
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Velocities (n,), m/s, and the derivatives (n, p) of their logarithms, those of the paper's limit.
+        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms in the paper's limit.
 
-        :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
+        Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
         """
         state, exponent = self._state(self._packing(logs))
         velocities, power = self.waves.velocity(state)
@@ -250,7 +251,7 @@ class VelocityModel:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _state(self, packing: Packing) -> tuple[ContactState, Array]:
-        """A state with the long waves of the medium under the loads, and their local exponent."""
+        """Return a state with the long-wave velocities of the medium under the loads, and their local exponent."""
         if not self.choice.simulates:
             state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
             return state, np.asarray(local_exponent(state))
@@ -260,12 +261,12 @@ class VelocityModel:
 
     @cached_property
     def _curve(self) -> _SampleCurve:
-        # in reduced units any width, as any modulus and diameter, is as good
+        # the curve is in reduced units and depends on no width, modulus or diameter: any width will do
         packing = change_packing(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
         return _SampleCurve(packing, self.choice, self.waves.branch)
 
     def fit_packing(self, logs: Array) -> Packing:
-        """The packing with these parameters; listed diameters are shifted with their mean."""
+        """Return the packing with these parameters; listed diameters are shifted so that their mean is the diameter."""
         values, spread = dict(zip(self.names, np.exp(logs).tolist(), strict=True)), self.packing.spread
         if isinstance(spread, Discrete | Measured):
             shift = values.get("diameter", self.packing.diameter) - spread.mean
