@@ -1,4 +1,4 @@
-"""Balls of different diameters under some loads, as the studies of media, grids and solvers share them."""
+"""Balls of different diameters under some loads, which the studies of media, grids and solvers share."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from granphon.tradeoffs.study import SECONDS, Stopwatch, Study
 __all__ = ["MOST_OPENINGS", "Disorder", "DisorderStudy"]
 
 Array = NDArray[np.float64]
-#: openings of listed diameters above which solving the effective medium is no matter of a moment
+#: number of openings of listed diameters above which solving the effective medium takes noticeable time
 MOST_OPENINGS = 40
 #: diameters in the short list whose solution is timed to predict that of a long one
 _TRIAL_DIAMETERS = 20
@@ -36,7 +36,7 @@ _TIME_POWER = 1.1
 
 @dataclass(frozen=True)
 class Disorder:
-    """Balls that differ, their loads, and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
+    """Balls of different diameters, their loads, and which of :data:`~granphon.tradeoffs.ensemble.QUANTITIES` are observed.
 
     Trial solutions are timed with ``stopwatch``.
     """
@@ -80,7 +80,7 @@ class Disorder:
 
     @cached_property
     def solving(self) -> float:
-        """Predicted time of solving the effective medium, s; zero if it takes no more than a moment."""
+        """Predicted time of solving the effective medium, s; zero up to :data:`MOST_OPENINGS` openings."""
         shape = self.shape
         if shape.openings.size <= MOST_OPENINGS:
             return 0.0
@@ -92,7 +92,7 @@ class Disorder:
 
     @cached_property
     def condition(self) -> float:
-        """Largest factor by which a relative change of load and width comes back in a velocity."""
+        """Condition number of the velocities: the largest factor by which relative errors of load and width act on them."""
         state = self.state(AveragedForce(self.packing))
         if not self.solving:
             with suppress(GranphonError):  # the loads may be below those of the effective medium
@@ -105,22 +105,22 @@ class Disorder:
         return float(1.0 + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def repeat(self, errors: Array) -> Array:
-        """(n_loads, n_observed) errors from the (n_loads,) that all quantities share, as the root of one stiffness."""
+        """Repeat errors (n_loads,) for each quantity, (n_loads, n_observed): all go as the root of one stiffness."""
         return np.repeat(np.abs(errors)[:, None], len(self.quantities), axis=1)
 
 
 @dataclass(frozen=True)
 class DisorderStudy(Study):
-    """A study of balls that differ, at all their loads."""
+    """A study of balls of different diameters, at all their loads."""
 
     disorder: Disorder
 
     @property
     def observed(self) -> tuple[str, ...]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Names of the quantities whose errors are measured."""
         return self.disorder.quantities
 
     @property
     def loads(self) -> tuple[float, ...]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Loads at which errors are measured, SI."""
         return self.disorder.load.values

@@ -1,9 +1,9 @@
 """Means over many samples of the disordered array, with less scatter than their number alone would leave.
 
-What one sample has more or less than the infinite array is, to second order in the differences of diameters, linear in the
-sample's own mean of x^2 and of x x' over near pairs of balls; and these means are known exactly for the infinite array: the
-variance, and zero. A linear regression on them takes that part of the chance out (control variates). At f* = 1 it leaves
-less than a fifth of the standard error, above f* = 3 a tenth or less; near the rigidity threshold next to all.
+To second order in the differences of diameters, the difference between one sample and the infinite array is linear in the
+sample's own means of x^2 and of x x' over near pairs of balls. For the infinite array these means are known exactly: the
+variance, and zero. A linear regression on them removes that part of the scatter (control variates). At f* = 1 it leaves
+less than a fifth of the standard error, above f* = 3 a tenth or less, and near the rigidity threshold almost all of it.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from granphon.observables.velocities import sound_velocities
 __all__ = ["QUANTITIES", "Ensemble", "Moments", "observe"]
 
 Array = NDArray[np.float64]
-#: quantities that are averaged, and that errors of media are of: velocities of long waves, and the scale of frequencies
+#: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
 QUANTITIES = ("longitudinal", "transverse", "frequency")
 #: variance of x = Delta/W, the same for every distribution
 _VARIANCE = 1.0 / 12.0
-#: near pairs of balls: for each shell of neighbours, the shifts along a1, a2 to one half of it
+#: near pairs of balls: for each shell of neighbours, the shifts along a1, a2 to half of them; the others are opposite
 _SHELLS = (((1, 0), (0, 1), (1, 1)), ((2, 1), (1, 2), (1, -1)), ((2, 0), (0, 2), (2, 2)))
-#: samples for each coefficient of the regression, at least; with fewer it adds more scatter than it takes out
+#: least number of samples for each coefficient of the regression; with fewer it adds more scatter than it removes
 _LEAST_SAMPLES_EACH = 6
 
 
 def observe(state: ContactState) -> Array:
-    """The :data:`QUANTITIES` of a state on the triangular lattice, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s."""
+    """Return the :data:`QUANTITIES` of a state on the triangular lattice, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s."""
     velocities = sound_velocities(state, (1.0, 0.0))
     scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
@@ -46,7 +46,7 @@ def observe(state: ContactState) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble(Result):
-    """What samples show of the infinite array under some loads.
+    """Estimates for the infinite array under some loads, from samples.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Ensemble(Result):
 
 
 class Moments:
-    """Collects samples: :meth:`add` some, a few at a time, and ask for the :meth:`ensemble`.
+    """Collect samples: :meth:`add` some, a few at a time, then ask for the :meth:`ensemble`.
 
     All samples have the same ``packing`` on the triangular lattice, applied ``load`` (n_loads,) and ``shape`` (L1, L2);
     their seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
@@ -94,14 +94,14 @@ class Moments:
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         moduli = bulk_and_shear(tensors)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
-        # what is averaged: moduli; and at common force compliances, as the state does
+        # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
         rows = np.stack([np.sum(moduli, axis=-1), moduli[..., 1], k if state.spaced else 1.0 / k], axis=-1)
         self._moduli.extend(np.moveaxis(rows, 1, 0))
         self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)
         self._excess.extend(np.array(list(_measure_excess(simulation))))
 
     def ensemble(self) -> Ensemble:
-        """Mean and standard error over the samples, two or more."""
+        """Return mean and standard error over the samples, of which there must be two or more."""
         moduli, excess = np.array(self._moduli), np.array(self._excess)
         count, balls = len(moduli), math.prod(self.shape)
         spread = np.std(moduli, axis=0, ddof=1) / np.mean(moduli, axis=0)
@@ -117,7 +117,7 @@ class Moments:
 
 
 def _measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
-    """For each sample, its means of x^2 and of x x' over each shell of near pairs, less those of the infinite array."""
+    """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those of the infinite array."""
     for index in range(simulation.samples):
         x = simulation.deviations(index)
         pairs = [np.mean([np.mean(x * np.roll(x, shift, (0, 1))) for shift in shell]) for shell in _SHELLS]
@@ -125,7 +125,7 @@ def _measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
 
 
 def _regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their standard errors, each (m,)."""
+    """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their standard errors, each (m,)."""
     count, known = excess.shape
     design = np.ones((count, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))

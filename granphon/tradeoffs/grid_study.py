@@ -1,4 +1,4 @@
-"""How fine a grid of wave vectors the lattice's Green's function needs, against adaptive quadrature."""
+"""How fine a grid of wave vectors the lattice's Green's function needs, measured against adaptive quadrature."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
 __all__ = ["GridStudy"]
 
 Array = NDArray[np.float64]
-#: effective media that are solved to find what an error of Xi makes of a velocity
+#: number of effective media that are solved to find how an error of Xi changes a velocity
 _SOLUTIONS = 3
-#: relative change of Xi of the finite difference
+#: relative change of Xi in the finite difference
 _XI_STEP = 1e-3
 
 
 @dataclass(frozen=True)
 class GridStudy(DisorderStudy):
-    """The grid that gives the local-field factor Xi; errors are what those of Xi make of velocities, to first order.
+    """Grids that give the local-field factor Xi; errors are those of velocities that errors of Xi cause, to first order.
 
-    ``graded`` and ``uniform``: points along a side of grids refined towards the singularity at Gamma, and of uniform ones.
+    ``graded`` and ``uniform``: points along a side of grids refined towards the singularity at Gamma, and of uniform grids.
     """
 
     name = "Green's function"
@@ -41,7 +41,7 @@ class GridStudy(DisorderStudy):
 
     @cached_property
     def _sensitivity(self) -> Array:
-        """(n_loads,) d log v / d log Xi."""
+        """Sensitivity d log v / d log Xi at each load, (n_loads,)."""
         disorder, law = self.disorder, EffectiveMedium(self.disorder.packing).law
         if not isinstance(law, EffectiveLaw):
             raise InputError("the balls are equal.")
@@ -54,7 +54,7 @@ class GridStudy(DisorderStudy):
         return np.asarray(0.5 * (k[1] - k[0]) / (k[1] + k[0]) / _XI_STEP)
 
     def points(self) -> list[Point]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the points: for each method, the cheapest setting of its knob first."""
         eta = self.disorder.packing.mindlin_ratio
 
         def prepare(run: int) -> None:
@@ -77,10 +77,10 @@ class GridStudy(DisorderStudy):
         return Reference(xi, errors, f"adaptive quadrature of the Green's function, Xi = {xi:.12g} to {error:.0e}")
 
     def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return self.disorder.repeat(self._sensitivity * (outcomes[0] / reference.values - 1.0))
 
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
-        # Xi = 1/u_1 - 1 loses digits where it is small; and a velocity is rounded itself
+        """Return the least relative error that the point can have."""
+        # Xi = 1/u_1 - 1 loses digits where it is small; the last term is the rounding of the velocity itself
         return float(np.max(np.abs(self._sensitivity)) * EPSILON * (1.0 + 1.0 / outcomes[0])) + EPSILON

@@ -1,7 +1,7 @@
-"""Speed against accuracy, measured: what each medium, and each knob inside one, costs and is worth.
+"""Measure speed against accuracy: time and error of each medium, and of each knob inside one.
 
 The studies (:mod:`granphon.tradeoffs.questions`) are carried out one after the other within a budget of time. Each point of
-a study is run several times, all warm, and its error is that of the quantities that a scene observes.
+a study is timed several times after a run to warm up, and its error is that of the quantities that a scene observes.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwa
 __all__ = ["BETTER", "TRADEOFF_FILES", "MeasuredPoint", "TradeOff", "carry_out", "tradeoff"]
 
 Array = NDArray[np.float64]
-#: the error of a point over that of its reference, at least, for the reference to judge it
+#: a reference can judge a point if the error of the point is at least this many times that of the reference
 BETTER = 100.0
-#: timed runs of a point, at least
+#: least number of timed runs of a point
 LEAST_RUNS = 5
-#: runs of a point beyond those that are timed, in time: one warms up, one is slower while its memory is watched
+#: time of the runs that are not timed, in runs: one warms up, and one is slower because its memory is watched
 _MORE_RUNS = 4.0
-#: what errors can be of, in the words of a scene
+#: quantities whose errors can be measured, in the words of a scene
 _OBSERVED = ("velocities", "bands", "dos")
 #: part of the time of a study that its points may take
 _FOR_POINTS = 0.4
-#: part of the budget that the first of several studies may take: most users ask it, and its reference takes long
+#: part of the budget that the first of several studies may take: most users want it, and its reference takes long
 _FOR_FIRST = 0.6
 #: files of a trade-off
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
@@ -48,7 +48,7 @@ TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredPoint(Result):
-    """What was found for one point of a study.
+    """Errors, times and memory of one point of a study.
 
     Attributes
     ----------
@@ -115,13 +115,13 @@ class MeasuredPoint(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TradeOff(Result):
-    """What the studies found.
+    """Results of the studies of a trade-off.
 
     Attributes
     ----------
     points : all points, including those that were not run.
     kind, loads : kind of the loads at which errors were measured ("force", "pressure", "overlap"), and their values, SI.
-    observed : for each study, the quantities that errors are of, in their order.
+    observed : for each study, the names of the quantities whose errors were measured, in the order of the errors.
     references : for each study, how its reference was made.
     runs : number of timed runs of each point.
     seconds : time that all studies took, s.
@@ -149,7 +149,10 @@ class TradeOff(Result):
         return tuple(point for point in self.points if point.study == study)
 
     def csv(self) -> str:
-        """One row for each point, load and observed quantity; a point that was not run has one row, with the reason."""
+        """Return a table (CSV) with one row for each point, load and observed quantity.
+
+        A point without errors has one row, with the reason.
+        """
         headings = (
             "study", "method", "knob", self.kind, "observed", "error (1)", "reference_error (1)", "resolved", "seconds (s)",
             "spread (s)", "setup (s)", "memory (B)", "floor (1)", "failure",
@@ -161,7 +164,7 @@ class TradeOff(Result):
             if point.failure:
                 rows.append([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
-            # a density of states is that at the greatest load alone
+            # the density of states is measured at the greatest load only
             loads = self.loads[-len(point.errors) :]
             for load, errors, known in zip(loads, point.errors, point.reference_errors, strict=True):
                 for name, error, limit in zip(self.observed[point.study], errors, known, strict=True):
@@ -184,17 +187,18 @@ def tradeoff(
     progress: Progress = silent,
     stopwatch: Stopwatch = SECONDS,
 ) -> TradeOff:
-    """Measure what the media, and the knobs inside them, cost and are worth.
+    """Measure time and error of the media, and of the knobs inside them.
 
     Parameters
     ----------
     packing : the balls.
     force, pressure, overlap : the loads, N, N/m or m; one of the three.
-    observe : "velocities", "bands", "dos": what errors are of. Bands and densities of states scale with the frequency.
+    observe : "velocities", "bands", "dos": the quantities whose errors are measured. Bands and densities of states have the
+        error of the scale of frequencies.
     finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
         paper's limit only.
     budget : time that measuring may take, s. What does not fit is listed as not run.
-    most_loads : of more loads than this the least, the greatest, and some between are taken.
+    most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
     stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.study.Stopwatch` to count work instead
@@ -206,9 +210,9 @@ def tradeoff(
 
     Raises
     ------
-    InputError : no load, or one that is none; equal balls of which nothing but velocities or bands is observed, as all
-        media are exact then; balls that differ on another lattice than the triangular one, or with finite overlap, where
-        media have no reference; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
+    InputError : no load, or one that is not valid; equal balls of which nothing but velocities or bands is observed, as all
+        media are exact then; balls of different diameters on another lattice than the triangular one, or with finite
+        overlap, where media have no reference; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     if not isinstance(packing, Packing):
@@ -284,7 +288,7 @@ def _carry_out_one(
             step.advance()
 
     def better(reference: Reference) -> bool:
-        """Whether the reference is good enough for every point."""
+        """Return whether the reference is good enough for every point."""
         found = [(study.errors(one.outcomes, reference), reference.errors) for one in done]
         return all(np.max(e) >= BETTER * r.flat[int(np.argmax(e))] for e, r in found)
 
@@ -319,11 +323,11 @@ def _carry_out_one(
 
 
 class _BudgetError(GranphonError):
-    """There is no time for a point."""
+    """The time left is too short to run a point."""
 
 
 def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
-    """Run a point, warm; :class:`_BudgetError` if its runs, of ``about`` s each, would not be over at the deadline."""
+    """Warm up and time a point; :class:`_BudgetError` if its runs, of ``about`` s each, would not end by the deadline."""
     now = deadline.stopwatch.now
 
     def require_time(seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""How good and how fast the media are: mean fields and simulations of several sizes, against a large ensemble of samples."""
+"""Error and time of the media, mean fields and simulations of several sizes, against a large ensemble of samples."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["MediaStudy"]
 Array = NDArray[np.float64]
 #: first seed of the reference's samples, far from the seeds of the points
 _REFERENCE_SEED = 1_000_000
-#: samples that the reference has at least
+#: least number of samples of the reference
 _LEAST_SAMPLES = 3
-#: balls along a side of the sample that a sparse LU solves as well
+#: balls along a side of the sample that a sparse LU solves as well, as a check
 _CHECKED_SIDE = 24
-#: samples between two looks at how good the reference is
+#: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
 
 
@@ -47,7 +47,7 @@ class MediaStudy(DisorderStudy):
     reference_side: int = 64
 
     def points(self) -> list[Point]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the points, in the order of their predicted times."""
         disorder, packing, solving = self.disorder, self.disorder.packing, self.disorder.solving
 
         def solve(medium: Any) -> Array:
@@ -82,9 +82,9 @@ class MediaStudy(DisorderStudy):
         return sorted(found, key=lambda point: point.seconds)
 
     def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
-        """Simulate samples until the reference is good enough or time is over.
+        """Simulate samples until the reference is good enough or the time is up.
 
-        One smaller sample is solved by a sparse LU too, equilibrium and response.
+        Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check.
         """
         disorder = self.disorder
         sides = self.reference_side, self.reference_side
@@ -106,7 +106,7 @@ class MediaStudy(DisorderStudy):
         return self._summarize(moments, apart)
 
     def _summarize(self, moments: Moments, apart: Array) -> Reference:
-        """The reference that the samples make so far; ``apart`` (n_loads,) adds to its errors."""
+        """Return the reference from the samples so far; ``apart`` (n_loads,) is added to its errors in quadrature."""
         columns, ensemble = self.disorder.columns, moments.ensemble()
         errors = np.hypot(ensemble.errors, apart[:, None])
         balls = f"{ensemble.samples} samples of {self.reference_side} x {self.reference_side} balls"
@@ -118,9 +118,9 @@ class MediaStudy(DisorderStudy):
         return Reference(ensemble.values[:, columns], errors[:, columns], made)
 
     def compare_solvers(self, deadline: Deadline) -> Array:
-        """(n_loads,) relative difference between a sample and its solution by another algorithm, a sparse LU.
+        """Return the relative difference (n_loads,) between a sample and its solution by another algorithm, a sparse LU.
 
-        :class:`~granphon.base.errors.GranphonError` if the deadline leaves no time for the samples of the reference.
+        Raises :class:`~granphon.base.errors.GranphonError` if the deadline leaves no time for the samples of the reference.
         """
         from granphon.array.sparse import SparseArray
 
@@ -142,11 +142,11 @@ class MediaStudy(DisorderStudy):
         return np.array(apart)
 
     def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the rms over runs of the relative errors of a point, (n_loads, n_observed)."""
         return np.asarray(np.sqrt(np.mean([(outcome / reference.values - 1.0) ** 2 for outcome in outcomes], axis=0)))
 
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the least relative error that the point can have."""
         if not point.random:
             return EPSILON * self.disorder.condition
         return float(np.max(np.std(outcomes, axis=0, ddof=1) / np.mean(outcomes, axis=0)))

@@ -1,4 +1,4 @@
-"""How fine a mesh the density of states needs, against counting modes between the roots of determinants."""
+"""How fine a mesh the density of states needs, measured against counting modes between the roots of determinants."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, Study
 __all__ = ["MeshStudy", "compare_counts"]
 
 Array = NDArray[np.float64]
-#: frequencies at which a density of states has points
+#: number of frequencies at which a density of states is computed
 _POINTS_OF_DOS = 501
-#: points of the density of states in one of the intervals whose modes are compared
+#: points of the density of states in each interval of frequency whose modes are compared
 _POINTS_OF_INTERVAL = 5
-#: greatest frequency of the comparison over the top of the branches
+#: greatest frequency that is compared, in units of the top frequency of the branches
 _BEYOND_TOP = 1.02
 
 
 @dataclass(frozen=True)
 class MeshStudy(Study):
-    """Mesh and method of the density of states; errors are the part of the modes in a wrong interval of frequency.
+    """Mesh and method of the density of states; the error is the fraction of modes in a wrong interval of frequency.
 
     ``load``: all loads of the scene. ``meshes``: points along a side of the meshes that are tried.
-    ``reference_lines``: lines of the reference; a count on half of them tells its error.
+    ``reference_lines``: number of lines of the reference; a count on half as many gives its error.
     """
 
     name = "density of states"
@@ -48,7 +48,7 @@ class MeshStudy(Study):
 
     @property
     def observed(self) -> tuple[str, ...]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Names of the quantities whose errors are measured."""
         return ("dos",)
 
     @property
@@ -74,7 +74,7 @@ class MeshStudy(Study):
         return np.concatenate([at[:1], inner, at[-1:]])
 
     def points(self) -> list[Point]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the points: for each method, the cheapest setting of its knob first."""
 
         def prepare(run: int) -> Any:
             from granphon.phonons.phonons import Phonons
@@ -92,7 +92,7 @@ class MeshStudy(Study):
         return [make_point(method, mesh) for method in ("tetrahedron", "smearing") for mesh in self.meshes]
 
     def count_below(self, dos: Any) -> Array:
-        """Modes per ball below each edge, from a density of states."""
+        """Return the number of modes per ball below each edge, from a density of states."""
         at = dos.frequencies / self.state.scales.frequency
         ends = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
         total = np.concatenate([[0.0], np.cumsum(dos.total * self.state.scales.frequency * np.diff(ends))])
@@ -111,14 +111,17 @@ class MeshStudy(Study):
         return Reference(fine, np.array([[max(error, EPSILON)]]), made)
 
     def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return np.array([[compare_counts(outcomes[0], reference.values)]])
 
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the least relative error that the point can have."""
         return EPSILON * self.lattice.n_branches
 
 
 def compare_counts(below: Array, reference: Array) -> float:
-    """Part of the modes that ``below`` puts into another interval than ``reference``: counts below each edge, (n,)."""
+    """Return the fraction of modes that ``below`` puts into another interval than ``reference``.
+
+    Both are numbers of modes below each edge, (n,).
+    """
     return float(0.5 * np.sum(np.abs(np.diff(below) - np.diff(reference))) / reference[-1])

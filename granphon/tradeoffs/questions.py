@@ -1,11 +1,11 @@
-"""Which questions of a trade-off between speed and accuracy make sense for a packing.
+"""Choose the studies of speed against accuracy that make sense for a packing.
 
 - the media, against a large ensemble of simulated samples, whose equilibria and responses a sparse LU has checked;
 - the grid of the lattice's Green's function, against adaptive quadrature;
 - the solution of the effective medium, against a general integrator of differential equations;
 - the mesh of the density of states, against counting between the roots of determinants.
 
-Errors are of what a scene observes, velocities or frequencies, at its loads.
+Errors are those of the velocities or frequencies that a scene observes, at its loads.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def choose_studies(
     finite_overlap: bool = False,
     stopwatch: Stopwatch = SECONDS,
 ) -> list[Study]:
-    """The studies that make sense for a packing, the media first; see :func:`granphon.tradeoffs.measure.tradeoff`."""
+    """Return the studies that make sense for a packing, the media first; see :func:`granphon.tradeoffs.measure.tradeoff`."""
     found: list[Study] = []
     if packing.width:
         if packing.structure != TRIANGULAR or finite_overlap:

@@ -1,4 +1,4 @@
-"""References made by other algorithms than those of the package, to measure its errors against; slower than what they judge.
+"""Reference results from other algorithms than those of the package, to measure its errors; slower than what they judge.
 
 - :func:`integrate_local_field` integrates the lattice's Green's function by adaptive rules of scipy;
 - :func:`integrate_curve` follows the effective medium's curve as a differential equation, by scipy's integrators;
@@ -26,9 +26,9 @@ from granphon.laws.spread import STIFFNESS, high_pressure_series
 __all__ = ["balance", "integrate_curve", "count_modes", "integrate_local_field"]
 
 Array = NDArray[np.float64]
-#: balls as equation (36) sums over them: weights, F^Q, K^Q, and dK^Q/dy or its derivative by what y depends on, each (n_Q,)
+#: balls over which (36) sums: weights, F^Q, K^Q, and the derivative of K^Q by y or by a variable of y; each (n_Q,)
 BallSums = tuple[Array, Array, Array, Array]
-#: called again and again during long work; an exception that it raises ends the work
+#: function that is called repeatedly during long work; an exception that it raises ends the work
 Checkpoint = Callable[[], object] | None
 
 # -- the local field ----------------------------------------------------------------------------------------------------
@@ -44,7 +44,7 @@ _TANGENTS = np.stack([-np.sin(_ANGLES), np.cos(_ANGLES)])
 
 
 def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
-    """Xi of the triangular lattice and a bound of its error, by adaptive Gauss-Kronrod rules.
+    """Return Xi of the triangular lattice and a bound on its error, by adaptive Gauss-Kronrod rules.
 
     u_1 = <F^T D^-1 F>/6 with F(q) the unit radial forces on the corona and D(q) the lattice's static stiffness, rotations
     eliminated: the definition that opens the paper's appendix. In polar coordinates around Gamma, where its limit depends on
@@ -59,7 +59,7 @@ def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
 
     def along(angle: float) -> float:
         nonlocal error
-        # Gamma-M is across a contact
+        # Gamma-M, at angle 0, is perpendicular to a contact
         way = np.array([-math.sin(angle), math.cos(angle)])
         value, off, *_ = quad(
             lambda r: r * _compute_compliance(r * way, mindlin_ratio), 0.0, edge / math.cos(angle), **options
@@ -76,7 +76,7 @@ def integrate_local_field(mindlin_ratio: float) -> tuple[float, float]:
 
 
 def _compute_compliance(q: Array, eta: float) -> float:
-    """F^T D^-1 F/6 at one wave vector (2,): the mean radial displacement of the corona under unit radial forces there."""
+    """Return F^T D^-1 F/6 at one wave vector (2,): the mean radial displacement of the corona under unit radial forces."""
     half = 0.5 * (q @ _NORMALS)
     sine, cosine = np.sin(half), np.cos(half)
     stiff = 4.0 * (_NORMALS * sine**2) @ _NORMALS.T
@@ -99,7 +99,7 @@ _LAST_DISTANCE = 1e-9
 
 
 def balance(balls: BallSums, k: float, xi: float, rise: float = 1.0) -> tuple[float, float, float]:
-    """G(y, k), its derivative by t, where dy/dt is ``rise``, and dG/dk; f = G(y, k) solves equation (36)."""
+    """Return G(y, k), dG/dt where dy/dt = ``rise``, and dG/dk; f = G(y, k) solves equation (36)."""
     weights, force, stiffness, slope = balls
     part = weights / (stiffness + xi * k)
     total = np.sum(part)
@@ -117,18 +117,18 @@ def integrate_curve(
     method: Literal["LSODA", "Radau"] = "LSODA",
     check: Checkpoint = None,
 ) -> tuple[Array, Array]:
-    """y and k of the effective medium at reduced forces f*, from k' = (k - dG/dy)/(dG/dk).
+    """Return y and k of the effective medium at reduced forces f*, by integrating k' = (k - dG/dy)/(dG/dk).
 
-    Integrated downwards from the high-pressure series, anew between openings, in the square root of the distance to the
-    opening below. From f* = 1e-4 to 100, for densities and for up to ten listed diameters, y agrees with
-    :func:`~granphon.laws.effective.effective_curve` to 1e-13 and k to 4e-12 (1e-13 but near openings, where the integrator
-    interpolates); at a tolerance of 1e-11, to 2e-12 and 6e-11.
+    The integration goes downwards from the high-pressure series and starts anew at each opening. Its variable is the square
+    root of the distance to the opening below. From f* = 1e-4 to 100, for densities and for up to ten listed diameters, y
+    agrees with :func:`~granphon.laws.effective.effective_curve` to 1e-13 and k to 4e-12 (1e-13 except near openings, where
+    the integrator interpolates); at a tolerance of 1e-11, to 2e-12 and 6e-11.
 
     Parameters
     ----------
     shape, xi : of the medium.
     force : (n,) f*, above zero, in any order.
-    tolerance : relative, of a step.
+    tolerance : relative tolerance of a step.
     method : of :func:`scipy.integrate.solve_ivp`. Radau's is of fixed order: k to 4e-9 at 1e-8, to 1e-10 at 1e-10.
     check : is called again and again, if given; an exception that it raises ends the work.
 
@@ -171,7 +171,7 @@ def integrate_curve(
             event.terminal = True  # type: ignore[attr-defined]
         high = math.sqrt(end - origin)
         span = high, _LAST_DISTANCE * high if origin == first else 0.0
-        with warnings.catch_warnings():  # of failures, which the result tells of too
+        with warnings.catch_warnings():  # warnings of failures, which the result reports too
             warnings.simplefilter("ignore", UserWarning)
             out: Any = solve_ivp(
                 slope, span, [k], method, events=(excess, positive), dense_output=True, rtol=tolerance, atol=0.0
@@ -189,7 +189,7 @@ def integrate_curve(
                 root = float(brentq(miss, low, root, xtol=1e-15, rtol=1e-15))
             overlaps[place], stiffnesses[place], missing[place] = origin + root**2, out.sol(root)[0], False
         k = float(out.y[0, -1])
-        if out.status:  # an end, or a failure
+        if out.status:  # an event has ended the integration, or it failed
             break
     if np.any(missing):
         raise PrecisionError(message(f"the curve was not followed down to f* = {np.min(wanted):.3g}", out.message))
@@ -202,7 +202,7 @@ def _sum_balls(shape: Shape, origin: float, root: float) -> BallSums:
         y = origin + root * root
         x, weights = shape.nodes(y)
         return weights, shape.force(y, x), shape.stiffness(y, x), 2.0 * root * shape.stiffness_slope(y, x)
-    # sums over pairs; which are closed is known of the whole interval, and near the opening no digit is lost
+    # sums over pairs; the same pairs are closed in the whole interval, so that no digit is lost near the opening
     x, weights = np.array(shape.positions), np.array(shape.weights)
     rest = origin + 0.5 * (x[:, None] + x)
     side = np.sqrt(np.where(rest >= 0.0, rest + root * root, 0.0))
@@ -212,7 +212,7 @@ def _sum_balls(shape: Shape, origin: float, root: float) -> BallSums:
 
 # -- density of states --------------------------------------------------------------------------------------------------
 
-#: lines of a panel: order of the Gauss rule
+#: number of lines in a panel, the order of the Gauss rule
 _GAUSS_LINES = 8
 #: lines whose matrices are in memory together, in a lattice of one ball with three degrees of freedom
 _LINES_TOGETHER = 2**13
@@ -220,9 +220,9 @@ _LINES_TOGETHER = 2**13
 _SPLITTING_ROUNDS = 12
 #: halvings of the interval that holds a kink
 _KINK_HALVINGS = 40
-#: length of a panel that is not split any more, of the reciprocal vector
+#: panels that are not longer than this part of the reciprocal vector are not split
 _SHORTEST_PANEL = 1e-9
-#: imaginary part of a root that is taken for real, and length between two roots that is taken for none, at most
+#: largest imaginary part of a root that counts as real, and largest distance between two roots that counts as zero
 _REAL_ROOT = 1e-7
 
 
@@ -231,20 +231,22 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
 
     On a line of wave vectors along a reciprocal vector det(D(q) - omega^2) is a trigonometric polynomial. Between its roots
     no branch crosses omega, so that the lengths between them, times the number of eigenvalues below, are the number of modes
-    on that line. In the other component of q it is smooth but for kinks, square roots or steps, where the line touches a
-    contour. They are found by bisection, and Gauss rules are graded towards the ends of the panels between them.
+    on that line. As a function of the other component of q it is smooth except for kinks, square roots or steps, where the
+    line touches a contour. They are found by bisection, and Gauss rules are graded towards the ends of the panels between
+    them.
 
     Parameters
     ----------
-    lattice : of few balls, prestressed or not; its branches are counted 2 or 3 for each ball.
+    lattice : a lattice of few balls, prestressed or not, with 2 or 3 branches for each ball.
     edges : (n,) angular frequencies, (k/M)^1/2.
-    points : lines for each frequency, before panels are split at kinks.
+    points : number of lines for each frequency, before panels are split at kinks.
     check : is called again and again, if given; an exception that it raises ends the work.
 
     Returns
     -------
-    (n,), 0 at and below zero, and 2 or 3 above the top. Errors are those of contours so small that they fall between lines:
-    at single frequencies near the edge of a branch, below 5/``points``^2 in all that was tried, and 1e-7 or less elsewhere.
+    Modes per ball, (n,): 0 at and below zero, 2 or 3 above the top. Errors come from contours so small that they fall
+    between lines. They are below 5/``points``^2 at single frequencies near the edge of a branch, in all that was tried, and
+    1e-7 or less elsewhere.
     The difference from twice the points is a fair estimate.
 
     Raises
@@ -280,7 +282,7 @@ def count_modes(lattice: ContactLattice, edges: ArrayLike, points: int = 512, ch
 def _split(
     lines: _Lines, squared: Array, panels: Array, q: Array, kinds: NDArray[np.intp]
 ) -> list[tuple[float, float, float]]:
-    """The panels cut wherever the kind of line changes between neighbouring ``q`` (n_panels, order)."""
+    """Cut the panels wherever the kind of line changes between neighbouring ``q`` (n_panels, order)."""
     row, place = np.nonzero(np.diff(kinds, axis=1))
     low, high, kind = q[row, place], q[row, place + 1], kinds[row, place]
     for _ in range(_KINK_HALVINGS if row.size else 0):
@@ -296,12 +298,12 @@ def _split(
 
 
 class _Lines:
-    """Lines of wave vectors along that reciprocal vector in which the determinant has the lower degree."""
+    """Lines of wave vectors along the reciprocal vector in which the determinant has the lower degree."""
 
     def __init__(self, lattice: ContactLattice, check: Checkpoint = None) -> None:
         reach = np.max(np.abs(lattice.contacts.shift), axis=0)
         self.lattice, self.axis, self.check = lattice, int(np.argmin(reach)), check
-        # lines of matrices of which roots are found at a time
+        # number of lines whose roots are found together
         self.most = max(_GAUSS_LINES, _LINES_TOGETHER * 27 // lattice.n_branches**3)
         self.degree = max(1, int(reach[self.axis])) * lattice.n_branches
         # exp(i k theta) (1 + t^2)^m = (1 + it)^(m + k) (1 - it)^(m - k), t = tan(theta/2): its powers of t for k = -m ... m
@@ -310,20 +312,20 @@ class _Lines:
         self.powers = np.array([(up ** (m + k) * down ** (m - k)).coef for k in range(-m, m + 1)])
 
     def matrices(self, along: Array, across: Array) -> NDArray[np.complex128]:
-        """(..., n_branches, n_branches): D at these fractions of the reciprocal vectors, which broadcast."""
+        """Return D, (..., n_branches, n_branches), at these fractions of the reciprocal vectors, which broadcast."""
         fractions = np.stack(np.broadcast_arrays(*((along, across) if self.axis == 0 else (across, along))), axis=-1)
         matrices = self.lattice.dynamical_matrix(self.lattice.wavevectors(fractions.reshape(-1, 2)))
         return matrices.reshape(*fractions.shape[:-1], *matrices.shape[1:])
 
     def count(self, across: Array, squared: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Modes below omega^2 (n,) on each line (n,), and a number for the kind of line, which changes at a kink."""
+        """Return the modes below omega^2 (n,) on each line (n,), and a number for its kind, which changes at a kink."""
         if self.check is not None:
             self.check()
         m, n = self.degree, len(across)
         ticks = np.arange(2 * m + 1) / (2 * m + 1)
         shifted = self.matrices(ticks, across[:, None]) - squared[:, None, None, None] * np.eye(self.lattice.n_branches)
         samples = np.linalg.det(shifted).real
-        # t is infinite where the determinant is largest, so that the leading coefficient is no small number
+        # t is infinite where the determinant is largest, so that the leading coefficient is not small
         turn = ticks[np.argmax(np.abs(samples), axis=1)] + 0.5
         k = np.arange(-m, m + 1)
         series = np.fft.fftshift(np.fft.fft(samples, axis=1), axes=1) * np.exp(2j * np.pi * k * turn[:, None])
@@ -333,7 +335,7 @@ class _Lines:
         companion[:, 1:, :-1] = np.eye(2 * m - 1)
         companion[:, :, -1] = -polynomial[:, :-1] / leading
         roots = np.linalg.eigvals(companion)
-        # a cut too many does no harm: real parts serve for all
+        # cut at the real parts of complex roots too: an additional cut does no harm
         inner = np.sort(np.arctan(roots.real) / np.pi, axis=1)
         cuts = np.concatenate([np.full((n, 1), -0.5), inner, np.full((n, 1), 0.5)], axis=1)
         length = np.diff(cuts, axis=1)

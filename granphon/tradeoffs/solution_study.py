@@ -1,4 +1,4 @@
-"""How exactly the effective medium must be solved, against a general integrator of differential equations."""
+"""How exactly the effective medium must be solved, measured against a general integrator of differential equations."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _TOLERANCES: Mapping[int, tuple[float, ...]] = {
 }  # fmt: skip
 #: relative tolerance of the integrator that makes the reference
 _REFERENCE_TOLERANCE = 1e-13
-#: how many times larger the tolerance is of the solution that tells the error of the reference
+#: a solution with a tolerance this many times larger gives the error of the reference
 _COARSER = 100.0
 
 
 @dataclass(frozen=True)
 class SolutionStudy(DisorderStudy):
-    """The collocation of equation (36), its stages and tolerance; errors are of velocities at the same forces.
+    """Stages and tolerance of the collocation of equation (36); errors are those of velocities at the same forces.
 
-    ``tolerances``: those that are tried for each number of stages.
+    ``tolerances``: the tolerances that are tried for each number of stages.
     """
 
     name = "effective medium"
@@ -51,7 +51,7 @@ class SolutionStudy(DisorderStudy):
         return local_field(TRIANGULAR, self.disorder.packing.mindlin_ratio).xi
 
     def points(self) -> list[Point]:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the points: for each method, the cheapest setting of its knob first."""
         shape, xi = self.disorder.shape, self._xi
 
         def make_point(stages: int, tolerance: float) -> Point:
@@ -84,11 +84,11 @@ class SolutionStudy(DisorderStudy):
         return Reference(fine, np.maximum(errors, EPSILON), made)
 
     def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return self.disorder.repeat(0.5 * (outcomes[0] / reference.values - 1.0))
 
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """As in :class:`~granphon.tradeoffs.study.Study`."""
+        """Return the least relative error that the point can have."""
         return EPSILON * self.disorder.condition
 
 

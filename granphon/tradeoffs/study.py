@@ -1,4 +1,4 @@
-"""What a study of speed against accuracy is made of: its points, its reference, and the stopwatch that times them.
+"""Parts of a study of speed against accuracy: its points, its reference, and the stopwatch that times them.
 
 A study asks one question. Each of its points is a method with a knob, such as a grid with so many points; the reference is
 what another algorithm finds, and the error of a point is its distance from the reference.
@@ -38,7 +38,7 @@ class Stopwatch:
         return time.perf_counter()
 
     def predict(self, cost: Cost) -> float:
-        """How long work of this estimated cost takes, s."""
+        """Return how long work of this estimated cost takes, s."""
         return cost.seconds
 
 
@@ -86,7 +86,7 @@ class Point:
 
 
 class Reference(NamedTuple):
-    """The right ``values``, their relative ``errors``, and in words how they were ``made``."""
+    """A reference: its ``values``, their relative ``errors``, and a description of how they were ``made``."""
 
     values: Any
     errors: Array
@@ -94,14 +94,14 @@ class Reference(NamedTuple):
 
 
 class Study(ABC):
-    """One question. Errors are relative, of shape (n_loads, n_observed)."""
+    """One question of speed against accuracy; errors are relative, of shape (n_loads, n_observed)."""
 
     name: ClassVar[str]
 
     @property
     @abstractmethod
     def observed(self) -> tuple[str, ...]:
-        """Names of the quantities that errors are of."""
+        """Names of the quantities whose errors are measured."""
 
     @property
     @abstractmethod
@@ -110,7 +110,7 @@ class Study(ABC):
 
     @abstractmethod
     def points(self) -> list[Point]:
-        """The points: for each method, the cheapest setting of its knob first."""
+        """Return the points: for each method, the cheapest setting of its knob first."""
 
     @abstractmethod
     def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
@@ -121,8 +121,8 @@ class Study(ABC):
 
     @abstractmethod
     def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
-        """Errors of a point from the outcomes of its runs: their rms if the runs are random."""
+        """Return the errors of a point from the outcomes of its runs: their rms if the runs are random."""
 
     @abstractmethod
     def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
-        """Least error that the point can have: condition number times rounding, or the scatter of random runs."""
+        """Return the least error that the point can have: condition number times rounding, or the scatter of random runs."""
