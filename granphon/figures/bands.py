@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import POLARISATION, ROTATION, hide_axes
 
 # isort: split
@@ -44,7 +44,7 @@ _TRANSLATING = ROTATION(0.0)
 _ROTATING = ROTATION(1.0)
 #: width of a branch, in points
 _LINE_WIDTH = 1.5
-#: frequencies nearer than this part of the top one are one line on paper
+#: frequencies closer than this part of the top one are one line in print
 _COINCIDENT = 1e-6
 
 
@@ -60,7 +60,7 @@ def plot_bands(
     Parameters
     ----------
     asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
-    unit : of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
+    unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _unit_of(bands) if unit is None else unit
@@ -97,26 +97,26 @@ def plot_bands(
 
 
 def _unit_of(result: Bands | DensityOfStates) -> HertzPrefix:
-    """The decimal unit of hertz for the top frequency of the result."""
+    """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
 
 
 def _print_label(label: str) -> str:
-    """The label as it is printed: Γ for G, an index lowered."""
+    """Return the label as it is printed: Γ for G, and an index as a subscript."""
     parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
     return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
 
 
 def _pieces(x: Array, y: Array) -> Array:
-    """(p, 3, 2): the line through the points, cut half way between them; the middle vertex of each piece is its point."""
+    """Cut the line through p points half way between them, (p, 3, 2); the middle vertex of each piece is its point."""
     points = np.stack([x, y], axis=1)
     middle = 0.5 * (points[:-1] + points[1:])
     return np.stack([np.vstack([points[:1], middle]), points, np.vstack([middle, points[-1:]])], axis=1)
 
 
 def _widths(values: Array, tolerance: float) -> Array:
-    """(p, b) line widths: wider by a step for each later branch that coincides here and at a neighbouring point."""
+    """Return line widths (p, b), in points: a step wider for each later branch that coincides here and at a neighbour."""
     close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
     both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
     later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
@@ -128,10 +128,10 @@ def plot_asymptotes(
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 = omega_0^2 (1 - c q^2).
 
-    ``velocities`` of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError` for
-    several); or the lattice itself (``Phonons.lattice``), which knows them for each direction, and its rotational branch if
-    there is one ball in the cell. ``unit`` as in :func:`plot_bands`; ``reach`` in parts of the segment that starts or ends
-    at Gamma.
+    ``velocities`` are those of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError`
+    for several); or the lattice itself (``Phonons.lattice``), which gives them for each direction, and its rotational branch
+    if there is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each segment from or to
+    Gamma along which the long waves are drawn.
     """
     unit = _unit_of(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
@@ -161,20 +161,24 @@ def plot_asymptotes(
 
 
 def _reciprocal(bands: Bands) -> Array:
-    """(2, 2): reciprocal vectors as rows, 2 pi/d."""
+    """Return the reciprocal vectors as rows, (2, 2), in units of 2 pi/d."""
     return np.asarray(np.linalg.inv(bands.cell[:2, :2]).T)
 
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
-    """Corners (n, 2) of the Brillouin zone, the Wigner-Seitz cell of the rows of ``reciprocal`` (2, 2), anticlockwise."""
-    # here: a figure without a zone does not need it
+    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the rows of ``reciprocal``.
+
+    ``reciprocal`` is (2, 2); the corners have its unit.
+    """
+    # imported here, as only a figure with a zone needs it
     from ase.geometry.minkowski_reduction import minkowski_reduce
 
     cell = np.eye(3)
     cell[:2, :2] = reciprocal
     a, b = short = minkowski_reduce(cell, pbc=[True, True, False])[0][:2, :2]
     b = -b if a @ b > 0.0 else b
-    # the neighbours of the origin in turn, at blunt angles or none; a corner is as far from two of them as from it
+    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
+    # zone is as far from two successive neighbours as from the origin
     g = np.array([a, a + b, b, -a, -a - b, -b])
     both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
     found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
@@ -184,7 +188,10 @@ def zone_polygon(reciprocal: ArrayLike) -> Array:
 
 
 def plot_zone(bands: Bands, ax: Axes) -> Axes:
-    """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners; axes in 2 pi/d, hidden."""
+    """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
+
+    The axes are in units of 2 pi/d and hidden.
+    """
     reciprocal = _reciprocal(bands)
     corners = zone_polygon(reciprocal)
     ax.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
@@ -240,9 +247,9 @@ def bands_figure(
     asymptotes: Asymptotes | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Bands with the Brillouin zone inset, and the density of states beside them on the same frequency axis.
+    """Draw a figure of bands with the Brillouin zone inset, and the density of states beside them on the same axis.
 
-    One column wide. Either may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
+    The figure is one column wide. Either may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
@@ -269,7 +276,7 @@ def bands_figure(
 
 
 def _free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """x, y, width, height, in parts of the axes, of a square clear of every line; the axes grow upwards if none is."""
+    """Find a square clear of every line: x, y, width, height in parts of the axes; extend the axes upwards if none is."""
     curves = [np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)]
     curves += [np.column_stack(line.get_data())[:-1] for line in ax.lines if str(line.get_gid()).startswith("asymptote")]
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
@@ -281,7 +288,7 @@ def _free_place(ax: Axes) -> tuple[float, float, float, float]:
         if max(away) > 0.01:
             x, y = corners[int(np.argmax(np.minimum(away, 0.06)))].tolist()
             return x, y, size, size
-    # at the top, above the lowest stretch of the highest line, with no more room than it takes there
+    # put it at the top, where the highest line is lowest, and extend the axes by no more than it needs there
     size, margin = 0.22, 0.05
     starts = np.linspace(margin, 1.0 - margin - size, 31)
     beneath = [points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max() for start in starts]

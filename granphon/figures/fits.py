@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis
 
 # isort: split
@@ -29,7 +29,7 @@ _DATA_STYLE: dict[str, Any] = {
 def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     """Draw measured velocities with standard errors, the fit, and the ideal lattice; below, residuals in units of sigma.
 
-    Where each pulse has a frequency of its own, the fit is drawn at the data only, and no ideal lattice.
+    Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal lattice is left out.
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
     style: dict[str, Any] = {"color": VERMILION, "label": _describe(fit), "gid": "fit", "zorder": 1.5}
@@ -55,12 +55,12 @@ def _describe(fit: WidthFit) -> str:
     size, unit = readable_unit(fit.width, "m")
     if not fit.errors_are_known:
         return f"{fit.medium}: W = {fit.width / size:.5g} {unit}"
-    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two of the standard error
+    digits = min(max(0, 1 - int(np.floor(np.log10(fit.stderr / size)))), 6)  # two digits of the standard error
     return f"{fit.medium}: W = {fit.width / size:.{digits}f} ± {fit.stderr / size:.{digits}f} {unit}"
 
 
 def fit_figure(fit: WidthFit) -> Figure:
-    """A fit above its residuals, see :func:`plot_fit`; one column wide."""
+    """Draw a figure of a fit above its residuals, see :func:`plot_fit`; one column wide."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 3.6), dpi=DPI, layout="constrained")
         axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import FORCES
 
 # isort: split
@@ -38,9 +38,9 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
 
     Rows of the periodic array are moved by whole periods to fill a rectangle. A contact across its edge is drawn on both
     sides, and cut off there. Contacts that carry nothing are left out; small samples show their balls. Axes are in mean
-    diameters: displacements, of the order of the spread, would not be seen.
+    diameters. Balls are drawn at their sites, as displacements, of the order of the spread, would not be seen.
 
-    ``ax``: of a new figure, one column wide, if it is not given.
+    If ``ax`` is not given, a new figure, one column wide, is made.
     """
     if ax is None:
         with matplotlib.rc_context(STYLE):
@@ -49,7 +49,7 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
     rows, columns = sample.equilibrium.deviations.shape
     sites, step = _sites(sample), float(TRIANGULAR.vectors[1, 1])
     segments, forces = _lines_of(sites, np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1))
-    # of a diameter on paper, as near as is known before the layout
+    # printed size of a diameter, in points, estimated because the layout is not known yet
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / [rows, step * columns]))
     if rows * columns <= _MOST_OUTLINED:
         size, style = np.ones(rows * columns), {"facecolors": "none", "edgecolors": "0.7", "linewidths": 0.4}
@@ -67,20 +67,23 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
 
 
 def _height(sample: Sample) -> float:
-    """Height of a figure, in inches, in which the array is 2.9 inches wide."""
+    """Return the height of a figure, in inches, in which the array is 2.9 inches wide."""
     rows, columns = sample.equilibrium.deviations.shape
     return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
 
 
 def _sites(sample: Sample) -> Array:
-    """(L1, L2, 2) the sites, in diameters, moved by whole periods of a1 into a rectangle."""
+    """Return the sites (L1, L2, 2), in diameters, moved by whole periods of a1 into a rectangle."""
     sites = sample.sites
     sites[..., 0] = np.mod(sites[..., 0], len(sites))
     return sites
 
 
 def _lines_of(sites: Array, forces: Array) -> tuple[Array, Array]:
-    """(n, 2, 2) lines and (n,) forces, rising, of contacts that carry any; across an edge one at each of the two balls."""
+    """Return lines (n, 2, 2) and forces (n,), ascending, of contacts that carry load.
+
+    A contact across an edge has two lines, one at each of its balls.
+    """
     table = TRIANGULAR.contacts
     others = np.stack([np.roll(sites, (-p, -q), (0, 1)) for p, q in table.shift.tolist()], axis=2)
     way, own = np.broadcast_to(table.normal, others.shape), np.broadcast_to(sites[:, :, None], others.shape)
@@ -92,7 +95,7 @@ def _lines_of(sites: Array, forces: Array) -> tuple[Array, Array]:
 
 
 def _load_of(sample: Sample) -> str:
-    """f*, a* (of equal balls the force), and N_c."""
+    """Return the title: f* and a* (for equal balls the force, N), and N_c."""
     state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
         return f"$f$ = {sample.force:.4g} N, {contacts}"
@@ -100,7 +103,7 @@ def _load_of(sample: Sample) -> str:
 
 
 def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
-    """Draw the probability density of f/<f> over the contacts that carry load, mean over the samples, on a log scale.
+    """Draw the probability density of f/<f> of the contacts that carry load, averaged over the samples, on a log scale.
 
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError` for several loads.
     """
@@ -120,9 +123,10 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
 
 
 def forces_figure(state: ContactState) -> Figure:
-    """Force chains of the first sample, and beside them the distribution of forces in all; two columns wide.
+    """Draw a figure of the force chains of the first sample beside the distribution of forces in all; two columns wide.
 
-    See :func:`plot_forces` and :func:`plot_force_distribution`. :class:`~granphon.base.errors.InputError` for several loads.
+    See :func:`plot_forces` and :func:`plot_force_distribution`. Raises :class:`~granphon.base.errors.InputError` for several
+    loads.
     """
     _ = state.scales  # one load only
     with matplotlib.rc_context(STYLE):

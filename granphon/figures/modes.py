@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.arguments import real_array
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import hide_axes
 
 # isort: split
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["plot_mode"]
 
 Array = NDArray[np.float64]
-#: longest displacement, in diameters; spins are drawn on the same scale
+#: longest displacement in the drawing, in diameters; spins are drawn on the same scale
 _LARGEST = 0.4
 #: angle of the mark of a ball at rest, rad
 _MARK = np.pi / 2.0
@@ -49,7 +49,7 @@ def plot_mode(
     """Draw the mode of branch ``branch`` at ``q`` on balls at their real size; axes in mean diameters, hidden.
 
     Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), an arrow from its centre, and is turned by the
-    angle phi = w/R_g: the sector between the upright and its mark, in vermilion against the clock and in blue with it.
+    angle phi = w/R_g: the sector between the upright and its mark, in vermilion anticlockwise and in blue clockwise.
     Displacements and w have one scale, on which the largest of them in a period is 0.4 d. The free phase of the eigenvector
     is such that the largest of its components is real and positive, so that nothing stands still at phase 0.
 
@@ -57,9 +57,9 @@ def plot_mode(
     ----------
     q : (2,) or (3,), fractions of the reciprocal cell.
     branch : counted from 0, in ascending frequency.
-    cells : how many to draw along each lattice vector.
-    phase : rad; at time t it is -omega t.
-    direction : where branches touch, and at Gamma (required), as in ``Phonons.modes``.
+    cells : number of cells to draw along each lattice vector.
+    phase : phase of the motion, rad; at time t it is -omega t.
+    direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch, and (required) at Gamma.
     """
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
@@ -91,27 +91,27 @@ def plot_mode(
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
     part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.motions.rotate else ""
-    # of the highest, rounding leaves as much of one that is zero
+    # rounding may leave this part of the highest frequency in place of zero
     zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
     ax.set_title(f"q = ({fractions})\n{'zero frequency' if zero else f'{hertz / unit.hertz:.1f} {print_hertz(unit)}'}{part}")
     return ax
 
 
 def _amplitude(motion: NDArray[Any]) -> float:
-    """The largest displacement, or w, of any ball in a period: of an ellipse, its longer half axis."""
+    """Return the largest displacement, or w, of any ball in a period; on an elliptic path, the longer half axis."""
     u = motion[:, :2]
     longest = np.sqrt(0.5 * (np.sum(np.abs(u) ** 2, axis=1) + np.abs(np.sum(u * u, axis=1))))
     return float(max(longest.max(), np.abs(motion[:, 2:]).max(initial=0.0)))
 
 
 def _draw_spins(ax: Axes, centres: Array, radius: Array, angles: Array) -> None:
-    """For each ball the sector from the upright to its mark, the arc with its head, and the diameter through the mark."""
+    """Draw for each ball the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter."""
 
     def at(distance: Array, angle: Array) -> Array:
         arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return np.asarray(centres[:, None] + arms)
 
-    colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # against the clock, and with it
+    colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
     rim, end = 0.72 * radius, _MARK + angles[:, None]
     marks = at(radius, end + np.array([0.0, np.pi]))
     arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))

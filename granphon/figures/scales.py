@@ -1,7 +1,8 @@
-"""The door of matplotlib, and what of the looks of figures needs it: scales of axes, and colours between two ends.
+"""The guarded import of matplotlib, and the looks of figures that need it: scales of axes, and maps of colours.
 
-Whoever draws imports this first. No backend of matplotlib and no pyplot is loaded.
-:class:`~granphon.base.errors.FigureError` if matplotlib cannot be imported: it is not there, or its settings cannot be read.
+Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot is loaded. Raises
+:class:`~granphon.base.errors.FigureError` if matplotlib cannot be imported: it is not installed, or its settings cannot be
+read.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _open_door() -> Iterator[None]:
-    """Import matplotlib although MPLBACKEND names a backend that is not there: a figure that is saved needs none."""
+    """Import matplotlib in the block even if MPLBACKEND names a backend that is not there: saving a figure needs none."""
     first = "matplotlib" not in sys.modules
     given = os.environ.pop("MPLBACKEND", None)
     log, said = logging.getLogger("matplotlib"), BufferingHandler(1000)
@@ -35,8 +36,8 @@ def _open_door() -> Iterator[None]:
         yield
     except MemoryError:
         raise
-    except Exception as error:  # of the file system, of a text that is not UTF-8, of whatever the settings ask for
-        records, said.buffer = said.buffer, []  # which file it is about stands there
+    except Exception as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
+        records, said.buffer = said.buffer, []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
         raise FigureError(message(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend)) from error
@@ -47,7 +48,7 @@ def _open_door() -> Iterator[None]:
         if given is not None:
             os.environ["MPLBACKEND"] = given
     if first and given:
-        with suppress(ValueError):  # as matplotlib itself does, which refuses to be imported on a name it does not know
+        with suppress(ValueError):  # matplotlib's own import does this too, but fails on a name that it does not know
             matplotlib.rcParams["backend"] = given
 
 
@@ -60,16 +61,19 @@ __all__ = ["FORCES", "POLARISATION", "ROTATION", "hide_axes", "scale_axis"]
 
 Array = NDArray[np.float64]
 
-#: from translation (0) to rotation (1): the uniform map "plasma" without its light end
+#: colours from translation (0) to rotation (1): the uniform map "plasma" without its light end
 ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
-#: from contacts that carry little, light, to those that carry much, dark: uniform to every eye
+#: colours from contacts that carry little, light, to those that carry much, dark: uniform to every eye
 FORCES = matplotlib.colormaps["cividis_r"]
-#: from transverse (0) to longitudinal (1)
+#: colours from transverse (0) to longitudinal (1)
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
-    """Make the x or y axis logarithmic where all values are above zero, with plain numbers up to that ratio of them."""
+    """Make the ``which`` axis, "x" or "y", logarithmic if all values are above zero.
+
+    Its ticks are plain numbers if the ratio of the largest value to the smallest is below ``plain``.
+    """
     there = values[np.isfinite(values)]
     if there.min() <= 0.0:
         return
@@ -89,7 +93,7 @@ def hide_axes(ax: Axes, low: Array, high: Array) -> None:
 
 
 class _PlainTicks(Locator):
-    """Ticks at round numbers on a logarithmic axis, four at least, and few; and the minor ones between them."""
+    """Ticks at round numbers on a logarithmic axis, few but at least four; or the minor ticks of that axis."""
 
     def __init__(self, minor: bool = False) -> None:
         self._minor = minor
@@ -108,7 +112,10 @@ class _PlainTicks(Locator):
 
 
 def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
-    """Sets of round numbers about ``low`` to ``high``, of each decade, or evenly spaced in less; and finer ones of each."""
+    """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set for minor ticks.
+
+    Each decade has the same numbers; over less than a factor of four they are evenly spaced.
+    """
     if high / low >= 4.0:
         # as on logarithmic paper, of one decade or of several
         one = np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
@@ -120,5 +127,5 @@ def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
     for count in (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
-        within = 4 if f"{step:.0e}".startswith("2") else 5  # of a step of one or five, which stays round
+        within = 4 if f"{step:.0e}".startswith("2") else 5  # parts of a step, so that they are round
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)

@@ -1,6 +1,6 @@
-"""How figures look, and the one door through which they are saved. matplotlib is not loaded for it.
+"""The looks of figures, and the one function that saves them; this module does not load matplotlib.
 
-Polarisations have a colour each, the same in every figure; they are told apart by every eye, and in grey.
+Each polarisation has a colour, the same in every figure. The colours differ for every kind of colour vision, and in grey.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = [
     "shorten_error",
 ]  # fmt: skip
 
-#: settings for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
+#: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
 STYLE: dict[Any, Any] = {
     "font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
     "legend.fontsize": 7.5, "figure.titlesize": 8.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6,
@@ -33,7 +33,7 @@ STYLE: dict[Any, Any] = {
 #: width of a figure of one column, and of one across the page, in inches
 COLUMN_WIDTH = 3.4
 PAGE_WIDTH = 7.0
-#: of figures that are saved as pictures, in dots per inch
+#: resolution of figures that are saved as pixels, in dots per inch
 DPI = 300
 #: colours that every eye tells apart, in grey too
 BLUE = "#0072B2"
@@ -42,25 +42,25 @@ GREEN = "#009E73"
 PURPLE = "#CC79A7"
 ORANGE = "#E69F00"
 SKY_BLUE = "#56B4E9"
-#: in the order in which lines take them
+#: colours of lines, in the order in which they are used
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY_BLUE)
-#: grey of lines to compare with, and of lines that part panels
+#: grey of lines to compare with, and of lines that separate parts of a panel
 GUIDE = "0.6"
 FRAME = "0.75"
-#: of longitudinal and transverse waves, and of the branches that begin as they do
+#: colours of longitudinal and transverse waves, and of the branches that begin as such waves
 LONGITUDINAL_COLOUR = "#0D0887"
 TRANSVERSE_COLOUR = SKY_BLUE
-#: letters of what matplotlib says that are handed on
+#: length to which messages of matplotlib are shortened, in letters
 _REASON = 300
 
 
 def shorten_error(error: Exception) -> str:
-    """What an error of matplotlib says, for one line of a terminal."""
+    """Return the message of an error of matplotlib, shortened and on one line."""
     return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
 
 
 def readable_unit(largest: float, unit: str) -> tuple[float, str]:
-    """The decimal multiple of ``unit`` that suits a value: its size in that unit, and its name as it is printed."""
+    """Return the decimal multiple of ``unit`` that suits ``largest``: its size in that unit, and its printed name."""
     if unit not in ("m", "Pa", "N", "Hz"):
         return 1.0, "" if unit == "1" else unit
     size, name = prefixed(largest, unit)
@@ -68,12 +68,12 @@ def readable_unit(largest: float, unit: str) -> tuple[float, str]:
 
 
 def print_hertz(unit: HertzPrefix) -> str:
-    """The name of a decimal unit of hertz as it is printed."""
+    """Return the name of a decimal unit of hertz as it is printed."""
     return unit.name.replace("uHz", "µHz")
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
-    """Save a figure, in the format of the ending of ``path``; ``options`` are those of ``Figure.savefig``.
+    """Save a figure, in the format that the ending of ``path`` names; ``options`` are those of ``Figure.savefig``.
 
     Raises
     ------
@@ -86,21 +86,21 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
     try:
         figure.savefig(target, **options)
     except Exception as error:
-        # one with a number is of the file system, of which the caller tells
+        # an OSError with a number comes from the file system, and the caller reports it
         if isinstance(error, (GranphonError, MemoryError)) or (isinstance(error, OSError) and error.errno is not None):
             raise
         if new:
             target.unlink(missing_ok=True)
         mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
-        # a backend that was asked for comes first: it may not be there, or lack what it needs
+        # a backend that was asked for is named first: it may be missing, or lack what it needs
         mend = f"Leave --backend (backend) out or give another, or {mend}" if options.get("backend") else mend.capitalize()
         raise FigureError(message(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend)) from error
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
-    """Save the figures ``names``, each made by ``figure``, beside numbers that are worth more than a picture of them.
+    """Save the figures ``names``, each made by ``figure``, in ``folder``; one that cannot be drawn does not stop the work.
 
-    Returns the names of those that could not be drawn, with a sentence each. OSError if a file cannot be written.
+    Returns the names of those that could not be drawn, with a sentence for each. Raises OSError if a file cannot be written.
     """
     failures = {}
     for name in names:

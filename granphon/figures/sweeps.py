@@ -1,7 +1,8 @@
 """Figures of sweeps: quantities over the load, a line for each medium and combination of parameters.
 
 As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns it, and matplotlib's global state is left
-alone. A medium has a colour, values of parameters a shade of it; where it is not valid its line is dashed.
+alone. Each medium has a colour, and each combination of parameters a shade of it; a line is dashed where its medium is not
+valid.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis
 
 # isort: split
@@ -33,7 +34,7 @@ __all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
-#: media as legends call them
+#: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
 
 
@@ -42,9 +43,9 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
 
     Parameters
     ----------
-    dataset : of :func:`granphon.sweep`.
+    dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load.
-    legend : whether to draw it, with no more than eight combinations in it.
+    legend : whether to draw a legend, with no more than eight combinations in it.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
@@ -86,17 +87,17 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
 
 
 def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
-    """Whether the medium there is a simulation, by its label."""
+    """Return whether the medium at ``index`` is a simulation, by its label."""
     return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
 
 
 def _errors(dataset: Dataset, variable: str) -> Any:
-    """Standard errors of a variable, where it has any; those of one sample are not known, and have no bar."""
+    """Return the standard errors of a variable; nan, drawn without a bar, where they are not known, as for one sample."""
     return dataset.get(f"{variable}_error", dataset[variable] * np.nan)
 
 
 def _values(dataset: Dataset, name: str) -> Any:
-    """A variable over load; :class:`InputError` if it cannot be drawn."""
+    """Return a variable over the load; :class:`InputError` if it cannot be drawn."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
         raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
@@ -110,12 +111,12 @@ def _values(dataset: Dataset, name: str) -> Any:
 
 
 def _parameters(dataset: Dataset) -> list[str]:
-    """Dimensions of the sweep besides load and medium."""
+    """Return the dimensions of the sweep besides load and medium."""
     return [str(name) for name in dataset["longitudinal"].dims if name not in ("load", "medium")]
 
 
 def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
-    """Every combination of parameters: in words, of those that have several values, and its place."""
+    """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
     names = _parameters(dataset)
     words = {name: [f"{name.replace('_', ' ')} {label}" for label in _labels(dataset, name)] for name in names}
     several = [name for name in names if dataset.sizes[name] > 1]
@@ -124,7 +125,7 @@ def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
 
 
 def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
-    """Colour and place of each line."""
+    """Return the colour of each line, and its index in each dimension besides the load."""
     places = [place for _, place in _combinations(dataset)]
     colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]
     return [
@@ -135,14 +136,14 @@ def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
 
 
 def _shades(name: str, count: int) -> list[Any]:
-    """Shades of one colour, from darker than itself to lighter; one alone is the colour."""
+    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is the colour itself."""
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
 
 
 def _labels(dataset: Dataset, name: str) -> list[str]:
-    """What the values of a dimension are called in a legend."""
+    """Return the names of the values of a dimension in a legend."""
     values = np.atleast_1d(dataset[name].values).tolist()
     if name == "medium":
         return [_MEDIA.get(value, str(value)) for value in values]
@@ -153,7 +154,10 @@ def _labels(dataset: Dataset, name: str) -> list[str]:
 
 
 def _legend(dataset: Dataset) -> list[Line2D]:
-    """An entry for each medium, and for combinations of parameters (in grey, unless there is one medium); and the dashes."""
+    """Return the entries of the legend: media, combinations of parameters, and the dashes of lines outside their range.
+
+    Combinations are grey if there are several media. At most eight are shown.
+    """
     media = list(zip(itertools.cycle(COLOURS), _labels(dataset, "medium"), strict=False))
     words = [word for word, _ in _combinations(dataset)]
     values: list[tuple[Any, str]] = []
@@ -175,8 +179,8 @@ def _legend(dataset: Dataset) -> list[Line2D]:
 def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
-    That of v_T is the same, but for a simulation, whose points have bars of their standard errors if there are several
-    samples; see :func:`granphon.local_exponent`.
+    The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
+    their standard errors. See :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
@@ -191,10 +195,10 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
 
 
 def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
-    """Velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+    """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
 
-    A sweep without exponents (finite overlap) has the upper panel only; so has one ``variable`` that is asked for. Raises as
-    :func:`plot_sweep`.
+    For a sweep without exponents (finite overlap), or for one ``variable``, there is the upper panel only. Raises what
+    :func:`plot_sweep` raises.
     """
     both = variable is None and "exponent" in dataset
     with matplotlib.rc_context(STYLE):
@@ -219,7 +223,7 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
 
 
 def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
-    """Both velocities, each named at the end of its lines."""
+    """Draw both velocities, each named at the end of its lines."""
     for variable, name in (("transverse", "$v_T$"), ("longitudinal", "$v_L$")):
         plot_sweep(dataset, ax, variable, x, legend=False)
         ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]

@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-# before matplotlib, whose door it is
+# before matplotlib, whose import this module guards
 from granphon.figures.scales import scale_axis
 
 # isort: split
@@ -34,22 +34,23 @@ _LOOKS = (
 _MARKER = 4.0
 #: longest line above the axes, in letters
 _MOST_LETTERS = 54
-#: limits of an axis of times on which there is nothing, s
+#: limits of the axis of times if no point was run, s
 _TIMES = 1e-3, 1e1
-#: limits of an axis of relative errors on which there is nothing
+#: limits of the axis of relative errors if no point has an error
 _ERRORS = 1e-8, 1e0
-#: ratio of times, or of errors, from which on they are powers of ten: small numbers take much room
+#: ratio of times, or of errors, from which on ticks are powers of ten: plain small numbers take much room
 _PLAIN = 100.0
 #: columns of a figure of several studies
 _COLUMNS = 2
 
 
 def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
-    """Log error against log time of the points of a study; open where the reference is not a hundred times better.
+    """Draw error against time of the points of a study, on logarithmic axes.
 
-    Bars are the spread of times; the floor is condition times rounding, the chance in samples being in their errors. Points
-    without an error, as there is no reference or no difference from it, are marks at the bottom. What was not run is counted
-    above the axes, by method. :class:`~granphon.base.errors.InputError` for a study that is not there.
+    Markers are open where the reference is not a hundred times better. Bars are the spread of times. The floor is the
+    condition number times rounding; the scatter of random samples is in their errors instead. Points without an error,
+    because there is no reference or no difference from it, are marks at the bottom. Points that were not run are counted
+    above the axes, by method. Raises :class:`~granphon.base.errors.InputError` for a study that is not there.
     """
     points = result.of(study)
     if not points:
@@ -106,7 +107,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
 
 
 def _bar(point: MeasuredPoint) -> float:
-    """The spread as it is drawn, which ends above zero."""
+    """Return the spread of times as it is drawn, s, limited so that the bar ends above zero."""
     return min(point.spread, 0.9 * point.seconds)
 
 
@@ -124,7 +125,7 @@ def _draw_floor(points: Sequence[MeasuredPoint], ax: Axes) -> None:
 
 
 def _choose_labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
-    """The points whose knobs can be read: of several that lie on each other, the first."""
+    """Return the points that get a label: of several that lie close together, the first, so that labels can be read."""
     kept: list[MeasuredPoint] = []
     for point in points:
         if all(
@@ -136,7 +137,7 @@ def _choose_labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:
-    """The diagrams of all studies, see :func:`plot_work_precision`: one column wide for one, two for several."""
+    """Draw a figure with the diagrams of all studies, see :func:`plot_work_precision`; two side by side."""
     studies = result.studies
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
