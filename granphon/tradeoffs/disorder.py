@@ -80,7 +80,7 @@ class Disorder:
 
     @cached_property
     def solving(self) -> float:
-        """Predicted time of solving the effective medium, s; zero up to :data:`MOST_OPENINGS` openings."""
+        """Predicted time of solving the effective medium, s; zero up to ``MOST_OPENINGS`` openings."""
         shape = self.shape
         if shape.openings.size <= MOST_OPENINGS:
             return 0.0
