@@ -23,7 +23,7 @@ __all__ = [
     "shorten_error",
 ]  # fmt: skip
 
-#: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(plot.STYLE)``
+#: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(STYLE)``
 STYLE: dict[Any, Any] = {
     "font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
     "legend.fontsize": 7.5, "figure.titlesize": 8.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6,

@@ -193,8 +193,8 @@ def tradeoff(
     ----------
     packing : the balls.
     force, pressure, overlap : the loads, N, N/m or m; one of the three.
-    observe : "velocities", "bands", "dos": the quantities whose errors are measured. Bands and densities of states have the
-        error of the scale of frequencies.
+    observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and densities of states,
+        media are judged by the scale of frequencies.
     finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
         paper's limit only.
     budget : time that measuring may take, s. What does not fit is listed as not run.
