@@ -7,9 +7,9 @@ A contact of normal n, at distances ``arm_i`` and ``arm_j`` from the centres of 
     twist       (phi_j - phi_i).n
     roll        (1 - nn)(phi_j - phi_i)
 
-Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is ``head
-. x_j - tail . x_i``, where x are the motions of a ball. Everything linear in the dynamics of contacts is made of these rows:
-C(q), force constants, strains, the stencils of an array.
+Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is
+``head . x_j - tail . x_i``, where x are the motions of a ball. Everything linear in the dynamics of contacts is made of
+these rows: C(q), force constants, strains, the stencils of an array.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ Array = NDArray[np.float64]
 class Row(NamedTuple):
     """One kind of deformation of all contacts: ``head . x_j - tail . x_i``.
 
-    Attributes ---------- kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
-    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one for
-    each
+    Attributes
+    ----------
+    kind : "elongation", "slip", "twist", "roll"; or "push", the displacement across the contact.
+    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one per
         contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
     """

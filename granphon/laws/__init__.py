@@ -1,1 +1,1 @@
-"""Contact laws of balls whose diameters differ: the averaged force and the effective medium."""
+"""Contact laws of balls that differ: averaged force and effective medium."""
