@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 _SOFT = 1e-12
 #: coupling of free inner motions with sound, over its largest possible value, above which it counts as coupling
 _COUPLED = 1e-9
+#: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
+#: for rounding
+_ISOTROPIC = 1e-10
 #: (4, 3) matrix from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
 _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
 
@@ -227,6 +230,13 @@ class LongWaves(Compatibility):
         c = 0.5 * (c + c.swapaxes(-2, -1))
         i, j = np.array([0, 1, 0]), np.array([0, 1, 1])
         return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+
+    @cached_property
+    def is_isotropic(self) -> bool:
+        """Whether the elastic tensor is the same in all directions."""
+        c = self.elastic_tensor()
+        off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
+        return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
         """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.

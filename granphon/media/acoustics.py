@@ -15,14 +15,11 @@ if TYPE_CHECKING:
     from granphon.media.state import ContactState
 
 __all__ = [
-    "contact_lattice", "ideal_lattice", "is_isotropic", "lattice_scales", "lattice_tensor", "lattice_waves",
+    "contact_lattice", "ideal_lattice", "lattice_scales", "lattice_tensor", "lattice_waves",
     "over_directions", "prestress", "sample_scales", "velocities_of_moduli", "velocity_scale",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-#: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
-#: for rounding
-_ISOTROPIC = 1e-10
 
 
 def ideal_lattice(packing: Packing) -> ContactLattice:
@@ -63,13 +60,6 @@ def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str
     found = state.long_waves(direction)
     ideal, _ = ideal_lattice(state.packing).sound_velocities(direction)
     return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
-
-
-def is_isotropic(lattice: ContactLattice) -> bool:
-    """Whether the elastic tensor is the same in all directions."""
-    c = lattice.elastic_tensor()
-    off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
-    return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
 
 
 def lattice_tensor(state: ContactState) -> Array:

@@ -20,7 +20,7 @@ from granphon.base.scales import Units
 from granphon.base.validation import require, truth
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.acoustics import ideal_lattice, is_isotropic, lattice_scales, lattice_tensor, lattice_waves
+from granphon.media.acoustics import ideal_lattice, lattice_scales, lattice_tensor, lattice_waves
 
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
@@ -286,7 +286,7 @@ class ContactState(Result):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        return is_isotropic(ideal_lattice(self.packing))
+        return ideal_lattice(self.packing).is_isotropic
 
     @property
     def sampled_moduli(self) -> Array | None:
