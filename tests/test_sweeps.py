@@ -32,11 +32,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.balls.parameters import PARAMETERS, Axis, change_packing, of_width
 from granphon.base.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
+from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.jobs import packages
-from granphon.sweeps.sweep import sweep, swept_packing
+from granphon.sweeps.sweep import sweep
 from granphon.sweeps.tasks import IDENTITY, Store, solve_all
 
 FORCES = [18.446, 2.0, 5.0, 2.0]
@@ -71,6 +72,11 @@ def direct(state):
     if not state.finite_overlap:
         out |= {"exponent": gp.local_exponent(state), "exponent_error": state.exponent_error}
     return out
+
+
+def packing_of(dataset):
+    """The packing that the attributes of a sweep hold as plain data."""
+    return restore(json.loads(dataset.attrs["packing"]), gp.Packing, "packing")
 
 
 def same(found, expected):
@@ -782,7 +788,7 @@ def test_another_library_reads_the_file(rough, tmp_path):
 def test_the_packing_comes_back_from_the_file(steel, tmp_path, spread, lattice):
     packing = gp.Packing(steel, 8e-3, spread, lattice)
     sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
-    assert swept_packing(load_sweep(tmp_path / "sweep.nc")) == packing
+    assert packing_of(load_sweep(tmp_path / "sweep.nc")) == packing
 
 
 def test_provenance(rough, tmp_path):
@@ -803,7 +809,7 @@ def test_a_lot_of_ten_thousand_balls_fits_into_the_file(steel, tmp_path):
     packing = gp.Packing(steel, lot.mean, lot)
     ds = sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
     assert load_sweep(tmp_path / "sweep.nc").identical(ds)
-    assert swept_packing(ds) == packing
+    assert packing_of(ds) == packing
 
 
 @pytest.mark.claim("files-all-digits")

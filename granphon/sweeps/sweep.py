@@ -26,7 +26,6 @@ from granphon.balls.parameters import PARAMETERS, Axis, combine
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
-from granphon.base.results import restore
 from granphon.base.staging import open_folder
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
@@ -41,7 +40,7 @@ from granphon.sweeps.tasks import Store, TaskResult, open_store, solve_all
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["sweep", "swept_packing"]
+__all__ = ["sweep"]
 
 Array = NDArray[Any]
 #: labels of the rows and columns of an elastic tensor
@@ -294,16 +293,3 @@ def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
         ),
         "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
     }  # fmt: skip
-
-
-def swept_packing(dataset: Dataset) -> Packing:
-    """The packing that a sweep was made of, before its parameters were changed.
-
-    :class:`InputError` if the data set does not record it.
-    """
-    try:
-        data = json.loads(dataset.attrs["packing"])
-    except (KeyError, TypeError, ValueError):
-        raise InputError(message("the data set does not say its packing", mend="Give one that sweep() has made")) from None
-    packing: Packing = restore(data, Packing, "packing")
-    return packing
