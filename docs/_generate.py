@@ -481,21 +481,32 @@ def tradeoff_columns(results: Results) -> str:
 
 
 def rooms() -> str:
-    """Packages from the ground up, as the contract of imports has them, with their modules."""
-    project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = (one for one in project["tool"]["importlinter"]["contracts"] if one["id"] == "rooms")
+    """The packages as the contracts of imports have them: a diagram of their levels, and what each is the room of."""
+    contracts = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    (contract,) = (one for one in contracts if one["id"] == "rooms")
+    levels = [[room.strip() for room in level.split("|")] for level in contract["layers"] if level != "__main__"]
+    packages = {room for level in levels for room in level}
+    # a library has a door where all packages but one are forbidden to import it
+    doors: dict[str, list[str]] = {}
+    for one in contracts:
+        shut = {module.removeprefix("granphon.") for module in one.get("source_modules", ())}
+        if len(own := packages - shut) == 1:
+            doors.setdefault(own.pop(), []).extend(one["forbidden_modules"])
+    width = max(len("   ".join(level)) for level in levels)
+    diagram = ["```text"]
+    for level in levels:
+        outside = ", ".join(library for room in level for library in doors.get(room, ()))
+        diagram += [f"{'   '.join(level):^{width}}" + f"   <-  {outside}" * bool(outside), f"{'|':^{width}}"]
     rows = []
-    for level in reversed(contract["layers"]):
-        for name in (room.strip() for room in level.split("|")):
-            if name == "__main__":
-                continue
-            package = import_module(f"granphon.{name}")
-            modules = sorted(
-                path.stem for path in Path(str(package.__file__)).parent.glob("*.py") if path.stem != "__init__"
-            )
-            what = (package.__doc__ or "").strip().partition("\n")[0].rstrip(".")
-            rows.append([f"`{name}`", what, " ".join(f"`{module}`" for module in modules)])
-    return table(("package", "room of", "modules"), rows)
+    for name in (room for level in reversed(levels) for room in level):
+        package = import_module(f"granphon.{name}")
+        modules = sorted(path.stem for path in Path(str(package.__file__)).parent.glob("*.py") if path.stem != "__init__")
+        what = (package.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+        rows.append([f"`{name}`", what, " ".join(f"`{module}`" for module in modules)])
+    drawn = "\n".join(line.rstrip() for line in [*diagram[:-1], "```"])
+    return f"{drawn}\n\n{table(('package', 'room of', 'modules'), rows)}"
 
 
 # -- the pages ------------------------------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str
 
 def lattice_tensor(state: ContactState) -> Array:
     """Return the elastic tensor of the lattice of contacts, (..., 3, 3), Pa, Voigt order xx, yy, xy, one diameter thick."""
-    terms = prestress(state) if state.finite_overlap else np.zeros(state.shape)
+    terms = prestress(state) if state.finite_overlap else None
     scale = np.asarray(state.normal_stiffness / state.packing.diameter)
     return scale[..., None, None] * ideal_lattice(state.packing).elastic_tensor(terms)
 

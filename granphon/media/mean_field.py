@@ -117,8 +117,8 @@ class _ByLaw(Loaded[ContactState]):
         with np.errstate(all="ignore"):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
-            made = [force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter]
-        if not all(np.all((values >= _LEAST_NORMAL) & (values < np.inf)) for values in made):
+            made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
+        if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
             raise InputError(message(f"{load} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
             what = f"{load} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
