@@ -217,6 +217,8 @@ def every(packing, results):
     records = [SampleRecord.of(sample) for sample in simulated.samples]
     recorded = RecordedState.of(medium, records, Load("force", (1.0, 5.0)))
     assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
+    # records stand where samples do, at all loads and at one
+    assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
     phonons = gp.Phonons(results["state"])
     point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     found = [

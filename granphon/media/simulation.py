@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,9 +136,6 @@ class SimulatedState(ContactState):
     samples: tuple[Sample, ...] = field(default=(), repr=False)
     spaced: bool = False
 
-    #: name of the field that holds the objects whose properties are averaged
-    _averaged: ClassVar[str] = "samples"
-
     @classmethod
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load, overlap_given: bool = False) -> Self:
         """Make the state of ``samples`` under an applied ``load``.
@@ -152,11 +149,10 @@ class SimulatedState(ContactState):
         k = np.mean(stiffnesses, axis=-1) if spaced else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
         f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
         delta = load.array if spaced else np.mean(overlaps, axis=-1)
-        own: dict[str, Any] = {cls._averaged: tuple(samples)}
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            spaced=spaced, **own,
+            samples=tuple(samples), spaced=spaced,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -169,21 +165,19 @@ class SimulatedState(ContactState):
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
-        own: dict[str, Any] = {self._averaged: samples}
-        return replace(self, force=f, overlap=delta, normal_stiffness=k, **own)
+        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
 
     @property
     def _table(self) -> NDArray[Any]:
         """Samples as an array of objects, with the axes of the load and then the index of the sample."""
-        samples = getattr(self, self._averaged)
-        table = np.empty(len(samples), dtype=object)
-        table[:] = samples
+        table = np.empty(len(self.samples), dtype=object)
+        table[:] = self.samples
         return table.reshape(*self.shape, -1)
 
     @property
     def n_samples(self) -> int:
         """Number of samples that are averaged at each load."""
-        return len(getattr(self, self._averaged)) // int(np.prod(self.shape, dtype=int))
+        return len(self.samples) // int(np.prod(self.shape, dtype=int))
 
     @property
     def sample(self) -> Any:
@@ -193,7 +187,7 @@ class SimulatedState(ContactState):
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
         """Return the quantity ``of`` every sample; the axes are those of the load, of the samples, and of the quantity."""
-        values = np.array([np.asarray(of(sample)) for sample in getattr(self, self._averaged)])
+        values = np.array([np.asarray(of(sample)) for sample in self.samples])
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
     def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:

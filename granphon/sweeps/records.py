@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +67,6 @@ class SampleRecord(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordedState(SimulatedState):
-    """The state that averages ``records``, which are in the order that ``samples`` would have; ``samples`` is empty."""
+    """The state that averages records of the samples, which stand in their place in ``samples``."""
 
-    records: tuple[SampleRecord, ...] = field(default=(), repr=False)
-
-    _averaged: ClassVar[str] = "records"
+    samples: tuple[SampleRecord, ...] = field(default=(), repr=False)  # type: ignore[assignment]  # has what is averaged
