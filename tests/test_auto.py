@@ -312,11 +312,12 @@ def test_pieces_side_by_side_and_resumed_give_the_same_numbers(rough, unit, tmp_
 
 def test_what_a_piece_gives_does_not_depend_on_its_place_in_the_sweep(rough, unit):
     """So that a sweep that is resumed finds it under the same name."""
-    from granphon.sweeps.jobs import Job
+    from granphon.media.cases import Case
+    from granphon.sweeps.jobs import Work
 
     def names(forces):
-        job = Job("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces), False, None)
-        return {piece.name for piece in job.pieces}
+        work = Work(Case("", rough, MediumChoice.parse({"auto": {"tolerance": 5e-3}}), Load("force", forces)), None)
+        return {piece.name for piece in work.pieces}
 
     assert names([0.3 * unit, 30.0 * unit]) == names([30.0 * unit, 0.3 * unit])
 

@@ -217,10 +217,17 @@ def test_a_check_of_a_simulation_loads_no_phonopy_and_answers_for_no_sample():
     assert not seen.files
 
 
-@pytest.mark.parametrize("command", ["check", "run"])
-@pytest.mark.parametrize("medium", ["ema", "auto"])
-def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tmp_path, monkeypatch, capsys):
-    from granphon.cli import main
+#: a scene without its load
+ROUGH_BALLS = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.28, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\n"
+)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Counts of calls: of the choice of media, of packings of a sweep, of states and validities."""
+    from granphon.balls import parameters
     from granphon.media.choice import MediumChoice
     from granphon.observables import validity
 
@@ -236,18 +243,49 @@ def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tm
         monkeypatch.setattr(owner, name, counted)
 
     count(MediumChoice, "rungs", "choice")
+    count(parameters, "change_packing", "packing")
     for one in (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium):
         count(one, "at", "state")
     count(validity, "Validity", "validity")
+    return calls
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize("medium", ["ema", "auto"])
+def test_choice_state_and_validity_of_a_scene_are_found_once(command, medium, tmp_path, calls):
+    from granphon.cli import main
+
     scene = tmp_path / "scene.yaml"
-    scene.write_text(
-        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.28, density: 7840 kg/m^3}\n"
-        "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\n"
-        f"load: {{force: 18 N}}\nmedium: {medium}\nobserve: [velocities, bands]\nphonopy: {{band_points: 3}}\n",
-        encoding="utf-8",
-    )
+    end = f"load: {{force: 18 N}}\nmedium: {medium}\nobserve: [velocities, bands]\nphonopy: {{band_points: 3}}\n"
+    scene.write_text(ROUGH_BALLS + end, encoding="utf-8")
     assert main([command, str(scene), *(["-o", str(tmp_path / "out"), "--no-figures"] if command == "run" else [])]) == 0
-    assert calls == {"choice": 1, "state": 1, "validity": 1}
+    assert calls == {"choice": 1, "state": 1, "validity": 1, "packing": 1}
+
+
+SWEPT = "load: {force: [9 N, 40 N, 18 N]}\nmedium: [{auto: {tolerance: 0.02}}, ala]\nsweep: {width: [1 um, 2 um, 3 um]}\n"
+
+
+def test_the_cases_of_a_sweep_are_those_of_its_plan(tmp_path, calls):
+    """Packings and choices of media are found once, whoever reads, checks, estimates and runs."""
+    from granphon.cli import main
+
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(ROUGH_BALLS + SWEPT, encoding="utf-8")
+    assert main(["run", str(scene), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert (calls["packing"], calls["choice"]) == (3, 6)
+    # a scene that was made in Python, however often it is swept
+    calls.clear()
+    read = gp.Scene.from_text(ROUGH_BALLS + SWEPT)
+    made = gp.Scene(read.packing, read.load, media=read.media, parameters=read.parameters)
+    calls.clear()
+    found = made.sweep()
+    assert made.sweep().identical(found)
+    assert (calls["packing"], calls["choice"]) == (3, 6)
+    # and the same numbers as a sweep without a scene, which finds them itself
+    calls.clear()
+    alone = gp.sweep(read.packing, force=read.load.values, media=list(read.media), **dict(read.parameters))
+    assert alone.identical(found)
+    assert (calls["packing"], calls["choice"]) == (3, 6)
 
 
 @pytest.mark.claim("exponent-cost")

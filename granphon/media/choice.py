@@ -254,6 +254,10 @@ class Rung:
             return solving_time(self.packing) < _MOMENT
         return not self.medium.simulates
 
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
+        return replace(self.medium.of(self.packing).at(load, finite_overlap=finite_overlap), chosen=self.chosen)
+
     @cached_property
     def errors(self) -> Array:
         """Expected relative error at each load, (n,).

@@ -18,13 +18,13 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
 from granphon.balls.motions import select_motions
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, change_packing, combine, count_combinations
+from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.dynamics.modes import ContactLattice
 from granphon.media import cost as costs
 from granphon.media.acoustics import contact_lattice
-from granphon.media.choice import MediumChoice, Rung
+from granphon.media.cases import Case, Grid
+from granphon.media.choice import Rung
 from granphon.media.cost import Cost
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
@@ -34,7 +34,7 @@ from granphon.scene.reader import Origin
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
 
-__all__ = ["Case", "Plan"]
+__all__ = ["Plan", "PlannedCase"]
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
@@ -45,35 +45,22 @@ MOST_STATES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """One medium on one packing, at all loads of a scene.
+class PlannedCase:
+    """A case of a scene, whose errors are placed in the file: one medium on one packing, at all loads.
 
-    ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept. ``load`` is what
-    the contacts bear, a force, pressure or overlap; ``written`` is the kind of load that the scene gives, which may be a
-    side force instead.
+    The load of the ``case`` is what the contacts bear, a force, pressure or overlap; ``written`` is the kind of load that
+    the scene gives, which may be a side force instead.
     """
 
-    where: str
-    packing: Packing
-    medium: MediumChoice
-    load: Load
+    case: Case
     written: str
-    finite_overlap: bool
     origin: Origin
 
     @property
-    def label(self) -> str:
-        """Medium and swept parameters in words, as messages of sweeps name them."""
-        return ", ".join(filter(None, (self.medium.label, self.where)))
-
-    @cached_property
     def rungs(self) -> list[Rung]:
-        """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
-
-        :class:`~granphon.base.errors.InputError` if no medium can be chosen.
-        """
-        with self.origin.at_medium(self.medium.label, "a tolerance that is met at every load"):
-            return self.medium.rungs(self.packing, self.load)
+        """The media that serve the loads, see :attr:`granphon.media.cases.Case.rungs`."""
+        with self.origin.at_medium(self.case.medium.label, "a tolerance that is met at every load"):
+            return self.case.rungs
 
     @cached_property
     def state(self) -> ContactState:
@@ -86,8 +73,8 @@ class Case:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
         for rung in filter(wanted, self.rungs):
-            label = f"{self.label}: {rung.medium.label}" if self.medium.is_automatic else self.label
-            yield label, self.state if self.load.size == 1 else self._solve(rung, rung.load)
+            label = f"{self.case.label}: {rung.medium.label}" if self.case.medium.is_automatic else self.case.label
+            yield label, self.state if self.case.load.size == 1 else self._solve(rung, rung.load)
 
     def require(self) -> None:
         """Raise if the packing is not rigid, has no such medium, or cannot carry the least or the greatest of the loads.
@@ -98,12 +85,12 @@ class Case:
 
     @cached_property
     def _is_carried(self) -> bool:
-        for index in dict.fromkeys((int(np.argmin(self.load.array)), int(np.argmax(self.load.array)))):
+        for index in dict.fromkeys((int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))):
             rung = next(rung for rung in self.rungs if index in rung.loads)
             if not (rung.is_quick or rung.medium.simulates):
                 continue
-            with self.at_load(index, f"{self.label}: "):
-                medium = rung.medium.of(self.packing)
+            with self.at_load(index, f"{self.case.label}: "):
+                medium = rung.medium.of(self.case.packing)
                 if isinstance(medium, DirectSimulation):
                     medium.require(self._at(index))
                     continue
@@ -123,13 +110,12 @@ class Case:
 
     def _at(self, index: int) -> Load:
         """The load number ``index``, of shape ()."""
-        return self.load.flat[index]
+        return self.case.load[index]
 
     def _solve(self, rung: Rung, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
             # False is the default of a scene, so it counts as not given
-            state = rung.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap or None)
-        return replace(state, chosen=rung.chosen)
+            return rung.at(load, finite_overlap=self.case.finite_overlap or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,24 +143,25 @@ class Plan:
         return self.n_cases * self.load.size
 
     @cached_property
-    def cases(self) -> tuple[Case, ...]:
+    def grid(self) -> Grid:
+        """The cases without their places in the file, which a sweep carries out."""
+        scene = self.scene
+        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap)
+
+    @cached_property
+    def cases(self) -> tuple[PlannedCase, ...]:
         """The cases: every medium at every combination of parameters, the media running fastest."""
-        load = self.load.applied
-        return tuple(
-            Case(where, packing, medium, load, self.load.kind, self.scene.finite_overlap, self.origin)
-            for where, packing in combine(self.scene.packing, self.axes)
-            for medium in self.scene.media
-        )
+        return tuple(PlannedCase(case, self.load.kind, self.origin) for case in self.grid.cases)
 
     @property
-    def case(self) -> Case:
+    def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
         if self.scene.is_sweep:
             raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
         return self.cases[0]
 
     @cached_property
-    def few(self) -> tuple[Case, ...]:
+    def few(self) -> tuple[PlannedCase, ...]:
         """All cases, or, if they are more than :data:`MOST_CASES`, those at the ends of the axes.
 
         The ends suffice for checks: a packing that is possible at two values of a parameter is possible between them.
@@ -193,9 +180,9 @@ class Plan:
         lattice = ("sweep", "lattice") if "lattice" in dict(self.scene.parameters) else ("packing", "lattice")
         with self.origin.at("sweep"):
             count_combinations(self.axes)
-            cases = self.few
-        for case in cases:
-            packing = case.packing
+            few = self.few
+        for one in few:
+            case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
                 ContactLattice.of(packing.structure, packing.mindlin_ratio)
@@ -204,7 +191,7 @@ class Plan:
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
             if not (self.scene.is_sweep and listed):
-                case.require()
+                one.require()
 
     def _require_values(self) -> None:
         """Raise at the first value of a parameter that the packing cannot have."""
@@ -222,10 +209,10 @@ class Plan:
 
     def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
         """See :meth:`granphon.scene.scene.Scene.states`."""
-        for case in self.cases:
-            if not case.medium.simulates:
-                case.require()
-            yield from case.states(lambda rung: rung.is_quick or (simulations if rung.medium.simulates else lists))
+        for one in self.cases:
+            if not one.case.medium.simulates:
+                one.require()
+            yield from one.states(lambda rung: rung.is_quick or (simulations if rung.medium.simulates else lists))
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """Return the states that are quick to find, and words for what is left out, an empty text if nothing is.
@@ -239,7 +226,7 @@ class Plan:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             few = replace(self._at_ends, load=replace(self.load, array=ends))
             left.append(f"all but the ends of {self.n_states:,} states")
-        if any(not (rung.is_quick or rung.medium.simulates) for case in few.cases for rung in case.rungs):
+        if any(not (rung.is_quick or rung.medium.simulates) for one in few.cases for rung in one.rungs):
             left.append("the effective medium of long lists of diameters")
         return few.states(simulations=False, lists=False), " and ".join(left)
 
@@ -290,10 +277,10 @@ class Plan:
         exponents = self.scene.is_sweep or "velocities" in self.scene.observe
         found = [
             costs.estimate(medium, rung.load, exponents=exponents)
-            for case in self.few
-            if case.medium.simulates or case.medium.is_automatic
-            for rung in case.rungs
-            if isinstance(medium := rung.medium.of(case.packing), DirectSimulation)
+            for one in self.few
+            if one.case.medium.simulates or one.case.medium.is_automatic
+            for rung in one.rungs
+            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation)
         ]
         if len(self.few) < self.n_cases and found:
             return max(found, key=lambda cost: cost.work).times(len(found) * self.n_cases / len(self.few))

@@ -191,20 +191,18 @@ class Scene:
         return self.plan.cost()
 
     def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
-        """Compute every state of the scene as one data set.
+        """Compute every state of the scene as one data set, from the cases of its :attr:`plan`.
 
-        ``options`` are further keywords of :func:`granphon.sweeps.sweep.sweep`. A load that cannot be carried raises
-        :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
+        ``options`` are keywords of :func:`granphon.sweeps.sweep.sweep` besides those that the scene answers: ``path``,
+        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
+        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file.
         """
-        from granphon.sweeps.sweep import sweep
+        from granphon.sweeps.sweep import sweep_grid
 
-        load = self.load.applied
-        given: dict[str, Any] = {load.kind: load.values, "media": self.media, "finite_overlap": self.finite_overlap}
-        given |= dict(self.parameters) | options
         if "bands" in self.observe:
-            given |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
+            options |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
         try:
-            return sweep(self.packing, progress=progress, executor=executor, **given)
+            return sweep_grid(self.plan.grid, progress=progress, executor=executor, **options)
         except GranphonError as error:
             if error.load_index is None:
                 raise

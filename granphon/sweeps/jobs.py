@@ -1,4 +1,4 @@
-"""The tasks of a sweep: one medium on one packing at all loads, or one sample of a simulation, load by load.
+"""The tasks of a sweep: one medium on one packing at all loads that it serves, or one sample of a simulation, load by load.
 
 Tasks are plain data, see :mod:`granphon.sweeps.tasks`. Of each sample only the few numbers that are averaged are kept.
 Their averages equal those of one simulation of all samples, to the last bit.
@@ -11,19 +11,21 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import plain
 from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice
+from granphon.media.cases import Case
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.equilibria import in_order
+from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, missing_error
@@ -32,7 +34,7 @@ from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import TaskResult
 
-__all__ = ["LATTICE_BANDS", "Job", "packages", "to_json", "tell_warnings"]
+__all__ = ["LATTICE_BANDS", "Job", "Work", "packages", "to_json", "tell_warnings"]
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -54,98 +56,109 @@ def packages() -> dict[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
-    """One medium on one packing at all loads.
+class Work:
+    """The work on one case: a job for each medium that serves its loads. ``qpoints`` are those of :class:`Job`."""
 
-    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``places`` are
-    the indices of its loads among those of the sweep if an automatic medium gave it some of them; otherwise None.
+    case: Case
+    qpoints: Array | None
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """The jobs; an error names the case, and the load if it is known."""
+        case = self.case
+        try:
+            rungs = case.rungs
+        except InputError as error:
+            at = error.load_index
+            raise (_name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error)) from error
+        wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
+        return [Job(where, rung, case.finite_overlap, self.qpoints) for where, rung in zip(wheres, rungs, strict=True)]
+
+    @cached_property
+    def pieces(self) -> list[Job]:
+        """The pieces of the jobs, which can run side by side."""
+        return [piece for job in self.jobs for piece in job.pieces]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Put the results of the :attr:`pieces` together; variables that only some of the media have are left out."""
+        left, found = iter(parts), list[TaskResult]()
+        for job in self.jobs:
+            found.append(job.join(list(islice(left, len(job.pieces)))))
+        if len(found) == 1:
+            return found[0]
+        order = np.argsort(np.concatenate([job.rung.loads for job in self.jobs]))
+        out: TaskResult = {"warnings": _merge_notes([text for part in found for text in part["warnings"].tolist()])}
+        for name in [name for name in found[0] if name != "warnings" and all(name in part for part in found)]:
+            out[name] = np.concatenate([part[name] for part in found])[order]
+        return out
+
+    def choices(self) -> TaskResult:
+        """Return the medium that serves each load, and its expected error, +inf where that is not known."""
+        load = self.case.load
+        choice, error = np.empty(load.size, object), np.empty(load.size)
+        for rung in self.case.rungs:
+            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
+        return {"choice": choice.astype(str), "expected_error": error}
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One medium on one packing at all loads that it serves.
+
+    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands.
     """
 
     where: str
-    packing: Packing
-    medium: MediumChoice
-    load: Load
+    rung: Rung
     finite_overlap: bool
     qpoints: Array | None
-    places: tuple[int, ...] | None = None
 
-    def state(self, load: Load) -> ContactState:
-        """Return the state under ``load``, all or some of the loads of the job."""
-        state = self.medium.of(self.packing).at(load, finite_overlap=self.finite_overlap)
-        return replace(state, chosen=self.places is not None)
+    @property
+    def load(self) -> Load:
+        """The loads of the job."""
+        return self.rung.load
 
     @cached_property
     def name(self) -> str:
         """Name of the file for its result: the medium, and a digest of everything that determines the numbers."""
-        data = {**plain(self), "where": "", "places": "", "schema": SWEEP_SCHEMA, "versions": packages()}
-        return f"{self.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
+        rung = self.rung
+        data = {
+            "class": type(self).__name__, "where": "", "packing": rung.packing, "medium": rung.medium, "load": rung.load,
+            "finite_overlap": self.finite_overlap, "qpoints": self.qpoints, "places": "", "schema": SWEEP_SCHEMA,
+            "versions": packages(),
+        }  # fmt: skip
+        return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
-    @cached_property
-    def rungs(self) -> list[Rung]:
-        """The media that serve the loads, each with its loads; an error names the task, and the load if it is known."""
-        try:
-            return self.medium.rungs(self.packing, self.load)
-        except InputError as error:
-            raise (_locate if error.load_index is not None else _name_task)(self, error) from error
+    @property
+    def medium(self) -> Medium:
+        """The medium of the packing."""
+        return self.rung.medium.of(self.rung.packing)
 
-    def _delegate(self) -> list[tuple[Job, Rung]]:
-        """Return the jobs that an automatic medium leaves to other media, each with its rung of the ladder."""
-        out = []
-        for rung in self.rungs:
-            places = tuple(rung.loads.tolist())
-            where = f"{self.where}: {rung.medium.label}"
-            out.append((replace(self, where=where, medium=rung.medium, load=rung.load, places=places), rung))
-        return out
+    def state(self, load: Load) -> ContactState:
+        """Return the state under ``load``, all or some of the loads of the job."""
+        return self.rung.at(load, finite_overlap=self.finite_overlap)
 
     @property
     def pieces(self) -> list[Job]:
-        """Jobs that can run side by side: one for each chosen medium or sample; the job itself if it cannot be cut."""
-        if self.medium.is_automatic:
-            return [piece for job, _ in self._delegate() for piece in job.pieces]
-        try:
-            medium = self.medium.of(self.packing)
-        except InputError as error:
-            raise _name_task(self, error) from error
+        """Jobs that can run side by side: one for each sample; the job itself if it cannot be cut."""
+        medium = self.medium
         if not isinstance(medium, DirectSimulation):
             return [self]
         out: list[Job] = []
         for seed in range(medium.seed, medium.seed + medium.samples):
             # the number of samples is left out: a sample is then the same piece, however many there are
-            alone = MediumChoice(self.medium.name, (("shape", medium.shape), ("seed", seed)))
+            alone = MediumChoice(self.rung.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            out.append(_SampleJob(where, self.packing, alone, self.load, self.finite_overlap, None, self.places))
+            out.append(_SampleJob(where, replace(self.rung, medium=alone), self.finite_overlap, None))
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
         """Put the results of the :attr:`pieces` together."""
-        if self.medium.is_automatic:
-            return self._merge(parts)
-        medium = self.medium.of(self.packing)
+        medium = self.medium
         if not isinstance(medium, DirectSimulation):
             return parts[0]
         records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
         return self.observe(RecordedState.of(medium, records, self.load))
-
-    def _merge(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Merge the results of the chosen media, each at its loads; variables that only some of them have are left out."""
-        left, found = list(parts), []
-        for job, rung in self._delegate():
-            count = len(job.pieces)
-            found.append((job.join(left[:count]), rung))
-            del left[:count]
-        out: TaskResult = {"warnings": _merge_notes([text for part, _ in found for text in part["warnings"].tolist()])}
-        for name in [name for name in found[0][0] if name != "warnings" and all(name in part for part, _ in found)]:
-            values = np.concatenate([part[name] for part, _ in found])
-            order = np.argsort(np.concatenate([rung.loads for _, rung in found]))
-            out[name] = values[order]
-        return out
-
-    def choices(self) -> TaskResult:
-        """Return the medium that serves each load, and its expected error, +inf where that is not known."""
-        choice, error = np.empty(self.load.size, object), np.empty(self.load.size)
-        for rung in self.rungs:
-            choice[rung.loads], error[rung.loads] = rung.medium.label, rung.errors
-        return {"choice": choice.astype(str), "expected_error": error}
 
     @property
     def steps(self) -> int:
@@ -207,27 +220,32 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
     """Return an error whose message begins with the task and the load.
 
     It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
-    index of that load. If no load fails alone, ``error`` is returned with the task only.
+    index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
     """
-
-    def at(index: int, error: GranphonError) -> GranphonError:
-        located = type(error)(f"{job.where}, {job.load[index]} {job.load.unit}: {error}")
-        located.load_index = index if job.places is None else job.places[index]
-        return located
-
-    if error.load_index is not None:  # an error of a simulation knows its load: nothing is simulated again
-        return at(error.load_index, error)
-    for index in range(job.load.size):
+    at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
+    for index in range(job.load.size) if at is None else ():
         try:
             job.observe(job.state(job.load[[index]]))
         except GranphonError as alone:
-            return at(index, alone)
-    return _name_task(job, error)
+            at, first = index, alone
+            break
+    if at is None:
+        return _name_task(job.where, error)
+    located = _name_load(job.where, job.load, at, first)
+    located.load_index = int(job.rung.loads[at])
+    return located
 
 
-def _name_task(job: Job, error: GranphonError) -> GranphonError:
+def _name_load(where: str, load: Load, index: int, error: GranphonError) -> GranphonError:
+    """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
+    located = type(error)(f"{where}, {load[index]} {load.unit}: {error}")
+    located.load_index = index
+    return located
+
+
+def _name_task(where: str, error: GranphonError) -> GranphonError:
     """Return ``error`` with the task before its message."""
-    return type(error)(f"{job.where}: {error}")
+    return type(error)(f"{where}: {error}")
 
 
 def _frequencies(state: ContactState, qpoints: Array) -> Array:
@@ -267,7 +285,7 @@ class _SampleJob(Job):
         """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
         index: int | None = None
         try:
-            simulation: Any = self.medium.of(self.packing)
+            simulation: Any = self.medium
             loads = simulation.prescribed(self.load)
             order = in_order(loads)
             so_far = dict(begun or {})

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.loads import Load
 from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS, Axis, combine
+from granphon.balls.parameters import PARAMETERS, Axis
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
@@ -30,17 +30,18 @@ from granphon.base.staging import open_folder
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
 from granphon.base.written_files import files_written, is_written
+from granphon.media.cases import Grid
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
-from granphon.sweeps.jobs import Job, packages, tell_warnings, to_json
+from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
 from granphon.sweeps.tasks import Store, TaskResult, open_store, solve_all
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["sweep"]
+__all__ = ["sweep", "sweep_grid"]
 
 Array = NDArray[Any]
 #: labels of the rows and columns of an elastic tensor
@@ -123,27 +124,46 @@ def sweep(
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
-    packings = combine(packing, axes)
-    way = None if bands is None else _Way.of(packings, bands, npoints, labels)
-    frame = _frame(load, choices, axes, way, finite_overlap).assign_attrs(packing=to_json(packing))
+    return sweep_grid(
+        Grid(packing, axes, choices, load, finite_overlap), bands=bands, npoints=npoints, labels=labels, executor=executor,
+        progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
+    )  # fmt: skip
+
+
+def sweep_grid(
+    grid: Grid,
+    *,
+    bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
+    npoints: int = 101,
+    labels: Sequence[str] | None = None,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    store: Store | None = None,
+) -> Dataset:
+    """Carry out :func:`sweep` for the cases of a grid; what is known of them, such as a choice of media, is not found again.
+
+    Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
+    """
+    cases = grid.cases
+    way = None if bands is None else _Way.of([case.packing for case in cases], bands, npoints, labels)
+    frame = _frame(grid, way)
     target = _target(path, resume)
     if target is not None and resume and not overwrite and (there := _complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
-    jobs = [
-        Job(", ".join(filter(None, [choice.label, where])), one, choice, load, finite_overlap, qpoints)
-        for where, one in packings
-        for choice in choices
-    ]
-    pieces = [job.pieces for job in jobs]
+    works = [Work(case, qpoints) for case in cases]
+    pieces = [work.pieces for work in works]
     folder = nullcontext() if target is None else open_folder(target.parent, file_names(target), overwrite)
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
-        parts = [job.join(found[first:last]) for job, (first, last) in zip(jobs, pairwise(ends), strict=True)]
-        dataset = _fill(frame, jobs, parts, axes)
+        parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
+        dataset = _fill(frame, grid, works, parts)
         if locked is not None and target is not None:
             with locked.staging(file_names(target)) as stage:
                 write_sweep(dataset, stage / target.name)
@@ -174,10 +194,10 @@ class _Way:
     labels: tuple[str, ...]
 
     @classmethod
-    def of(cls, packings: Sequence[tuple[str, Packing]], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
+    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
         """Lay the path that all packings share; :class:`InputError` if there is no such path."""
-        first = packings[0][1]
-        if len({(one.structure, select_motions(one.mindlin_ratio)) for _, one in packings}) > 1:
+        first = packings[0]
+        if len({(one.structure, select_motions(one.mindlin_ratio)) for one in packings}) > 1:
             raise InputError(
                 message(
                     "bands cannot be swept over friction or lattices",
@@ -216,25 +236,27 @@ def _complete(target: Path, frame: Dataset) -> Dataset | None:
 # -- the data set ---------------------------------------------------------------------------------------------------
 
 
-def _frame(load: Load, media: Sequence[MediumChoice], axes: Sequence[Axis], way: _Way | None, finite: bool) -> Dataset:
+def _frame(grid: Grid, way: _Way | None) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
+    load, finite = grid.load, grid.finite_overlap
     loads = ("load", load.array, _attributes(load.kind, load.array))
-    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in media]}
-    for axis in axes:
+    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
+    for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _attributes(axis.name, labels) | whole)
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json([{choice.name: choice.settings} for choice in media]), "finite_overlap": int(finite),
+        "media": to_json([{choice.name: choice.settings} for choice in grid.media]), "finite_overlap": int(finite),
         "direction": "(1, 0), Cartesian, where velocities depend on it",
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
-    return Dataset({} if way is None else _path_variables(way, finite), coordinates, attrs)
+    variables = {} if way is None else _path_variables(way, finite)
+    return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
 
 def _identity(frame: Dataset) -> dict[str, Any]:
@@ -248,15 +270,15 @@ def _identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[TaskResult], axes: Sequence[Axis]) -> Dataset:
-    """Return the frame with the results of the jobs, ``parts``, filled in."""
-    load = jobs[0].load
+def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[TaskResult]) -> Dataset:
+    """Return the frame with the results of the cases, ``parts``, filled in."""
+    load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     # the standard error of a medium that samples nothing is zero
     exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
-    if any(job.medium.is_automatic for job in jobs):
-        parts = [part | job.choices() for job, part in zip(jobs, parts, strict=True)]
+    if any(medium.is_automatic for medium in grid.media):
+        parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every medium gives; the tensor only where bulk and shear moduli do not replace it
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     if "bulk" in names:
@@ -269,7 +291,8 @@ def _fill(frame: Dataset, jobs: Sequence[Job], parts: Sequence[TaskResult], axes
         variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _attributes(name, stack))
     if "tensor" in names:
         frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
-    warnings = [f"{job.where}: {text}" for job, part in zip(jobs, parts, strict=True) for text in tell_warnings(part)]
+    labels = [case.label for case in grid.cases]
+    warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 

@@ -1,0 +1,62 @@
+"""Cases: one medium on one packing at many loads, and all of them over media and parameters of the packing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import Axis, combine
+from granphon.media.choice import MediumChoice, Rung
+
+__all__ = ["Case", "Grid"]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One medium on one packing, at all values of an applied load.
+
+    ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept.
+    """
+
+    where: str
+    packing: Packing
+    medium: MediumChoice
+    load: Load
+    finite_overlap: bool = False
+
+    @property
+    def label(self) -> str:
+        """Medium and swept parameters in words, as messages of sweeps name them."""
+        return ", ".join(filter(None, (self.medium.label, self.where)))
+
+    @cached_property
+    def rungs(self) -> list[Rung]:
+        """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
+
+        They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if the packing has no such
+        medium, or if none can be chosen.
+        """
+        return self.medium.rungs(self.packing, self.load)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load."""
+
+    packing: Packing
+    axes: Sequence[Axis]
+    media: Sequence[MediumChoice]
+    load: Load
+    finite_overlap: bool = False
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an impossible packing."""
+        return tuple(
+            Case(where, packing, medium, self.load, self.finite_overlap)
+            for where, packing in combine(self.packing, self.axes)
+            for medium in self.media
+        )
