@@ -123,9 +123,8 @@ class Job:
         """Name of the file for its result: the medium, and a digest of everything that determines the numbers."""
         rung = self.rung
         data = {
-            "class": type(self).__name__, "where": "", "packing": rung.packing, "medium": rung.medium, "load": rung.load,
-            "finite_overlap": self.finite_overlap, "qpoints": self.qpoints, "places": "", "schema": SWEEP_SCHEMA,
-            "versions": packages(),
+            "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
+            "qpoints": self.qpoints, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
