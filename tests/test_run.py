@@ -21,7 +21,7 @@ from ruamel.yaml import YAML
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import FileExistsInRunError, InputError
-from granphon.base.staging import LOCK, open_folder
+from granphon.base.staging import LOCK, ResultFiles
 from granphon.base.written_files import LIST
 from granphon.cli.commands import main
 from granphon.cli.wording import human
@@ -448,7 +448,7 @@ def test_a_result_that_is_read_again_is_not_removed_as_old(work):
 
 
 def test_a_folder_has_one_run_at_a_time(work, capsys):
-    with open_folder("out", ["x"]):
+    with ResultFiles("out", ["x"]).open():
         assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "another run is writing into out" in capsys.readouterr().err
     assert not (work / "out").exists()
@@ -871,7 +871,7 @@ def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsy
     for text in (SWEEP, ONE):
         (work / "scene.yaml").write_text(text)
         with monkeypatch.context() as patch:
-            patch.setattr("granphon.scene.run.open_folder", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
+            patch.setattr("granphon.scene.run.ResultFiles", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt()))
             assert main(["run", "scene.yaml", "-o", "out"]) == 130
         assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
 
@@ -1052,7 +1052,7 @@ def test_only_a_sweep_has_variables(work, capsys):
 def test_a_figure_is_not_drawn_beside_a_result_that_is_being_written(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
     Scene.from_yaml("scene.yaml").run("out")
-    with open_folder("out", [], force=True):
+    with ResultFiles("out", [], force=True).open():
         assert main(["plot", "out", "--force"]) == 1
     assert "another run is writing into out" in capsys.readouterr().err
 

@@ -10,6 +10,8 @@ import signal
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,13 +19,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import LOCK, PREFIX, check_free, open_folder, staging, write_bytes, write_text
+from granphon.base.staging import LOCK, PREFIX, ResultFiles, write_bytes, write_text
 from granphon.base.written_files import LIST, files_written
 
 
 def tree(folder: Path) -> dict[str, str]:
     """Every file with its text, but for the list of files that granphon wrote."""
     return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*") if p.name != LIST}
+
+
+@contextmanager
+def staging(folder: Path, names: Sequence[str], force: bool = False, optional: Sequence[str] = ()) -> Iterator[Path]:
+    with ResultFiles(folder, names, force).open() as files, files.staging(optional) as place:
+        yield place
 
 
 def put(folder: Path, force: bool = False, **texts: str) -> None:
@@ -114,8 +122,8 @@ def test_force_replaces_and_removes_files_of_an_earlier_result(tmp_path: Path) -
     put(tmp_path, a="old", stale="old")
     (tmp_path / "mine").write_text("mine")
     with (
-        open_folder(tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]) as folder,
-        folder.staging(["a"]) as place,
+        ResultFiles(tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]).open() as files,
+        files.staging() as place,
     ):
         (place / "a").write_text("new")
     assert tree(tmp_path) == {"a": "new", "mine": "mine"}
@@ -146,7 +154,7 @@ def test_what_granphon_did_not_write_is_never_replaced(tmp_path: Path, force: bo
         with pytest.raises(FileExistsInRunError, match=rf"holds {name}: .*{found}.*Move it away"):
             put(tmp_path, force, **{name: "new"})
     with pytest.raises(FileExistsInRunError, match="stale of an earlier run, and it has been changed"):
-        check_free(tmp_path, ["new"], force, earlier=["stale"])
+        ResultFiles(tmp_path, ["new"], force, earlier=["stale"]).require_free()
     assert tree(tmp_path) == before
 
 
@@ -157,10 +165,12 @@ def test_what_the_run_reads_is_never_replaced_or_removed(tmp_path: Path, force: 
     os.link(tmp_path / "data", tmp_path / "same")
     for one in (tmp_path / "data", tmp_path / "deeper" / ".." / "data", tmp_path / "same"):
         with pytest.raises(FileExistsInRunError, match="is read by this run"):
-            check_free(tmp_path, ["data"], force, inputs=[one])
+            ResultFiles(tmp_path, ["data"], force, inputs=[one]).require_free()
     # nor does a file of an earlier result stay beside another one, because it is read
     with pytest.raises(FileExistsInRunError, match="data of an earlier run, and this run reads it"):
-        check_free(tmp_path, ["new"], force, earlier=["data"], inputs=[tmp_path / "data", tmp_path / "absent"])
+        ResultFiles(
+            tmp_path, ["new"], force, earlier=["data"], inputs=[tmp_path / "data", tmp_path / "absent"]
+        ).require_free()
     assert tree(tmp_path) == {"data": "numbers", "same": "numbers", "deeper": ""}
 
 
@@ -185,12 +195,18 @@ def test_a_list_that_cannot_be_read_names_no_file(tmp_path: Path, text: str) -> 
 
 def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("a preset")
-    check_free(tmp_path, ["a"], force=True, known=["another", "a preset"])
+    ResultFiles(tmp_path, ["a"], force=True, known=["another", "a preset"]).require_free()
     with pytest.raises(FileExistsInRunError, match="--force"):
-        check_free(tmp_path, ["a"], known=["a preset"])
+        ResultFiles(tmp_path, ["a"], known=["a preset"]).require_free()
     (tmp_path / "a").write_text("a preset, edited")
     with pytest.raises(FileExistsInRunError, match="no record that granphon wrote it"):
-        check_free(tmp_path, ["a"], force=True, known=["a preset"])
+        ResultFiles(tmp_path, ["a"], force=True, known=["a preset"]).require_free()
+    # what may be replaced when the folder is opened may be replaced at the end
+    (tmp_path / "a").write_text("a preset")
+    files = ResultFiles(tmp_path, ["a"], force=True, known=["a preset"])
+    with files.open(), files.staging() as place:
+        (place / "a").write_text("new")
+    assert (tree(tmp_path), list(files_written(tmp_path))) == ({"a": "new"}, ["a"])
 
 
 def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,21 +214,21 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "summary").mkdir()
     for folder, found in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "x", "not a folder")):
         with pytest.raises(OutputError, match=found):
-            check_free(folder, ["a"])
+            ResultFiles(folder, ["a"]).require_free()
     with pytest.raises(OutputError, match="is a folder"):
-        check_free(tmp_path, ["summary"], force=True)
+        ResultFiles(tmp_path, ["summary"], force=True).require_free()
     with pytest.raises(OutputError, match="null"):
-        check_free(tmp_path / "a\0b", ["a"])
+        ResultFiles(tmp_path / "a\0b", ["a"]).require_free()
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(OutputError, match="may not be written to"):
-        check_free(tmp_path / "new", ["a"])
+        ResultFiles(tmp_path / "new", ["a"]).require_free()
 
 
 # -- one run at a time ----------------------------------------------------------------------------------------------
 
 
 def test_a_second_run_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path) -> None:
-    with open_folder(tmp_path, ["a"]):
+    with ResultFiles(tmp_path, ["a"]).open():
         with pytest.raises(OutputError, match="another run is writing"):
             put(tmp_path, b="b")
         assert (tmp_path / LOCK).exists()
@@ -259,7 +275,7 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, mon
 #: a run that gets a signal before, or after, its n-th change of the folder
 STOPPED = """
 import os, signal, sys
-from granphon.base.staging import open_folder
+from granphon.base.staging import ResultFiles
 folder, last, number, after = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "after"
 count = 0
 def counted(real):
@@ -273,8 +289,8 @@ def counted(real):
             os.kill(os.getpid(), number)
         return found
     return call
-with open_folder(folder, ["a", "b", "new"], force=True, earlier=["stale"]) as target:
-    with target.staging(["a", "b", "new"]) as place:
+with ResultFiles(folder, ["a", "b", "new"], force=True, earlier=["stale"]).open() as files:
+    with files.staging() as place:
         for name in ("a", "b", "new"):
             (place / name).write_text("second")
         os.replace, os.unlink = counted(os.replace), counted(os.unlink)
@@ -300,7 +316,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(t
         code, left = stopped(tmp_path / str(last), last, signal.SIGKILL, when)
         assert len(set(left.values())) <= 1, f"killed at change {last}, the folder holds {left}"
         # the same run again, as whoever was killed would do; it finds the folder as one of the two has left it
-        check_free(tmp_path / str(last), [*SECOND], force=True, earlier=["stale"])
+        ResultFiles(tmp_path / str(last), [*SECOND], force=True, earlier=["stale"]).require_free()
         outcomes.append({name: text for name, text in tree(tmp_path / str(last)).items() if name != LOCK})
         assert outcomes[-1] in (FIRST, SECOND)
         assert set(files_written(tmp_path / str(last))) == set(outcomes[-1])
@@ -377,7 +393,7 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
     os.mkfifo(folder / LIST)
     (folder / (PREFIX + "pipe")).mkdir()
     os.mkfifo(folder / (PREFIX + "pipe") / ".exchange")
-    check_free(folder, ["a"])
+    ResultFiles(folder, ["a"]).require_free()
     assert (victim / "scene").read_text() == "precious"
     (folder / LIST).unlink()
     put(folder, a="a")

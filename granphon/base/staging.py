@@ -19,15 +19,16 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
 from granphon.base.written_files import LIST, digest_file, files_written, is_written, list_text, read_record
 
-__all__ = ["ResultFolder", "check_free", "open_folder", "staging", "write_bytes", "write_text"]
+__all__ = ["ResultFiles", "write_bytes", "write_text"]
 
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
@@ -54,7 +55,7 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-# -- whether files may be written ------------------------------------------------------------------------------------
+# -- a result in its folder ------------------------------------------------------------------------------------------
 
 
 def _is_same_file(path: Path, other: StrPath) -> bool:
@@ -63,16 +64,9 @@ def _is_same_file(path: Path, other: StrPath) -> bool:
     return False
 
 
-def check_free(
-    folder: StrPath,
-    names: Sequence[str],
-    force: bool = False,
-    *,
-    earlier: Sequence[str] = (),
-    inputs: Iterable[StrPath] = (),
-    known: Iterable[str] = (),
-) -> None:
-    """Raise if ``names`` cannot be written into ``folder``, as far as can be told without writing.
+@dataclass(frozen=True)
+class ResultFiles:
+    """The files that a result consists of, in one folder, and what may make way for them.
 
     Parameters
     ----------
@@ -83,85 +77,137 @@ def check_free(
         may not be removed, and an error is raised.
     inputs : files that the run reads, which are never replaced.
     known : texts of files; a file with such a text counts as written by granphon, whatever the list of the folder says.
-
-    Raises
-    ------
-    FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
-    OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
     """
-    target = Path(folder)
-    _recover_unless_locked(target)
-    _check(target, names, force, earlier, list(inputs), list(known))
 
+    folder: StrPath
+    names: Sequence[str]
+    force: bool = False
+    _: KW_ONLY
+    earlier: Sequence[str] = ()
+    inputs: Collection[StrPath] = ()
+    known: Collection[str] = ()
 
-def _check(
-    target: Path,
-    names: Sequence[str],
-    force: bool,
-    earlier: Sequence[str],
-    inputs: Sequence[StrPath],
-    known: Sequence[str] = (),
-) -> None:
-    try:
-        if any("\0" in part for part in (str(target), *names)):
-            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
-        nearest = target
-        while not os.path.lexists(nearest) and nearest != nearest.parent:
-            nearest = nearest.parent
-        if not nearest.is_dir():
-            raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
-        digests = {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in known}
-        _check_replaceable(target, names, force, earlier, inputs, digests)
-        if not os.access(nearest, os.W_OK | os.X_OK):
-            raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
-    except OSError as error:
-        raise _failed(target, error) from None
+    @property
+    def _target(self) -> Path:
+        return Path(self.folder)
 
+    def require_free(self) -> None:
+        """Raise if the files cannot be written, as far as can be told without writing.
 
-def _check_replaceable(
-    target: Path,
-    names: Sequence[str],
-    force: bool,
-    earlier: Sequence[str],
-    inputs: Sequence[StrPath],
-    known: Collection[str],
-) -> None:
-    there = [name for name in names if os.path.lexists(target / name)]
-    folders = [name for name in there if (target / name).is_dir()]
-    if folders:
-        raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
-    written = files_written(target)
-    kept = "It is not replaced, with --force or without"
-    for name in there:
-        if any(_is_same_file(target / name, one) for one in inputs):
-            what = f"{target / name} is read by this run, and would be overwritten"
-            raise FileExistsInRunError(message(what, kept, "Choose another folder"))
-        if not is_written(target / name, *known, *([written[name]] if name in written else [])):
-            no_record = "there is no record that granphon wrote it"
-            what = "granphon wrote it, and it has been changed since" if name in written else no_record
-            what = f"{target} already holds {name}: {what}"
-            raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
-    if there and not force:
-        raise FileExistsInRunError(
-            message(
-                f"{target} already holds {', '.join(there)}",
-                "An existing result is not overwritten unless asked for",
-                "Use --force (force=True) to replace it, or choose another folder",
+        Raises
+        ------
+        FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
+        OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
+        """
+        _recover_unless_locked(self._target)
+        self._check()
+
+    @contextmanager
+    def open(self) -> Iterator[Self]:
+        """Make the folder if need be, and lock it, so that no other run writes into it until the end of the block.
+
+        Errors are those of :meth:`require_free`; also raises :class:`~granphon.base.errors.OutputError` if another run has
+        the lock. Folders that were made here and are still empty at the end are removed again.
+        """
+        self.require_free()
+        target, made = self._target, list[Path]()
+        try:
+            try:
+                for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
+                    missing.mkdir(exist_ok=True)
+                    made.append(missing)
+            except OSError as error:
+                raise _failed(target, error) from None
+            with _locked(target) as alone:
+                if alone:
+                    _recover(target)
+                # checked again: another run may have written files before the lock was taken
+                self._check()
+                yield self
+        finally:
+            for one in reversed(made):
+                with suppress(OSError):  # a folder that holds a result is not empty, and stays
+                    one.rmdir()
+
+    @contextmanager
+    def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
+        """Make a temporary folder for the files, which all move into their folder at the end of the block.
+
+        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need not be written. If anything
+        fails, in the block or while files are exchanged, the folder is left as it was found. Raises
+        :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        """
+        target, place = self._target, None
+        try:
+            place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
+            yield place
+            made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
+            self.require_free()
+            _exchange(place, target, made, [*self._stale, *(name for name in self.names if name not in made)])
+        except OSError as error:
+            raise _failed(target, error) from None
+        finally:
+            # a record that is still there marks an exchange neither completed nor undone: the next run completes it
+            if place is not None and not os.path.lexists(place / _RECORD):
+                shutil.rmtree(place, ignore_errors=True)
+
+    def _check(self) -> None:
+        target = self._target
+        try:
+            if any("\0" in part for part in (str(target), *self.names)):
+                raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+            nearest = target
+            while not os.path.lexists(nearest) and nearest != nearest.parent:
+                nearest = nearest.parent
+            if not nearest.is_dir():
+                raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
+            self._require_replaceable()
+            if not os.access(nearest, os.W_OK | os.X_OK):
+                raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
+        except OSError as error:
+            raise _failed(target, error) from None
+
+    def _require_replaceable(self) -> None:
+        target = self._target
+        there = [name for name in self.names if os.path.lexists(target / name)]
+        folders = [name for name in there if (target / name).is_dir()]
+        if folders:
+            raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
+        written, known = files_written(target), {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known}
+        kept = "It is not replaced, with --force or without"
+        for name in there:
+            if self._is_read(name):
+                what = f"{target / name} is read by this run, and would be overwritten"
+                raise FileExistsInRunError(message(what, kept, "Choose another folder"))
+            if not is_written(target / name, *known, *([written[name]] if name in written else [])):
+                no_record = "there is no record that granphon wrote it"
+                what = "granphon wrote it, and it has been changed since" if name in written else no_record
+                what = f"{target} already holds {name}: {what}"
+                raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
+        if there and not self.force:
+            raise FileExistsInRunError(
+                message(
+                    f"{target} already holds {', '.join(there)}",
+                    "An existing result is not overwritten unless asked for",
+                    "Use --force (force=True) to replace it, or choose another folder",
+                )
             )
-        )
-    for name in _stale(target, names, earlier):
-        read = any(_is_same_file(target / name, one) for one in inputs)
-        if read or not is_written(target / name, written[name]):
-            what = f"{target} holds {name} of an earlier run, and "
-            what += "this run reads it" if read else "it has been changed since"
-            why = "It would stand beside a result that it does not belong to, and is not removed"
-            raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
+        for name in self._stale:
+            read = self._is_read(name)
+            if read or not is_written(target / name, written[name]):
+                what = f"{target} holds {name} of an earlier run, and "
+                what += "this run reads it" if read else "it has been changed since"
+                why = "It would stand beside a result that it does not belong to, and is not removed"
+                raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
 
+    @property
+    def _stale(self) -> list[str]:
+        """Files of an earlier result, written by granphon, that the new result does not have."""
+        target, written = self._target, files_written(self.folder)
+        return [one for one in self.earlier if one in written and one not in self.names and os.path.lexists(target / one)]
 
-def _stale(target: Path, names: Sequence[str], earlier: Sequence[str]) -> list[str]:
-    """Files of an earlier result, written by granphon, that the new result does not have."""
-    written = files_written(target)
-    return [name for name in earlier if name in written and name not in names and os.path.lexists(target / name)]
+    def _is_read(self, name: str) -> bool:
+        return any(_is_same_file(self._target / name, one) for one in self.inputs)
 
 
 def _failed(target: Path, error: OSError) -> GranphonError:
@@ -171,83 +217,7 @@ def _failed(target: Path, error: OSError) -> GranphonError:
     return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "It is left as it was", mend))
 
 
-# -- a folder under lock --------------------------------------------------------------------------------------------
-
-
-class ResultFolder:
-    """A folder that this process has locked, see :func:`open_folder`."""
-
-    def __init__(self, path: Path, force: bool, earlier: Sequence[str], inputs: Sequence[StrPath]) -> None:
-        self.path, self.force, self.earlier, self.inputs = path, force, earlier, inputs
-
-    @contextmanager
-    def staging(self, names: Sequence[str], optional: Sequence[str] = ()) -> Iterator[Path]:
-        """Make a temporary folder for the files ``names``, which all move into this folder at the end of the block.
-
-        Those that are also in ``optional`` need not be written. If anything fails, in the block or while files are
-        exchanged, the folder is left as it was found. Raises :class:`~granphon.base.errors.OutputError` for any failure of
-        the file system.
-        """
-        place: Path | None = None
-        try:
-            place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=self.path))
-            yield place
-            made = [name for name in names if name not in optional or os.path.lexists(place / name)]
-            check_free(self.path, names, self.force, earlier=self.earlier, inputs=self.inputs)
-            _exchange(
-                place, self.path, made, [*_stale(self.path, names, self.earlier), *(n for n in names if n not in made)]
-            )
-        except OSError as error:
-            raise _failed(self.path, error) from None
-        finally:
-            # a record that is still there marks an exchange neither completed nor undone: the next run completes it
-            if place is not None and not os.path.lexists(place / _RECORD):
-                shutil.rmtree(place, ignore_errors=True)
-
-
-@contextmanager
-def open_folder(
-    folder: StrPath,
-    names: Sequence[str],
-    force: bool = False,
-    *,
-    earlier: Sequence[str] = (),
-    inputs: Iterable[StrPath] = (),
-    known: Iterable[str] = (),
-) -> Iterator[ResultFolder]:
-    """Make the folder if need be, and lock it, so that no other run writes into it until the end of the block.
-
-    Arguments and errors are those of :func:`check_free`; also raises :class:`~granphon.base.errors.OutputError` if another
-    run has the lock. Folders that were made here and are still empty at the end are removed again.
-    """
-    target, made, read, ours = Path(folder), list[Path](), list(inputs), list(known)
-    check_free(target, names, force, earlier=earlier, inputs=read, known=ours)
-    try:
-        try:
-            for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
-                missing.mkdir(exist_ok=True)
-                made.append(missing)
-        except OSError as error:
-            raise _failed(target, error) from None
-        with _locked(target) as alone:
-            if alone:
-                _recover(target)
-            # checked again: another run may have written files before the lock was taken
-            _check(target, names, force, earlier, read, ours)
-            yield ResultFolder(target, force, earlier, read)
-    finally:
-        for one in reversed(made):
-            with suppress(OSError):  # a folder that holds a result is not empty, and stays
-                one.rmdir()
-
-
-@contextmanager
-def staging(
-    folder: StrPath, names: Sequence[str], force: bool = False, inputs: Iterable[StrPath] = (), optional: Sequence[str] = ()
-) -> Iterator[Path]:
-    """Open a folder and stage files there, for results that are written as soon as they are known."""
-    with open_folder(folder, names, force, inputs=inputs) as target, target.staging(names, optional) as place:
-        yield place
+# -- the lock --------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -302,7 +272,8 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
         with open(place / name, "r+b") as stream:
             os.fsync(stream.fileno())
     written = files_written(target)
-    old = {name: written[name] for name in (*names, *stale) if os.path.lexists(target / name)}
+    there = [name for name in (*names, *stale) if os.path.lexists(target / name)]
+    old = {name: written.get(name) or digest_file(target / name) for name in there}  # a known text need not be in the list
     files = {name: digest for name, digest in written.items() if name not in stale}
     files |= {name: digest_file(place / name) for name in names}
     (place / LIST).write_text(list_text(files), encoding="utf-8")

@@ -39,7 +39,7 @@ def write_preset(
     """
     from importlib.resources import files
 
-    from granphon.base.staging import open_folder, write_text
+    from granphon.base.staging import ResultFiles, write_text
     from granphon.base.text import closest
 
     if preset not in PRESETS:
@@ -53,7 +53,7 @@ def write_preset(
     require_name("PATH", path)
     texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
     target = Path(path)
-    with open_folder(target.parent, [target.name], force, known=texts.values()):
+    with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
         write_text(target, texts[preset])
     say(f"Wrote {path}. Next: granphon check {path}")
 

@@ -15,6 +15,7 @@ from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table,
 from granphon.cli.wording import describe_fit
 
 if TYPE_CHECKING:
+    from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
 
 __all__ = ["fit_measurements", "measure_tradeoff"]
@@ -59,7 +60,7 @@ def fit_measurements(
 
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import LENGTH
-    from granphon.base.staging import check_free
+    from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.fits.fit import FIT_FILES, fit_width, force_of_pressure
     from granphon.fits.measurements import FREQUENCY, Measurements, read_sigma
@@ -67,9 +68,9 @@ def fit_measurements(
 
     require_name("--out", out)
     read = Scene.from_yaml(scene)
-    inputs: tuple[str | Path, ...] = (*read.inputs, data)
-    if out is not None:
-        check_free(out, FIT_FILES, force, inputs=inputs)
+    files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.inputs, data))
+    if files is not None:
+        files.require_free()
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
@@ -96,7 +97,7 @@ def fit_measurements(
 
         return fit_figure(found)
 
-    failures = _write_study(out, FIT_FILES, force, inputs, found.write, figure)
+    failures = _write_study(files, found.write, figure)
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*found.warnings, *failures.values()))
         say_table(describe_fit(found))
@@ -128,7 +129,7 @@ def measure_tradeoff(
       granphon tradeoff scene.yaml -o tradeoff --budget "20 minutes" --loads 5
     """
     from granphon.base.progress import on_stderr
-    from granphon.base.staging import check_free
+    from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.cli.wording import work_and_precision
     from granphon.fits.measurements import TIME
@@ -138,8 +139,9 @@ def measure_tradeoff(
     require_name("--out", out)
     seconds = require("--budget", TIME.read, budget)
     read = Scene.from_yaml(scene)
-    if out is not None:
-        check_free(out, TRADEOFF_FILES, force, inputs=read.inputs)
+    files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.inputs)
+    if files is not None:
+        files.require_free()
     _require_one_packing("A trade-off", scene, read)
     load = read.load.applied
     given: dict[str, Any] = {load.kind: load.values}
@@ -156,32 +158,24 @@ def measure_tradeoff(
 
         return tradeoff_figure(found)
 
-    failures = _write_study(out, TRADEOFF_FILES, force, read.inputs, write, figure)
+    failures = _write_study(files, write, figure)
     with _tell_study(out, TRADEOFF_FILES, failures, quiet):
         warn(tuple(failures.values()))
         for line in () if quiet else work_and_precision(found):
             say(line)
 
 
-def _write_study(
-    out: str | None,
-    names: Sequence[str],
-    force: bool,
-    inputs: Sequence[str | Path],
-    write: Callable[[Path], None],
-    figure: Callable[[str], Any],
-) -> dict[str, str]:
-    """Write the files ``names`` into the folder ``out``, unless that is None.
+def _write_study(files: ResultFiles | None, write: Callable[[Path], None], figure: Callable[[str], Any]) -> dict[str, str]:
+    """Write the files into their folder, unless they are None.
 
     Returns, for the name of each figure that could not be drawn, the reason.
     """
-    if out is None:
+    if files is None:
         return {}
-    from granphon.base.staging import staging
     from granphon.figures.style import draw
 
-    drawn = [name for name in names if name.endswith(".png")]
-    with staging(out, names, force, inputs, optional=drawn) as place:
+    drawn = [name for name in files.names if name.endswith(".png")]
+    with files.open(), files.staging(drawn) as place:
         write(place)
         return draw(figure, drawn, place)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from granphon.base.errors import InputError, message
-from granphon.base.staging import open_folder
+from granphon.base.staging import ResultFiles
 from granphon.base.written_files import files_written
 from granphon.scene.result_files import figure_name
 
@@ -61,7 +61,7 @@ def redraw(
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
-    with open_folder(target, [name], force) as locked:
+    with ResultFiles(target, [name], force).open() as locked:
         before = files_written(source)
         figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
         if files_written(source) != before:
@@ -69,7 +69,7 @@ def redraw(
             raise InputError(message(what, "The figure would show two results", "Draw it again"))
         from granphon.figures.style import save_figure
 
-        with locked.staging([name]) as place:
+        with locked.staging() as place:
             save_figure(figure, place / name, backend=backend)
     return target / name
 

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, Step, silent
-from granphon.base.staging import open_folder
+from granphon.base.staging import ResultFiles
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
 from granphon.base.written_files import files_written, is_written
 from granphon.dynamics.local_field import LocalField
@@ -274,7 +274,7 @@ def run(
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (
-        open_folder(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs) as locked,
+        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
         open_store(target / WORK_FOLDER, force) as store,
     ):
         if scene.is_sweep:
@@ -283,7 +283,7 @@ def run(
             store.claim(None)
             result = _single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
-        with locked.staging(every, optional=drawn) as place, progress.step("writing", len(every)) as step:
+        with locked.staging(drawn) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
             _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
             if scene.diameters is not None:

@@ -26,7 +26,7 @@ from granphon.balls.parameters import PARAMETERS, Axis
 from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
-from granphon.base.staging import open_folder
+from granphon.base.staging import ResultFiles
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
 from granphon.base.written_files import files_written, is_written
@@ -156,7 +156,7 @@ def sweep_grid(
     qpoints = None if way is None else way.qpoints
     works = [Work(case, qpoints) for case in cases]
     pieces = [work.pieces for work in works]
-    folder = nullcontext() if target is None else open_folder(target.parent, file_names(target), overwrite)
+    folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
         place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
@@ -165,7 +165,7 @@ def sweep_grid(
         parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
         dataset = _fill(frame, grid, works, parts)
         if locked is not None and target is not None:
-            with locked.staging(file_names(target)) as stage:
+            with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
     return dataset
 
