@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import pickle
+from decimal import Decimal
 
 import mpmath
 import numpy as np
@@ -405,6 +406,16 @@ def test_widths_near_the_end_of_the_floating_range(steel, width):
         assert state.stiffness_ratio == pytest.approx(1.0, rel=1e-15)
         assert state.contact_fraction == 1.0
         assert 0.0 <= state.force_fluctuation < 1e-100
+
+
+@every_rung
+def test_a_reduced_force_near_the_end_of_the_floating_range(steel, rung):
+    # c W^(3/2) is a normal number for the first width, but W^(3/2) is not; for the second neither is
+    for width, forces in ((1e-210, [1e-304, 1.0]), (1e-218, [1e-100, 1e-30])):
+        packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(width))
+        state = rung(packing).at_force(forces)
+        unit = Decimal(packing.law.coefficient) * Decimal(width).sqrt() ** 3
+        assert_allclose(state.reduced_force, [float(Decimal(force) / unit) for force in forces], rtol=2e-15)
 
 
 @pytest.mark.parametrize("rung", LADDER[1:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -60,3 +61,23 @@ def test_units_of_the_width_are_those_of_hertz_at_an_overlap_of_it(width):
     np.testing.assert_allclose(units.reduced_force(force), [0.3, 2.0], rtol=1e-15)
     np.testing.assert_allclose(units.reduced_overlap(overlap), [-0.25, 2.0], rtol=1e-15)
     np.testing.assert_allclose(units.reduced_spacing(overlap), [0.25, 2.5], rtol=1e-15)
+
+
+@pytest.mark.parametrize(("coefficient", "width"), [(3.7e9, 1e-210), (3.7e9, 1e-218), (2e-150, 1e150), (2e150, 1e-150)])
+def test_units_of_the_width_where_powers_of_it_leave_the_floating_range(coefficient, width):
+    units, root = WidthUnits(coefficient, width), Decimal(width).sqrt()
+    for n, name in ((5, "energy"), (3, "force"), (1, "stiffness"), (-1, "stiffness_slope")):
+        exact = float(Decimal(coefficient) * root**n)
+        assert getattr(units, name) == pytest.approx(exact, rel=2e-15, abs=5e-324)
+    for force in (1e-100, 1e100):
+        exact = float(Decimal(force) / Decimal(coefficient) / root**3)
+        with np.errstate(over="ignore"):
+            assert units.reduced_force(np.array([force])) == pytest.approx(exact, rel=2e-15)
+
+
+def test_a_width_whose_units_are_above_the_floating_range():
+    units = WidthUnits(3.7e9, 1e200)
+    assert units.stiffness == pytest.approx(3.7e109, rel=1e-15)
+    for name, power in (("energy", 5), ("force", 3)):
+        with pytest.raises(InputError, match=rf"1e\+200 m is beyond double precision. c W\^\({power}/2\) .* smaller width"):
+            getattr(units, name)

@@ -148,7 +148,9 @@ class WidthUnits:
     """Reduced units of balls that differ: the width W of the diameters, and the force of equal balls at an overlap of W.
 
     ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m. Multiply a number in these units by the property
-    of its name to get SI. Powers of W are taken from its square root, for widths near the ends of the floating range.
+    of its name to get SI. Powers of W are taken from mantissas and exponents apart: a power may be beyond the floating range
+    where its unit, or a number in that unit, is not. A unit below the range is the nearest float, zero at last; a unit above
+    it raises :class:`InputError`.
     """
 
     coefficient: float
@@ -157,26 +159,44 @@ class WidthUnits:
     @property
     def energy(self) -> float:
         """Unit of energy c W^(5/2), J."""
-        return self.coefficient * math.sqrt(self.width) ** 5
+        return self._value(5)
 
     @property
     def force(self) -> float:
         """Unit of force c W^(3/2), N."""
-        return self.coefficient * math.sqrt(self.width) ** 3
+        return self._value(3)
 
     @property
     def stiffness(self) -> float:
         """Unit of stiffness c W^(1/2), N/m."""
-        return self.coefficient * math.sqrt(self.width)
+        return self._value(1)
 
     @property
     def stiffness_slope(self) -> float:
         """Unit of the derivative of stiffness by overlap, c W^(-1/2), N/m^2."""
-        return self.coefficient / math.sqrt(self.width)
+        return self._value(-1)
+
+    def _parts(self, n: int) -> tuple[float, int]:
+        """Two factors of c W^(n/2), both in the floating range: a number near one, and an exponent of two."""
+        root, twos = math.frexp(math.sqrt(self.width))
+        number, more = math.frexp(self.coefficient)
+        return number * root**n, more + n * twos
+
+    def _value(self, n: int) -> float:
+        """Unit c W^(n/2) in SI; :class:`InputError` if it is above the floating range."""
+        try:
+            return math.ldexp(*self._parts(n))
+        except OverflowError:
+            what = f"a width of {self.width:g} m is beyond double precision"
+            why = f"c W^({n}/2) is above the largest number, at c = {self.coefficient:g} N/m^(3/2)"
+            raise InputError(message(what, why, "Give a smaller width")) from None
 
     def reduced_force(self, force: Any) -> Any:
         """Reduced force f* of Section IV; ``force`` in N, a number or an array."""
-        return force / self.force
+        from numpy import ldexp  # here alone, so that the command's help needs no numpy
+
+        number, twos = self._parts(3)
+        return ldexp(force / number, -twos)
 
     def reduced_overlap(self, overlap: Any) -> Any:
         """Reduced overlap y = (d - a)/W; ``overlap`` in m, a number or an array."""

@@ -173,11 +173,11 @@ class SpreadLaw(ABC):
             raise InputError(message(what, "One-sided contacts carry no tension, and none at any overlap small enough"))
 
         def near(part: Array) -> Array:
-            return self.width * self._near_overlap(part / self._unit(FORCE))
+            return self.width * self._near_overlap(np.asarray(self._units.reduced_force(part)))
 
-        # W may be so small that its force is below the floating range: the load is then far above it
-        with np.errstate(over="ignore", under="ignore", divide="ignore"):
-            far = load / self._unit(FORCE) >= self._series.value(self._series.start, FORCE)
+        # W may be so small that the reduced load is above the floating range, where the series holds
+        with np.errstate(over="ignore", under="ignore"):
+            far = self._units.reduced_force(load) >= self._series.value(self._series.start, FORCE)
             return self._parts(load, far, self._far_overlap, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
@@ -221,10 +221,13 @@ class SpreadLaw(ABC):
 
     # -- between SI and reduced -------------------------------------------------------------------------------------
 
+    @property
+    def _units(self) -> WidthUnits:
+        return WidthUnits(self.coefficient, self.width)
+
     def _unit(self, order: int) -> float:
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the stiffness."""
-        units = WidthUnits(self.coefficient, self.width)
-        return (units.energy, units.force, units.stiffness, units.stiffness_slope)[order]
+        return float(getattr(self._units, ("energy", "force", "stiffness", "stiffness_slope")[order]))
 
     def least_valid_force(self, width: float) -> float:
         """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the force at high pressure."""

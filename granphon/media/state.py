@@ -165,8 +165,8 @@ class ContactState(Result):
         """Reduced force f* = f / (c W^(3/2)) of Section IV, over the force of equal balls at overlap W; +inf if W = 0."""
         if not self.packing.width:
             return self._constant(np.inf)
-        # W may be so small that c W^(3/2) is below the floating range: f* is then +inf
-        with np.errstate(over="ignore", divide="ignore"):
+        # W may be so small that f* is above the floating range: it is then +inf
+        with np.errstate(over="ignore"):
             return _scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
 
     @property
