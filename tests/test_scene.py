@@ -1,6 +1,7 @@
 import itertools
 import math
 import random
+import re
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -404,16 +405,24 @@ def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
             Scene.from_text(text)
 
 
-@pytest.mark.parametrize("load", ["[5 N, 1e-15 N]", "{from: 5 N, to: 1e-15 N, points: 9}"])
-def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load):
+@pytest.mark.parametrize(
+    ("load", "last", "first"),
+    [
+        ("[5 N, 1e-15 N]", r"load\.force\.1: found '1e-15 N'", r"load\.force\.1: found '1e-15 N'"),
+        # before the sweep the least load is tried, and in it the first that fails is named
+        ("{from: 5 N, to: 1e-15 N, points: 9}", r"load\.force\.to: found '1e-15 N'", r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'"),
+    ],
+)  # fmt: skip
+def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, last, first):
     text = LISTED.replace("\n    - 5 N\n    - 9 N\n", f" {load}\n")
     scene = Scene.from_text(text, "lot.yaml")
-    where = r"^lot\.yaml:4: load\.force\.(1|to): found '1e-15 N'; allowed: a load that the balls can carry\. "
-    with pytest.raises(SceneError, match=where + "afa, width = 1e-06 m: "):
+    allowed = r"; allowed: a load that the balls can carry\. "
+    with pytest.raises(SceneError, match=rf"^lot\.yaml:4: {last}{allowed}afa, width = 1e-06 m: "):
         Scene.from_text(text.replace("ala", "afa"), "lot.yaml")
-    where += "ema, width = 1e-06 m"
+    where = rf"^lot\.yaml:4: ({last}|{first}){allowed}ema, width = 1e-06 m"
     with pytest.raises(SceneError, match=where + ": .*Raise the load"):
         list(scene.states())
+    where = rf"^lot\.yaml:4: {first}{allowed}ema, width = 1e-06 m"
     with pytest.raises(SceneError, match=where + r", force = \d.* N: .*Raise the load"):
         scene.sweep()
     with ProcessPoolExecutor(1) as executor, pytest.raises(SceneError, match=where + r", force = \d.* N: "):
@@ -428,6 +437,28 @@ def test_the_line_is_that_of_the_load():
     scene = Scene.from_text(LISTED.replace("9 N", "1e-15 N"), "lot.yaml")
     with pytest.raises(SceneError, match=r"^lot\.yaml:6: load\.force\.1: "):
         scene.sweep()
+
+
+@pytest.mark.parametrize(
+    ("index", "place"),
+    [(0, "load.force.from: found '1 N'"), (1, "load.force: found value 2 of 3 from '1 N' to '9 N'"), (2, "load.force.to: found '9 N'")],
+)  # fmt: skip
+def test_an_error_of_a_load_within_a_range_is_placed_at_the_range(monkeypatch, index, place):
+    def refuse(*args, **options):
+        error = InputError("it is refused")
+        error.load_index = index
+        raise error
+
+    monkeypatch.setattr("granphon.sweeps.sweep.sweep", refuse)
+    scene = Scene.from_text(BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 3}"), "range.yaml")
+    with pytest.raises(SceneError, match=rf"^range\.yaml:3: {re.escape(place)}; allowed: a load .*it is refused$"):
+        scene.sweep()
+
+
+def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
+    # the second of them is the first that is refused
+    with pytest.raises(SceneError, match=r"4: sweep\.width: found value 2 of 3 from '1 um' to '40 mm'; allowed: a value"):
+        Scene.from_text(BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n", "range.yaml")
 
 
 def test_other_errors_of_a_sweep_are_their_own(tmp_path):

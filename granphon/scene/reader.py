@@ -87,7 +87,8 @@ class Origin:
     def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
         """Path and text of the value number ``index`` of a key.
 
-        The key holds one value, a list, or a range; of a range, the place is "from" for the first value, else "to".
+        The key holds one value, a list, or a range. Of a range, the place is "from" for the first value and "to" for the
+        last; a value between them has no key of its own, and its place is the range.
         """
         if self.document is None:
             return (block, key), ""
@@ -95,8 +96,10 @@ class Origin:
         if isinstance(given, list):
             return (block, key, index), show(given[index])
         if isinstance(given, dict):
-            end = "to" if index else "from"
-            return (block, key, end), show(given[end])
+            first, last, points = given["from"], given["to"], given["points"]
+            if 0 < index < points - 1:
+                return (block, key), f"value {index + 1} of {points} from {show(first)} to {show(last)}"
+            return (block, key, "to" if index else "from"), show(last if index else first)
         return (block, key), show(given)
 
     # -- what a scene is made of ----------------------------------------------------------------------------------------
