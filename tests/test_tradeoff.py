@@ -403,6 +403,24 @@ def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough
     assert asked == [taken]
 
 
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_of_many_loads_of_equal_balls_a_single_one_is_the_greatest(rough, monkeypatch, clock, finite_overlap):
+    # the mesh is studied at the greatest load: there the density of states with finite overlap differs most from that without
+    asked = []
+
+    def kept(*args):
+        asked.extend(choose_studies(*args))
+        return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
+
+    monkeypatch.setattr(tradeoffs, "choose_studies", kept)
+    equal = replace(rough, spread=None)
+    tradeoff(
+        equal, force=[9.0, 1.0, 5.0], observe=["dos"], finite_overlap=finite_overlap, most_loads=1, budget=1.0, stopwatch=clock
+    )
+    (study,) = asked
+    assert (study.name, study.loads, study.state.force) == ("density of states", (9.0,), 9.0)
+
+
 # -- the numbers --------------------------------------------------------------------------------------------------------
 
 

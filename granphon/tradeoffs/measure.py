@@ -164,7 +164,7 @@ class TradeOff(Result):
             if point.failure:
                 rows.append([*head, *[""] * 5, *(cost[:-1] if point.ran else [""] * 5), point.failure])
                 continue
-            # the density of states is measured at the greatest load only
+            # the density of states is measured at the greatest of the loads only
             loads = self.loads[-len(point.errors) :]
             for load, errors, known in zip(loads, point.errors, point.reference_errors, strict=True):
                 for name, error, limit in zip(self.observed[point.study], errors, known, strict=True):
@@ -198,7 +198,8 @@ def tradeoff(
     finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
         paper's limit only.
     budget : time that measuring may take, s. What does not fit is listed as not run.
-    most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken.
+    most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken. If it is
+        one, the least is taken, where media differ most; for equal balls the greatest, where finite overlap does most.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
     stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.study.Stopwatch` to count work instead
@@ -223,7 +224,9 @@ def tradeoff(
     observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
     loads = np.unique(load.array)
-    if loads.size > most_loads:
+    if most_loads == 1 and not packing.width:
+        loads = loads[-1:]
+    elif loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
     asked = choose_studies(packing, Load(load.kind, loads), tuple(observe), finite_overlap, stopwatch)
     return carry_out(asked, load.kind, budget, runs, progress, stopwatch)

@@ -34,7 +34,7 @@ _BEYOND_TOP = 1.02
 class MeshStudy(Study):
     """Mesh and method of the density of states; the error is the fraction of modes in a wrong interval of frequency.
 
-    ``load``: all loads of the scene. ``meshes``: points along a side of the meshes that are tried.
+    ``load``: the loads of the trade-off, ascending; only the greatest is used. ``meshes``: points along a side of the meshes that are tried.
     ``reference_lines``: number of lines of the reference; a count on half as many gives its error.
     """
 
@@ -53,7 +53,7 @@ class MeshStudy(Study):
 
     @property
     def loads(self) -> tuple[float, ...]:
-        """The greatest load: in the paper's limit the density of states has the same form at each."""
+        """The greatest load, where finite overlap does most; in the paper's limit the form is the same at each load."""
         return self.load.values[-1:]
 
     @cached_property
