@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from decimal import Decimal
 from fractions import Fraction
@@ -305,6 +306,18 @@ def test_what_is_no_atoms_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match="the path is True"):
         gp.write_extxyz(True, gp.atoms(STATE))
+
+
+def test_a_whole_number_is_called_too_large_where_no_float_holds_it():
+    beyond = 2**1024 - 2**970  # the least that is rounded to 2^1024
+    assert math.isfinite(float(beyond - 1))
+    with pytest.raises(OverflowError):
+        float(beyond)
+    for fits in (2**1023, 1 - beyond, [2**1023], beyond - 1):
+        assert "too large" not in brief(fits)
+    for wrong in (beyond, -beyond, 2**1024):
+        assert brief(wrong) == "a whole number of about 309 digits, which is too large"
+        assert brief([1, wrong]) == "a list with a number that is too large"
 
 
 def test_a_message_is_one_line():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import pickle
 import random
@@ -16,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from hypothesis import example, given
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from ruamel.yaml import YAML
 
@@ -419,6 +422,22 @@ def test_a_digest_of_plain_data_survives_json_and_yaml():
     assert len({digest(one) for one in different}) == len(different)
     with pytest.raises(InputError, match="found a object among plain data"):
         digest([object()])
+
+
+@given(st.floats(1.0, allow_infinity=False).map(math.floor) | st.integers())
+@example(2**1023)
+@example(2**1024 - 2**971)
+def test_a_whole_number_has_the_digest_of_the_float_that_equals_it(whole):
+    for one in (whole, -whole):
+        nearest = float(one)
+        assert (canonical(one) == canonical(nearest)) == (one == nearest)
+        assert canonical(one + 1) != canonical(one)
+
+
+def test_a_whole_number_that_no_float_equals_is_written_with_its_digits():
+    for one in (2**53 + 1, 2**1024 - 2**971 + 1, 2**1024 - 2**970, 2**1024, 10**400):
+        assert canonical(one) == str(one)
+        assert canonical(-one) == str(-one)
 
 
 def test_a_sweep_is_known_by_two_digests(written, tmp_path):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning, message
+from granphon.base.errors import TOO_LARGE, GranphonError, InputError, UnverifiedFileWarning, message
 from granphon.base.reading import read_utf8
 
 __all__ = ["canonical", "damage_error", "digest", "own_file", "read_sealed", "seal", "warn_unverified"]
@@ -105,8 +105,8 @@ def canonical(data: Any) -> str:
     if data is None or isinstance(data, bool | str):
         return json.dumps(data)
     if isinstance(data, int):
-        # from 2^1023 on, and where no float equals it, a whole number is written with its own digits
-        return float(data).hex() if abs(data) < 2**1023 and float(data) == data else str(data)
+        # where no float equals it, a whole number is written with its own digits
+        return float(data).hex() if abs(data) < TOO_LARGE and float(data) == data else str(data)
     if isinstance(data, float):
         return data.hex()
     raise InputError(message(f"found a {type(data).__name__} among plain data"))

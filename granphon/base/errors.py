@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 
 __all__ = [
+    "TOO_LARGE",
     "ConvergenceError",
     "FigureError",
     "FileExistsInRunError",
@@ -30,8 +31,8 @@ __all__ = [
     "message",
 ]
 
-#: bits; messages call a whole number of this many or more too large (with 1024 some are floats, with more none)
-_TOO_LARGE = 1024
+#: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
+TOO_LARGE = 2**1024 - 2**970
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
@@ -132,9 +133,9 @@ def brief(value: object, most: int = 80) -> str:
 
     A whole number beyond the range of floats is described by its number of digits.
     """
-    if isinstance(value, int) and value.bit_length() >= _TOO_LARGE:
+    if isinstance(value, int) and abs(value) >= TOO_LARGE:
         return f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is too large"
-    if isinstance(value, list | tuple) and any(isinstance(one, int) and one.bit_length() >= _TOO_LARGE for one in value):
+    if isinstance(value, list | tuple) and any(isinstance(one, int) and abs(one) >= TOO_LARGE for one in value):
         return "a list with a number that is too large"
     try:
         text = _one_line(repr(value))
