@@ -410,7 +410,10 @@ def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
     [
         ("[5 N, 1e-15 N]", r"load\.force\.1: found '1e-15 N'", r"load\.force\.1: found '1e-15 N'"),
         # before the sweep the least load is tried, and in it the first that fails is named
-        ("{from: 5 N, to: 1e-15 N, points: 9}", r"load\.force\.to: found '1e-15 N'", r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'"),
+        (
+            "{from: 5 N, to: 1e-15 N, points: 9}",
+            r"load\.force\.to: found '1e-15 N'", r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'",
+        ),
     ],
 )  # fmt: skip
 def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, last, first):
@@ -441,7 +444,10 @@ def test_the_line_is_that_of_the_load():
 
 @pytest.mark.parametrize(
     ("index", "place"),
-    [(0, "load.force.from: found '1 N'"), (1, "load.force: found value 2 of 3 from '1 N' to '9 N'"), (2, "load.force.to: found '9 N'")],
+    [
+        (0, "load.force.from: found '1 N'"), (1, "load.force: found value 2 of 3 from '1 N' to '9 N'"),
+        (2, "load.force.to: found '9 N'"),
+    ],
 )  # fmt: skip
 def test_an_error_of_a_load_within_a_range_is_placed_at_the_range(monkeypatch, index, place):
     def refuse(*args, **options):

@@ -405,7 +405,7 @@ def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_of_many_loads_of_equal_balls_a_single_one_is_the_greatest(rough, monkeypatch, clock, finite_overlap):
-    # the mesh is studied at the greatest load: there the density of states with finite overlap differs most from that without
+    # at the greatest load the density of states with finite overlap differs most from that without
     asked = []
 
     def kept(*args):
@@ -413,10 +413,8 @@ def test_of_many_loads_of_equal_balls_a_single_one_is_the_greatest(rough, monkey
         return [FakeStudy(clock, [("m", "1", 0.01, 1e-2)])]
 
     monkeypatch.setattr(tradeoffs, "choose_studies", kept)
-    equal = replace(rough, spread=None)
-    tradeoff(
-        equal, force=[9.0, 1.0, 5.0], observe=["dos"], finite_overlap=finite_overlap, most_loads=1, budget=1.0, stopwatch=clock
-    )
+    balls = {"packing": replace(rough, spread=None), "observe": ["dos"], "finite_overlap": finite_overlap}
+    tradeoff(**balls, force=[9.0, 1.0, 5.0], most_loads=1, budget=1.0, stopwatch=clock)
     (study,) = asked
     assert (study.name, study.loads, study.state.force) == ("density of states", (9.0,), 9.0)
 

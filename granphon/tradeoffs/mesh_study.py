@@ -34,8 +34,8 @@ _BEYOND_TOP = 1.02
 class MeshStudy(Study):
     """Mesh and method of the density of states; the error is the fraction of modes in a wrong interval of frequency.
 
-    ``load``: the loads of the trade-off, ascending; only the greatest is used. ``meshes``: points along a side of the meshes that are tried.
-    ``reference_lines``: number of lines of the reference; a count on half as many gives its error.
+    ``load``: the loads of the trade-off, ascending; only the greatest is used. ``meshes``: points along a side of the meshes
+    that are tried. ``reference_lines``: number of lines of the reference; a count on half as many gives its error.
     """
 
     name = "density of states"
