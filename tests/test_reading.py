@@ -27,7 +27,7 @@ from granphon.base.digests import canonical, digest, read_sealed, seal
 from granphon.base.errors import GranphonError, InputError, MissingFileError, SceneError, UnverifiedFileWarning
 from granphon.base.reading import plain_yaml, read_bytes
 from granphon.base.tables import Table
-from granphon.base.text import dump_yaml, read_text
+from granphon.base.text import dump_yaml, parse_yaml, read_text
 from granphon.cli.commands import main
 from granphon.fits.measurements import Measurements
 from granphon.sweeps import archive
@@ -438,6 +438,34 @@ def test_a_whole_number_that_no_float_equals_is_written_with_its_digits():
     for one in (2**53 + 1, 2**1024 - 2**971 + 1, 2**1024 - 2**970, 2**1024, 10**400):
         assert canonical(one) == str(one)
         assert canonical(-one) == str(-one)
+
+
+@pytest.mark.parametrize("digits", [300, 301, 310, 640])
+def test_a_whole_number_of_many_digits_stays_that_number(digits):
+    number = 10**digits - 7
+    for sign, one in (("", number), ("+", number), ("-", -number)):
+        assert plain_yaml(f"x: {sign}{number}", "file") == parse_yaml(f"x: {sign}{number}", "file").data == {"x": one}
+    assert isinstance(plain_yaml(f"x: {number}", "file")["x"], int)
+
+
+@pytest.mark.parametrize("read", [plain_yaml, parse_yaml])
+def test_a_whole_number_of_more_digits_than_python_converts_is_refused(read):
+    with pytest.raises(InputError, match=r"^file:2\b.*found a whole number of 5000 digits; allowed: .* 640 digits at most"):
+        read(f"y: 1\nx: -{'7' * 5000}", "file")
+
+
+@pytest.mark.parametrize("digits", [310, 400, 641])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "medium: {{simulation: {{seed: {}}}}}", "medium: {{simulation: {{shape: [{}, 8]}}}}",
+        "sweep: {{spread: [{{normal: {{std: 1 um, cutoff: {}}}}}]}}",
+    ],
+)  # fmt: skip
+def test_a_scene_refuses_a_whole_number_of_many_digits(digits, line):
+    nines = "9" * digits
+    with pytest.raises(SceneError, match=r"^x:4: .*found .*(too large|640 digits at most)"):
+        gp.Scene.from_text(SCENE + line.format(nines) + "\n", "x")
 
 
 def test_a_sweep_is_known_by_two_digests(written, tmp_path):

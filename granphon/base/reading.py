@@ -11,7 +11,7 @@ import re
 import stat
 from typing import Any
 
-from granphon.base.errors import InputError, MissingFileError, brief, message
+from granphon.base.errors import InputError, MissingFileError, Refused, brief, message
 
 __all__ = ["MOST_FILE_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_utf8", "require_path"]
 
@@ -19,6 +19,8 @@ __all__ = ["MOST_FILE_BYTES", "plain_scalar", "plain_yaml", "read_bytes", "read_
 MOST_FILE_BYTES = 256_000_000
 #: the deepest nesting of blocks and lists in YAML
 _MAX_DEPTH = 12
+#: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
+_MOST_DIGITS = 640
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
@@ -138,6 +140,8 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
         raise InputError(message(f"{path}{where} cannot be read: broken YAML, {problem}")) from None
     except _Refused as refused:
         raise InputError(message(f"{path}:{line} cannot be read: found {refused}", "Only plain data are taken")) from None
+    except Refused as refused:
+        raise InputError(f"{path}:{line} cannot be read: {refused}") from None
     if not root:
         raise InputError(message(f"{path} cannot be read: it is empty"))
     return root[0]
@@ -155,12 +159,17 @@ def _check_node(event: Any) -> None:
 
 
 def plain_scalar(text: str) -> Any:
-    """The value of a text written without quotes, by the core schema of YAML 1.2."""
+    """The value of a text written without quotes, by the core schema of YAML 1.2.
+
+    Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
+    """
     if text in ("", "~", "null", "Null", "NULL"):
         return None
     if text.lower() in ("true", "false") and text in (text.lower(), text.upper(), text.title()):
         return text.lower() == "true"
-    if re.fullmatch(r"[-+]?[0-9]{1,300}", text):
+    if re.fullmatch(r"[-+]?[0-9]+", text):
+        if (digits := len(text.lstrip("+-"))) > _MOST_DIGITS:
+            raise Refused(f"a whole number of {digits} digits", f"whole numbers of {_MOST_DIGITS} digits at most")
         return int(text)
     if re.fullmatch(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", text):
         return float(text)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from granphon.base.errors import InputError, MissingFileError, MissingSceneError, SceneError, brief, message
+from granphon.base.errors import InputError, MissingFileError, MissingSceneError, Refused, SceneError, brief, message
 from granphon.base.reading import plain_scalar, read_bytes
 
 __all__ = [
@@ -157,7 +157,10 @@ class _Builder:
         if kind == "ScalarEvent":
             if odd := _ODD.search(event.value):
                 raise self._broken(f"{where}found the character {odd[0]!r}", "printable text")
-            return plain_scalar(event.value) if event.implicit[0] else event.value
+            try:
+                return plain_scalar(event.value) if event.implicit[0] else event.value
+            except Refused as refused:
+                raise self._broken(f"{where}found {refused.found}", refused.allowed) from None
         if kind == "SequenceStartEvent":
             items: list[Any] = []
             while type(event := next(self.events)).__name__ != "SequenceEndEvent":
