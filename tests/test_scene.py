@@ -690,6 +690,25 @@ def test_values_that_a_load_does_not_take(steel):
         BandPath.parse("0 0 0 1/2 0 0 0 0 0", "G M")
 
 
+@pytest.mark.parametrize(
+    "paths",
+    [
+        (), [], None, "GKMG", 3, ((),), (((0.0, 0.0, 0.0),),), (((0.0, 0.0), (0.5, 0.0)),), ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)),
+        (((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)),), (((0.0, 0.0, 0.0), (0.5, 0.0)),),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("labels", [None, ()])
+def test_a_band_is_a_path_of_two_points_or_more(paths, labels):
+    with pytest.raises(InputError, match="band"):
+        BandPath(paths, labels)
+
+
+def test_a_path_keeps_plain_numbers():
+    path = BandPath([np.array([[0, 0, 0], [0.5, 0, 0]]), [(0, 0, 0), (1, 1, 0)]], None)
+    assert path.paths == (((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
+    assert (str(path), hash(path)) == ("0 0 0 1/2 0 0, 0 0 0 1 1 0", hash(BandPath.parse("0 0 0 1/2 0 0, 0 0 0 1 1 0")))
+
+
 # -- anything at all ------------------------------------------------------------------------------------------------
 
 PIECES = [

@@ -215,13 +215,23 @@ class BandPath:
     """The path of a band structure: one or more pieces of two points or more, with a label for every point or for none.
 
     ``paths`` holds the pieces, which do not join. A piece is a tuple of q points, each of three fractions of the reciprocal
-    cell. Raises :class:`~granphon.base.errors.InputError` if there are labels, but not one for each point.
+    cell. Raises :class:`~granphon.base.errors.InputError` if there is no piece, if a piece is not two or more points of three
+    finite numbers, and if there are labels, but not one for each point.
     """
 
     paths: tuple[tuple[tuple[float, float, float], ...], ...]
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.paths, list | tuple) or not self.paths:
+            mend = "Give one piece or more, each of two points or more"
+            raise InputError(message(f"the path of the band is {brief(self.paths)}", mend=mend))
+        pieces = [real_array("band", piece) for piece in self.paths]
+        for piece in pieces:
+            if piece.ndim != 2 or len(piece) < 2 or piece.shape[1] != 3 or not np.all(np.isfinite(piece)):
+                what = f"a piece of the path of the band is {brief(piece.tolist())}"
+                raise InputError(message(what, mend="Give two points or more, each of three finite numbers"))
+        object.__setattr__(self, "paths", tuple(tuple(map(tuple, piece.tolist())) for piece in pieces))
         count = sum(map(len, self.paths))
         if self.labels is not None and len(self.labels) != count:
             raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
