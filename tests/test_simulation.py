@@ -244,6 +244,27 @@ def test_law_is_that_of_the_samples(medium):
     assert law.least_overlap == pytest.approx(-(largest - D), rel=1e-9)
 
 
+def test_a_law_keeps_the_samples_that_were_asked_for_last(spread, monkeypatch):
+    found = []
+    solve = gp.DirectSimulation.at_overlap
+
+    def at_overlap(self, overlap, **options):
+        found.append(overlap)
+        return solve(self, overlap, **options)
+
+    monkeypatch.setattr(gp.DirectSimulation, "at_overlap", at_overlap)
+    monkeypatch.setattr("granphon.media.simulation._MOST_KEPT", 2)
+    law = gp.DirectSimulation(spread, (4, 4)).law
+    first, second, third = 1e-6, 2e-6, 3e-6
+    forces = {overlap: law.force(overlap) for overlap in (first, second)}
+    assert law.force(first) == forces[first]
+    law.force(third)  # takes the place of the second
+    assert law.force(first) == forces[first]
+    assert found == [first, second, third]
+    assert law.force(second) == forces[second]
+    assert found == [first, second, third, second]
+
+
 # -- statistics ---------------------------------------------------------------------------------------------------------
 
 

@@ -43,7 +43,7 @@ class SampleLaw:
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found when it is first asked for. The equilibria at the last 64 overlaps are kept.
+    which is found when it is first asked for. The equilibria at the 64 overlaps that were asked for last are kept.
     """
 
     simulation: DirectSimulation
@@ -70,11 +70,11 @@ class SampleLaw:
 
     def _samples(self, overlap: float) -> tuple[Sample, ...]:
         kept = self._kept
-        if overlap not in kept:
-            if len(kept) == _MOST_KEPT:
-                kept.pop(next(iter(kept)))
-            kept[overlap] = self.simulation.at_overlap(overlap).samples
-        return kept[overlap]
+        found = kept.pop(overlap, None) or self.simulation.at_overlap(overlap).samples
+        if len(kept) == _MOST_KEPT:
+            del kept[next(iter(kept))]
+        kept[overlap] = found  # at the end, so that the first is the one that was asked for longest ago
+        return found
 
     @cached_property
     def _kept(self) -> dict[float, tuple[Sample, ...]]:

@@ -215,8 +215,8 @@ class BandPath:
     """The path of a band structure: one or more pieces of two points or more, with a label for every point or for none.
 
     ``paths`` holds the pieces, which do not join. A piece is a tuple of q points, each of three fractions of the reciprocal
-    cell. Raises :class:`~granphon.base.errors.InputError` if there is no piece, if a piece is not two or more points of three
-    finite numbers, and if there are labels, but not one for each point.
+    cell. Raises :class:`~granphon.base.errors.InputError` if there is no piece, if a piece is not two or more points of
+    three finite numbers, and if there are labels, but not one for each point.
     """
 
     paths: tuple[tuple[tuple[float, float, float], ...], ...]
