@@ -124,9 +124,45 @@ def test_balls_turn_only_if_something_resists(motions):
     assert still.translations == motions.translations
     assert not still.rotate
     assert still.count == len(motions.translations)
-    for resisted in ((0.8,), (0.0, 0.1), (0.0, 0.0, 0.1), (np.array([0.0, 0.8]),)):
+    for resisted in ((0.8,), (0.0, 0.0, 0.1), (np.array([0.0, 0.8]),)):
         assert select_motions(*resisted, among=motions) is motions
     assert select_motions(0.0) == TRANSLATIONS_IN_PLANE
+
+
+def test_torsion_alone_resists_no_rotation_about_the_normal_of_a_plane():
+    normal = TRIANGULAR.contacts.normal
+    assert select_motions(0.0, 0.1) == select_motions(0.0, 0.1, normal=normal) == TRANSLATIONS_IN_PLANE
+    assert select_motions(0.0, 0.1, among=OUT_OF_PLANE) is OUT_OF_PLANE
+    assert select_motions(0.0, 0.1, among=ALL) is ALL  # in space
+    assert select_motions(0.0, 0.1, among=ALL, normal=normal).rotations == (0, 1)
+    assert select_motions(0.0, 0.1, among=ALL, normal=normal[:0]) is ALL
+    # a component along z that is there by rounding only
+    assert select_motions(0.0, 0.1, among=ALL, normal=[[1.0, 0.0, 6e-17], [0.5, 0.75**0.5, -6e-17]]).rotations == (0, 1)
+    given = {"cell": TRIANGULAR.vectors, "positions": TRIANGULAR.positions, "contacts": TRIANGULAR.contacts}
+    lattice = ContactLattice(**given, mindlin_ratio=0.0, torsion=0.1)
+    plain = ContactLattice(**given, mindlin_ratio=0.0)
+    assert (lattice.rotates, lattice.n_branches) == (False, 2)
+    q = [[0.3, 0.1], [1.0, -2.0]]
+    assert_allclose(lattice.frequencies(q), plain.frequencies(q), rtol=1e-15)
+
+
+@pytest.mark.parametrize("kinds", list(itertools.product([0.0, 0.5], repeat=3)))
+@pytest.mark.parametrize(
+    "normal",
+    [
+        [[1.0, 0.0]], [[0.6, 0.8]], [[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]],
+        [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.6, 0.8]], FCC,
+    ],
+)  # fmt: skip
+def test_a_rotation_is_kept_where_it_deforms_a_contact_that_resists(normal, kinds):
+    normal = np.array(normal)
+    arm = np.full(len(normal), 0.5)
+    for among in (ALL, IN_PLANE, OUT_OF_PLANE):
+        rows = contact_rows(normal, arm, arm, among, slip=kinds[0], twist=kinds[1], roll=kinds[2])
+        deforms = np.any([np.zeros(among.count), *(np.any(row.head, axis=0) for row in rows)], axis=0)[among.turning]
+        expected = tuple(axis for axis, does in zip(among.rotations, deforms, strict=True) if does)
+        found = select_motions(*kinds, among=among, normal=normal)
+        assert (found.translations, found.rotations) == (among.translations, expected)
 
 
 # -- one contact --------------------------------------------------------------------------------------------------------
