@@ -455,7 +455,7 @@ def test_an_error_of_a_load_within_a_range_is_placed_at_the_range(monkeypatch, i
         error.load_index = index
         raise error
 
-    monkeypatch.setattr("granphon.sweeps.sweep.sweep", refuse)
+    monkeypatch.setattr("granphon.sweeps.sweep.sweep_grid", refuse)
     scene = Scene.from_text(BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 3}"), "range.yaml")
     with pytest.raises(SceneError, match=rf"^range\.yaml:3: {re.escape(place)}; allowed: a load .*it is refused$"):
         scene.sweep()
