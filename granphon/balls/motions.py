@@ -92,8 +92,6 @@ class Motions:
         return tuple(sorted(set(range(3 * self.atoms_per_ball)) - set(self.slots)))
 
 
-#: a component of a normal that is no larger is zero but for rounding: the stiffness is as its square
-_LEAST_COMPONENT = 1e-8
 #: motions in the plane: u_x, u_y, phi_z
 IN_PLANE = Motions("in_plane", (0, 1), (2,))
 #: motions in the plane where nothing resists rotation: u_x, u_y
@@ -107,33 +105,18 @@ ALL = Motions("all", (0, 1, 2), (0, 1, 2))
 
 
 def select_motions(
-    mindlin_ratio: ArrayLike,
-    torsion: ArrayLike = 0.0,
-    bending: ArrayLike = 0.0,
-    among: Motions = IN_PLANE,
-    normal: ArrayLike | None = None,
+    mindlin_ratio: ArrayLike, torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, among: Motions = IN_PLANE
 ) -> Motions:
-    """Select the motions of balls from those of ``among``: all displacements, and each rotation that a contact resists.
+    """Select the motions of balls from those of ``among``: all displacements, and the rotations if contacts resist any.
 
-    A contact of normal n resists rotation along n by torsion, and rotation across n by shear and by bending. In the plane
-    torsion does not resist phi_z; along a chain, shear and bending do not resist rotation about its axis.
+    Shear and bending resist rotations across the normal of a contact, torsion those along it. So torsion alone resists
+    nothing where balls of a plane turn about z only.
 
     Parameters
     ----------
     mindlin_ratio : eta, the shear over the normal stiffness of a contact.
     torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
     among : the motions to select from.
-    normal : (n_c, d) unit normals of the contacts, d from 1 to 3. By default, and if there are no contacts, normals point in
-        all directions of the plane; of space, among :data:`ALL` motions.
     """
-    normals = np.zeros((0, 0)) if normal is None else np.asarray(normal, float)
-    if not normals.size:
-        normals = np.eye(3 if among == ALL else 2)
-    parts = np.pad(np.abs(normals), ((0, 0), (0, 3 - normals.shape[1]))) > _LEAST_COMPONENT
-    twists, rolls = np.any(torsion), np.any(mindlin_ratio) or np.any(bending)
-
-    def is_resisted(axis: int) -> bool:
-        return bool((twists and np.any(parts[:, axis])) or (rolls and np.any(np.delete(parts, axis, axis=1))))
-
-    kept = tuple(filter(is_resisted, among.rotations))
-    return among if kept == among.rotations else replace(among, rotations=kept)
+    twisted = np.any(torsion) and among.rotations != IN_PLANE.rotations
+    return among if np.any(mindlin_ratio) or np.any(bending) or twisted else replace(among, rotations=())

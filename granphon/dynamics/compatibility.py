@@ -78,7 +78,7 @@ class Compatibility:
     masses : (n,) masses; 1 by default.
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
     torsion, bending : stiffness of twist and of rolling, over that of elongation times d^2.
-    motions : of each ball; those of the plane by default. Balls do not turn about an axis if no contact resists it.
+    motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ class Compatibility:
         self.contacts = contacts
         self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
         self.torsion, self.bending = not_negative("torsion", torsion), not_negative("bending", bending)
-        self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions, contacts.normal)
+        self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
         self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
