@@ -12,13 +12,13 @@ reference is less than a hundred times more accurate than the point itself.
 import sys
 
 import granphon as gp
-from granphon.cli.wording import work_and_precision
+from granphon.cli.wording import describe_tradeoff
 from granphon.figures.work_precision import tradeoff_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
 result = gp.tradeoff(packing, force=19.9, budget=20.0)  # twenty seconds, at f* = 1, where all contacts are closed
-print("\n".join(work_and_precision(result)))
+print("\n".join(describe_tradeoff(result)))
 
 # %%
 # The averaged force is about three times more accurate than the averaged lattice, and the effective medium three times

@@ -19,7 +19,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media import accuracy as module
-from granphon.media.accuracy import DEVIATIONS, Accuracy, accuracy, coefficients_of_form
+from granphon.media.accuracy import DEVIATIONS, Accuracy, accuracy, compute_form_coefficients
 from granphon.tradeoffs.ensemble import Moments, observe
 
 WIDTH = 2e-6
@@ -72,7 +72,7 @@ def load(packing, kind, place):
     ],
 )  # fmt: skip
 def test_skewness_and_kurtosis_have_closed_forms(spread, skewness, kurtosis):
-    assert_allclose(coefficients_of_form(spread.shape), (skewness, kurtosis), atol=1e-6)
+    assert_allclose(compute_form_coefficients(spread.shape), (skewness, kurtosis), atol=1e-6)
 
 
 def test_the_kurtosis_of_a_cut_normal_distribution_is_an_integral():
@@ -80,7 +80,7 @@ def test_the_kurtosis_of_a_cut_normal_distribution_is_an_integral():
 
     second, fourth = (quad(lambda x, n=n: x**n * math.exp(-0.5 * x * x), -2.0, 2.0)[0] for n in (2, 4))
     zeroth = quad(lambda x: math.exp(-0.5 * x * x), -2.0, 2.0)[0]
-    assert_allclose(coefficients_of_form(gp.Normal(1e-6, 2.0).shape)[1], zeroth * fourth / second**2 - 3.0, rtol=1e-7)
+    assert_allclose(compute_form_coefficients(gp.Normal(1e-6, 2.0).shape)[1], zeroth * fourth / second**2 - 3.0, rtol=1e-7)
 
 
 # -- the table itself ---------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_equal_balls_have_no_error(steel, kind):
     for lattice in ("triangular", "square", "kagome"):
         packing = gp.Packing(steel, 8e-3, lattice=lattice)
         assert_array_equal(accuracy().error("ala", packing, Load(kind, [1e-300, 1.0])), [0.0, 0.0])
-        assert accuracy().uncovered(packing) is None
+        assert accuracy().explain_uncovered(packing) is None
 
 
 @pytest.mark.parametrize(
@@ -219,13 +219,13 @@ def test_equal_balls_have_no_error(steel, kind):
     ],
 )
 def test_what_is_not_covered_says_why_and_has_an_infinite_error(packing, told):
-    assert told in accuracy().uncovered(packing)
+    assert told in accuracy().explain_uncovered(packing)
     assert_array_equal(accuracy().error("ema", packing, Load("force", [10.0, 1e4])), [np.inf, np.inf])
 
 
 def test_what_the_table_was_made_of_is_covered(maker):
     for spread in (*maker.shapes().values(), *maker.other_shapes().values()):
-        assert accuracy().uncovered(maker.packing(spread, 0.3)) is None
+        assert accuracy().explain_uncovered(maker.packing(spread, 0.3)) is None
 
 
 @pytest.mark.parametrize("kind", KINDS)

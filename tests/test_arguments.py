@@ -150,9 +150,9 @@ def test_every_border_refuses_what_it_cannot_take(call, pair):
 @pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 1)])
 def test_wave_vectors_are_pairs(shape):
     for find in (LATTICE.frequencies, LATTICE.modes, LATTICE.dynamical_matrix):
-        with pytest.raises(InputError, match=r"wave vectors of shape .* Give \(n_q, 2\)"):
+        with pytest.raises(InputError, match=r"the wave vectors have the shape .* Give an array \(n_q, 2\)"):
             find(np.ones(shape))
-    with pytest.raises(InputError, match="fractions of shape"):
+    with pytest.raises(InputError, match="the fractions have the shape"):
         LATTICE.wavevectors(np.ones(4))
 
 

@@ -18,7 +18,7 @@ from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _options_by_cost, expected_error
+from granphon.media.choice import MediumChoice, _sort_options, expected_error
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.sweep import sweep
@@ -80,12 +80,12 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
     loads = np.array(places) * packing.law.coefficient * packing.width**1.5
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
     tolerance = 10.0**exponent
-    options = _options_by_cost(packing, Load(kind, loads))
+    options = _sort_options(packing, Load(kind, loads))
     errors = np.array([expected_error(one, packing, Load(kind, loads)) for one in options])
     within = errors <= tolerance
     medium = gp.AutoMedium(packing, tolerance)
     if not np.all(np.any(within, axis=0)):
-        with pytest.raises(InputError, match="no medium is within") as error:
+        with pytest.raises(InputError, match="no medium has an expected error") as error:
             medium.rungs(kind, loads)
         assert not np.any(within[:, error.value.load_index])
         return
@@ -102,7 +102,7 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
 def test_the_order_is_that_of_cost(rough, unit):
     from granphon.media.cost import estimate
 
-    options = _options_by_cost(rough, Load("force", [unit]))
+    options = _sort_options(rough, Load("force", [unit]))
     assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
     assert all(one.simulates for one in options[3:])
     seconds = [estimate(one.of(rough), Load("force", [unit])).work for one in options[3:]]
@@ -113,7 +113,7 @@ def test_long_lists_are_simulated_where_that_is_cheaper(unit):
     lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
     packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
     load = packing.law.coefficient * packing.width**1.5
-    labels = [one.label for one in _options_by_cost(packing, Load("force", [load]))]
+    labels = [one.label for one in _sort_options(packing, Load("force", [load]))]
     assert labels[:2] == ["ala", "afa"]
     assert labels.index("ema") > labels.index("simulation(shape=256 256)")
     assert gp.AutoMedium(packing, 1e-3).serving("force", load).simulates
@@ -181,21 +181,21 @@ def test_loads_that_are_none(rough, kind, bad):
 
 def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     loads = np.array([50.0, 0.01, 3.0]) * unit
-    with pytest.raises(InputError, match="no medium is within 1e-05") as error:
+    with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).rungs("force", loads)
     best = min(
-        float(expected_error(one, rough, Load("force", loads[1]))) for one in _options_by_cost(rough, Load("force", loads))
+        float(expected_error(one, rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
     )
-    assert f"{best:.2g}, by a simulation of 1024 x 1024 balls" in str(error.value)
+    assert f"{best:.2g}, of a simulation of 1024 x 1024 balls" in str(error.value)
     assert error.value.load_index == 1
     # and that much is indeed to be had
     assert gp.AutoMedium(rough, best).rungs("force", loads[1])
 
 
 def test_below_the_known_loads_it_says_from_where_they_are(rough, unit):
-    with pytest.raises(InputError, match=r"not known at force = .* N, f\* = 0\.001\. They are from f\* = 0\.003 on"):
+    with pytest.raises(InputError, match=r"not known at force = .* N, f\* = 0\.001\. They are known from f\* = 0\.003 on"):
         gp.AutoMedium(rough, 0.9).at_force([1.0 * unit, 0.001 * unit])
-    with pytest.raises(InputError, match=r"a\* = 0\.4\. They are from a\* = 0\.42 on"):
+    with pytest.raises(InputError, match=r"a\* = 0\.4\. They are known from a\* = 0\.42 on"):
         gp.AutoMedium(rough, 0.9).at_overlap(-0.1 * WIDTH)
 
 
@@ -333,7 +333,7 @@ def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
 
 def test_an_error_of_a_sweep_says_at_which_load(rough, unit):
     forces = [30.0 * unit, 1.0 * unit, 0.004 * unit]
-    with pytest.raises(InputError, match=r"auto.*no medium is within 0\.001") as error:
+    with pytest.raises(InputError, match=r"auto.*no medium has an expected error of 0\.001") as error:
         sweep(rough, force=forces, media=["ala", "auto"])
     assert error.value.load_index == 2
 
@@ -468,14 +468,14 @@ def test_a_tolerance_that_nothing_meets_is_one_line(work, capsys, text):
     for arguments in ((), ("check", "scene.yaml"), ("tradeoff", "scene.yaml", "-o", "out")):
         told = refused(work, capsys, tight, *arguments)
         assert "scene.yaml:4: medium: found 'auto(tolerance=1e-09)'; allowed: a tolerance that is met at every load." in told
-        assert "no medium is within 1e-09" in told
-        assert "The best that can be had there is" in told
+        assert "no medium has an expected error of 1e-09" in told
+        assert "The smallest expected error there is" in told
 
 
 def test_packings_and_loads_that_are_not_known_are_one_line(work, capsys):
     square = SCENE.replace("diameter: 8 mm", "diameter: 8 mm, lattice: square")
     assert "the square lattice" in refused(work, capsys, square)
-    assert "They are from f* = 0.003 on" in refused(work, capsys, SCENE.replace("18.446 N", "1 mN"))
+    assert "They are known from f* = 0.003 on" in refused(work, capsys, SCENE.replace("18.446 N", "1 mN"))
     finite = SCENE.replace("8 mm,", "8 mm, finite_overlap: true,")
     assert "no terms of finite overlap" in refused(work, capsys, finite)
 
@@ -488,7 +488,7 @@ def test_a_sweep_over_what_is_not_known_is_refused_before_it_begins(work, capsys
 def test_a_fit_does_not_take_it(work, capsys, rough):
     (work / "data.csv").write_text("force (N),velocity (m/s)\n2,490\n5,600\n18,780\n", encoding="utf-8")
     told = refused(work, capsys, SCENE, "fit", "scene.yaml", "data.csv", "-o", "out")
-    assert "is not fitted with" in told
+    assert "cannot be used in a fit" in told
     with pytest.raises(InputError, match="Name a medium"):
         gp.fit_width(rough, [2.0, 5.0, 18.0], [490.0, 600.0, 780.0], medium="auto")
 

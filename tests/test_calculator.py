@@ -812,7 +812,7 @@ def test_a_cell_without_a_third_vector_is_one_of_any_height(friction, finite_ove
 def test_a_period_of_no_length_is_refused():
     _, balls, calc = make("3x3")
     balls.cell[1] = 0.0
-    with pytest.raises(InputError, match="cell vector of no length"):
+    with pytest.raises(InputError, match="cell vector of zero length"):
         calc.get_property("energy", balls)
     balls.cell[1] = 2.0 * balls.cell[0]
     with pytest.raises(InputError, match="cell without an area"):

@@ -106,11 +106,11 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     # quantities
     "no unit": ("8 mm", "8", 8, "packing.diameter", "8, without a unit", LENGTHS, "Write the unit too"),
     "no unit, quoted": ("8 mm", "'8'", 8, "packing.diameter", "'8', without a unit", LENGTHS, "Write the unit too"),
-    "wrong unit": ("8 mm", "8 kg", 8, "packing.diameter", "'8 kg', whose unit is not one of length", LENGTHS, ""),
-    "unit of temperature": ("8 mm", "8 degC", 8, "packing.diameter", "'8 degC', whose unit is not one of", LENGTHS, ""),
-    "force for a pressure": ("211.65 GPa", "211.65 GN", 3, "material.young_modulus", "whose unit is not one of", "GPa", "211.65 GPa"),
+    "wrong unit": ("8 mm", "8 kg", 8, "packing.diameter", "'8 kg', whose unit is not a unit of length", LENGTHS, ""),
+    "unit of temperature": ("8 mm", "8 degC", 8, "packing.diameter", "'8 degC', whose unit is not a unit of", LENGTHS, ""),
+    "force for a pressure": ("211.65 GPa", "211.65 GN", 3, "material.young_modulus", "whose unit is not a unit of", "GPa", "211.65 GPa"),
     "stress for a linear pressure": (
-        "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not one of force per length",
+        "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not a unit of force per length",
         "N/m, kN/m", "",
     ),
     "unknown unit": ("8 mm", "8 parsnip", 8, "packing.diameter", "'8 parsnip', whose unit is not known", LENGTHS, ""),
@@ -156,7 +156,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "force: 18.446 N", "side_force: 1 N\n  balls_per_side: 0.5", 12, "load.balls_per_side", "0.5", "a whole number from 1", "",
     ),
     "no load in a list": ("18.446 N", "[]", 11, "load.force", "an empty list", "a list of one or more values", ""),
-    "one of many loads": ("18.446 N", "[1 N, 2 kg]", 11, "load.force.1", "'2 kg', whose unit is not one of force", FORCES, "'2 kgf'"),
+    "one of many loads": ("18.446 N", "[1 N, 2 kg]", 11, "load.force.1", "'2 kg', whose unit is not a unit of force", FORCES, "'2 kgf'"),
     "one of many loads crushes": ("18.446 N", "[1 N, 1 TN, 2 N]", 11, "load.force.1", "'1 TN'", "balls can carry", "Lower the load"),
     "load without a kind": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "without the kind of load", ONE, "'force:'"),
     "range without points": (
@@ -526,7 +526,7 @@ def test_an_existing_result_is_not_overwritten(work, capsys):
     capsys.readouterr()
     (work / "out" / "summary.yaml").write_text("mine")
     assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 1
-    assert "it has been changed since. It is not replaced, with --force or without" in one_error(capsys)
+    assert "it has been changed since. Such a file is never replaced, not even with --force" in one_error(capsys)
     assert (work / "out" / "summary.yaml").read_text() == "mine"
 
 
@@ -577,7 +577,9 @@ def test_a_read_only_folder(work, capsys, monkeypatch):
     (work / "out").mkdir()
     monkeypatch.setattr(os, "access", lambda *_, **__: False)
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "out may not be written to. Choose another folder" in one_error(capsys)
+    error = one_error(capsys)
+    assert "there is no permission to write to" in error
+    assert "out. Choose another folder" in error
     assert tree(work) == {"scene.yaml", "out"}
 
 

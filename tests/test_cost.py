@@ -77,7 +77,7 @@ def test_the_kinds_of_load_agree():
         overlap = (spacing - 0.5) * WIDTH
         state = medium.at_overlap(overlap)
         loads = {"overlap": overlap, "force": state.force, "pressure": state.pressure}
-        force, *rest = [cost._reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
+        force, *rest = [cost._estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
         for other in rest:
             assert force == pytest.approx(other, rel=0.02)
             assert other == pytest.approx(state.reduced_force, rel=1e-12)
@@ -104,7 +104,7 @@ def test_the_steps_that_it_counts_are_those_of_the_solver():
     counts = [simulation().at_overlap((a - 0.5) * WIDTH).sample.equilibrium for a in spacings]
     # a step of Newton's method costs about as much as four of conjugate gradients
     done = np.array([state.conjugate + 4 * state.newton for state in counts], float)
-    claimed = cost._steps(np.array([state.force for state in counts]))
+    claimed = cost._estimate_effort(np.array([state.force for state in counts]))
     ratio = done / claimed
     assert np.max(ratio) / np.min(ratio) < 3.0
 
@@ -123,7 +123,7 @@ def test_durations_are_read_at_a_glance(seconds, text):
 
 
 def test_nothing_is_tried_until_time_is_asked_for(monkeypatch):
-    monkeypatch.setattr(cost, "_second_per_ball", None)
+    monkeypatch.setattr(cost, "_measure_time_per_ball", None)
     guess = estimate(simulation(), Load("force", 5.0))
     assert guess.memory > 0.0
     with pytest.raises(TypeError):

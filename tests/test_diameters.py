@@ -147,12 +147,12 @@ def test_averages_over_both_are_means_of_those_over_one_by_adaptive_quadrature(n
         kinks = [x for x in (-2 * y - b, -2 * y + b) if -b < x < b]
         for power in (0.0, 0.5, 1.5):
             value, _ = quad(
-                lambda x, y=y, power=power: shape.average(y, power, x) * float(shape._density(np.array(x))),
+                lambda x, y=y, power=power: shape.average(y, power, x) * float(shape._compute_density(np.array(x))),
                 -b, b, points=kinks or None, epsabs=0.0, epsrel=1e-11, limit=200,
             )  # fmt: skip
             assert shape.average(y, power) == pytest.approx(value, rel=1e-10)
         inner, _ = quad(
-            lambda x, y=y: max(y + x / 2, 0.0) ** 1.5 * float(shape._density(np.array(x))),
+            lambda x, y=y: max(y + x / 2, 0.0) ** 1.5 * float(shape._compute_density(np.array(x))),
             -b, b, points=[-2 * y] if abs(2 * y) < b else None, epsabs=0.0, epsrel=1e-11,
         )  # fmt: skip
         assert shape.force(y, 0.0) == pytest.approx(inner, rel=1e-10)
@@ -605,7 +605,7 @@ def test_reading_a_table(tmp_path, text, column):
         ("diameter,diameter\n1,2\n", None, "two columns"),
         ("a,b\n1,2\n", "c", "named 'c'"),
         ("diameter (furlong)\n1\n", None, "'1 furlong', whose unit is not known"),
-        ("diameter (kg)\n1\n", None, "unit is not one of length"),
+        ("diameter (kg)\n1\n", None, "unit is not a unit of length"),
         ("diameter (mm)\n8.0\nwide\n", None, "csv:3: diameter: found 'wide'"),
         ("ball,diameter (mm)\n1,8.0\n2\n", None, "csv:3: diameter: found nothing"),
         ("diameter (mm)\n-8.0\n", None, "csv:2: diameter: found '-8.0 mm', which is negative"),

@@ -93,14 +93,14 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
         ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Name the column"),
         ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Name the column"),
-        ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. Contact forces follow from them and the packing"),
-        ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not one of force per length"),
+        ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. The contact forces depend on the packing too"),
+        ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not a unit of force per length"),
         ("force (N),velocity (m/s),sigma (%)\n2,3,-1\n", {}, "data.csv:2: sigma: found '-1 %', which is negative"),
-        ("force (N),velocity (%)\n2,3\n", {}, "data.csv:2: velocity: found '3 %', whose unit is not one of velocity"),
+        ("force (N),velocity (%)\n2,3\n", {}, "data.csv:2: velocity: found '3 %', whose unit is not a unit of velocity"),
         ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
         ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
-        ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. Contact forces follow from them"),
-        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is nothing that a column"),
+        ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. The contact forces depend on the number of balls"),
+        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is not a kind of column"),
         ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
         (
             "force (N),velocity (m/s)\n2,3\n",
@@ -114,7 +114,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         ("force (N),v (m/s)\n2,3\n", {"columns": {"velocity": "v"}, "distance": 0.5}, "Leave it out, or name"),
         ("force (N),v (m/s)\n2,3\n", {"distance": 0.5}, "no column named 'velocity'"),
         ("force (N),velocity (m/s),time_sigma (s)\n2,3,1\n", {}, "no column named 'time'"),
-        ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not one of velocity"),
+        ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not a unit of velocity"),
         ("force (N),velocity (m/s),sigma (m/s)\n2,3,0\n", {}, "data.csv:2: sigma: found '0 m/s', which is zero"),
     ],
 )
@@ -130,7 +130,7 @@ def test_arrays_are_checked_and_frozen():
         data.force[0] = 1.0
     assert Measurements.from_dict(data.to_dict()) == data
     for wrong in (([1.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 2.0], [1.0]), ([1.0, 2.0], [1.0, 2.0], None, [1.0] * 3)):
-        with pytest.raises(InputError, match="Give as many of each"):
+        with pytest.raises(InputError, match="Give the same number of each"):
             Measurements(*wrong)
     for wrong in (([np.inf], [1.0]), ([1.0], [-1.0]), ([1.0], [1.0], 0.0), ([True], [1.0]), ([None], [1.0])):
         with pytest.raises(InputError):

@@ -568,7 +568,9 @@ def test_a_function_reads_finite_overlap_from_the_state(steel, rung, name):
     assert np.any(np.asarray(find(finite)) != find(limit))
     # the deprecated keyword: what is unset takes it, what is set keeps to it
     for state, flag, same in ((unset, True, finite), (unset, False, limit), (limit, False, limit), (finite, True, finite)):
-        with pytest.warns(DeprecationWarning, match=r"medium.at_force\(f, finite_overlap=True\).*granphon 0.3.0") as caught:
+        with pytest.warns(
+            DeprecationWarning, match=r"granphon 0\.3\.0; .*medium\.at_force\(f, finite_overlap=True\)"
+        ) as caught:
             found = find(state, finite_overlap=flag)
         assert [one.filename for one in caught] == [__file__]
         np.testing.assert_array_equal(found, find(same))

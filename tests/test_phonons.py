@@ -284,7 +284,7 @@ def test_dim():
         gp.Phonons(state, dim=(5, 4)).frequencies(q), gp.Phonons(state, dim=(3, 3, 1)).frequencies(q), rtol=1e-13
     )
     for small in ((2, 2), (1, 1), (2, 3), (3, 2, 1)):
-        with pytest.raises(InputError, match=r"too small.*confused.*Use at least 3 x 3"):
+        with pytest.raises(InputError, match=r"too small.*told apart.*Use at least 3 x 3"):
             gp.Phonons(state, dim=small)
     for wrong in ((3, 3, 2), (3.5, 3), (0, 3), (3,), "33"):
         with pytest.raises(InputError, match="allowed: two whole numbers from 1 to"):

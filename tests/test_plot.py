@@ -143,7 +143,7 @@ def test_without_friction_the_colour_is_the_longitudinal_fraction_and_the_bar_sa
 
 def test_coinciding_branches_are_all_visible(ax):
     values = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 3.0], [3.0, 3.0, 3.0], [3.0, 3.5, 4.0]])
-    widths = plot._widths(values, 1e-6)
+    widths = plot._choose_widths(values, 1e-6)
     # the earlier of two is wider where they stay together, and not where they merely touch (the third, at the ends)
     assert_allclose(widths / widths.min(), [[2, 1, 1], [2, 1, 1], [2, 1, 1], [1, 1, 1]])
 

@@ -149,24 +149,24 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
             type(results[name]).from_dict(data)
 
     good = results["state"].to_dict()["packing"]
-    refused("velocities", "longitudinal of the SoundVelocities is not made of numbers", longitudinal="790")
-    refused("velocities", "is not made of numbers", longitudinal=None)
+    refused("velocities", "longitudinal of the SoundVelocities does not hold numbers", longitudinal="790")
+    refused("velocities", "does not hold numbers", longitudinal=None)
     refused("velocities", "warnings: found a str, 'none', where", warnings="none")
     refused(
         "velocities",
-        r"direction .* of shape \(3,\), where \(2\) or \(n 2\) belongs",
+        r"direction .* has the shape \(3,\) instead of \(2\) or \(n 2\)",
         direction=[1.0, 0.0, 0.0],
     )
-    refused("velocities over loads", r"transverse .* of shape \(2,\), where \(...\) belongs", transverse=[1.0, 2.0])
+    refused("velocities over loads", r"transverse .* has the shape \(2,\) instead of \(...\)", transverse=[1.0, 2.0])
     refused("velocities", "have 'more', which the class does not have", more=1)
     refused("velocities", "units of the SoundVelocities data are not those", units={"longitudinal": "km/s"})
     refused("velocities", "schema '1'", schema="1")
     refused("velocities", "schema true", schema=True)
-    refused("moduli", "isotropic: found a int, 1, where bool belongs", isotropic=1)
-    refused("moduli", "tensor: found a list where an array of numbers belongs", tensor=[[1.0, 2.0], [3.0]])
+    refused("moduli", "isotropic: found a int, 1, where bool is needed", isotropic=1)
+    refused("moduli", "tensor: found a list where an array of numbers is needed", tensor=[[1.0, 2.0], [3.0]])
     refused("moduli", "tensor: found a list", tensor=[["1"] * 3] * 3)
     refused("moduli", "tensor: found a list", tensor=[[True] * 3] * 3)
-    refused("moduli", r"\(3, 3, 1\), where \(... 3 3\)", tensor=[[[1.0]] * 3] * 3)
+    refused("moduli", r"\(3, 3, 1\) instead of \(... 3 3\)", tensor=[[[1.0]] * 3] * 3)
     refused("modes", "eigenvectors: found a mapping", eigenvectors={"real": [[1.0]], "imag": [1.0]})
     refused("modes", "eigenvectors: found a list", eigenvectors=[[1.0]])
     refused("modes", r"b = 3", rotational_fraction=[[1.0], [1.0]])

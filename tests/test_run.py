@@ -24,7 +24,7 @@ from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LOCK, ResultFiles
 from granphon.base.written_files import LIST
 from granphon.cli.commands import main
-from granphon.cli.wording import human
+from granphon.cli.wording import write_quantity
 from granphon.scene.redraw import redraw
 from granphon.scene.result_files import RESULT_FILES, WORK_FOLDER
 from granphon.scene.run import SweepResult, expected_files, is_complete
@@ -141,7 +141,7 @@ def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
     told = (
         "granphon: warning: contact force in N is 1, below 1.592: "
-        "pressed so little, the balls differ too much for the medium 'ema'\n"
+        "at so small a force the diameters differ too much for the medium 'ema'\n"
     )
     assert main(["check", "scene.yaml"]) == 0
     assert capsys.readouterr().err == told
@@ -182,7 +182,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     expected = {name: getattr(state, name) for name in (*state.units, "regime")}
     for name in ("longitudinal", "transverse"):
         expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
-        assert f" +/- {human(expected[f'{name}_error'], 'm/s')}" in out
+        assert f" +/- {write_quantity(expected[f'{name}_error'], 'm/s')}" in out
     for name in ("bulk", "shear"):
         expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
     found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
@@ -289,7 +289,7 @@ def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch,
         assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 130
     told = "simulation(samples=3, seed=4, shape=8 8), seed "
     assert begun == [f"{told}{seed}" for seed in (4, 4, 5, 5)]
-    assert capsys.readouterr().err.endswith("is kept: the same command again goes on.\n")
+    assert capsys.readouterr().err.endswith("are kept: run the same command again to continue.\n")
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "cut", "-q"]) == 0
@@ -662,7 +662,11 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypa
         assert main(["run", "other.yaml", "-o", "out", *option]) == 1
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
-        for words in ("out/.granphon-sweep holds what another", "differ: force[1] is 3.16978638492", "--force"):
+        for words in (
+            "out/.granphon-sweep holds the finished part of another",
+            "differ: force[1] is 3.16978638492",
+            "--force",
+        ):
             assert words in err
         assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
     assert main(["run", "other.yaml", "-o", "out", "--force", "-q"]) == 0
@@ -680,7 +684,7 @@ def test_a_complete_folder_is_left_as_it_is(work, monkeypatch, capsys):
     for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
         assert main(["run", scene, "-o", folder, "--resume"]) == 0
         assert capsys.readouterr() == (
-            f"{folder} is complete: it holds what this scene gives. Nothing was computed.\n", ""
+            f"{folder} is complete: it holds the results of this scene. Nothing was computed.\n", ""
         )  # fmt: skip
         assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
         assert capsys.readouterr() == ("", "")
@@ -723,7 +727,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     [
         ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
         ("granphon.sweeps.archive._write_table", OSError(28, "No space left on device"), 1),
-        ("granphon.scene.run._summary", MemoryError(), 1),
+        ("granphon.scene.run._write_summary", MemoryError(), 1),
     ],
 )
 def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
@@ -794,8 +798,8 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert err == ""  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
-        told = "interrupted; no result was written. What a sweep has finished is kept: the same command again goes on."
-        assert err == f"granphon: error: {told}\n"
+        kept = "The finished parts of the sweep are kept: run the same command again to continue."
+        assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
     assert listed(work / "out") == {WORK_FOLDER}
     with pytest.MonkeyPatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
@@ -887,7 +891,7 @@ def test_a_scene_of_one_state_does_not_discard_what_a_sweep_has_finished(work, m
         assert main(["run", "one.yaml", "-o", "out", *option]) == 1
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
-        assert "out/.granphon-sweep holds what another sweep has finished" in err
+        assert "out/.granphon-sweep holds the finished part of another sweep" in err
         assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
     assert main(["run", "one.yaml", "-o", "out", "--force", "-q"]) == 0
     assert listed(work / "out") == {"scene.yaml", "summary.yaml"}
@@ -1069,6 +1073,6 @@ def test_what_is_exchanged_while_it_is_read_is_not_drawn(work, monkeypatch):
         return found
 
     monkeypatch.setattr(gp.DensityOfStates, "read_csv", exchanged)
-    with pytest.raises(InputError, match="has been written into while it was read"):
+    with pytest.raises(InputError, match="was written into while it was read"):
         redraw("out", "elsewhere.png")
     assert not (work / "elsewhere.png").exists()

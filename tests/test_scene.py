@@ -651,7 +651,7 @@ def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
 
 def test_a_lattice_of_ones_own_has_no_name_in_a_file(steel):
     chain = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
-    with pytest.raises(InputError, match="names its lattice"):
+    with pytest.raises(InputError, match="a built-in lattice only"):
         Scene(gp.Packing(steel, 8e-3, lattice=chain), Load("force", 1.0)).to_yaml()
 
 
@@ -873,7 +873,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, monkeypatch, tmp_path):
     scene = Scene.from_text(text)
     monkeypatch.setattr("granphon.media.cost.available_memory", lambda: 4e8)
-    for name in ("granphon.scene.run.run", "granphon.scene.run._single"):
+    for name in ("granphon.scene.run.run", "granphon.scene.run._run_single"):
         monkeypatch.setattr(name, None)
     with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
         scene.run(tmp_path / "out")

@@ -480,12 +480,12 @@ def test_reduced_mesh_equals_the_full_one(method, case, monkeypatch):
         balls.set_masses([1.0, 2.0, 3.0, 5.0])
     mesh = (8, 6) if case == "oblong" else (8, 8)
     ph = gp.Phonons(state, balls)
-    small = ph._mesh(mesh)
-    full = ph._mesh(mesh, reduce=False)
+    small = ph._make_mesh(mesh)
+    full = ph._make_mesh(mesh, reduce=False)
     assert small.weights.sum() == full.weights.sum() == mesh[0] * mesh[1]
     reduced = ph.dos(mesh=mesh, method=method)
-    whole_mesh = gp.Phonons._mesh
-    monkeypatch.setattr(gp.Phonons, "_mesh", lambda self, numbers, reduce=True: whole_mesh(self, numbers, reduce=False))
+    whole_mesh = gp.Phonons._make_mesh
+    monkeypatch.setattr(gp.Phonons, "_make_mesh", lambda self, numbers, reduce=True: whole_mesh(self, numbers, reduce=False))
     whole = ph.dos(mesh=mesh, method=method)
     top = whole.total.max()
     np.testing.assert_allclose(reduced.frequencies, whole.frequencies, rtol=1e-12)
@@ -508,13 +508,13 @@ def test_reduced_mesh_equals_the_full_one(method, case, monkeypatch):
 def test_square_meshes_tend_to_the_same_density(monkeypatch):
     # a mesh of squares cut along one diagonal has less symmetry than the lattice; the difference falls with the mesh
     ph = gp.Phonons(at_force(lattice="square"))
-    whole_mesh = gp.Phonons._mesh
+    whole_mesh = gp.Phonons._make_mesh
     apart = []
     for n in (12, 24, 48):
         counts = []
         for reduce in (True, False):
             with monkeypatch.context() as patch:
-                patch.setattr(gp.Phonons, "_mesh", lambda self, m, reduce=reduce: whole_mesh(self, m, reduce=reduce))
+                patch.setattr(gp.Phonons, "_make_mesh", lambda self, m, reduce=reduce: whole_mesh(self, m, reduce=reduce))
                 dos = ph.dos(mesh=(n, n))
             counts.append(cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0))
         apart.append(np.abs(counts[0] - counts[1]).max())
@@ -523,7 +523,7 @@ def test_square_meshes_tend_to_the_same_density(monkeypatch):
 
 
 def test_reduction_of_a_large_mesh(rough):
-    full, reduced = (len(rough._mesh((48, 48), reduce=r).qpoints) for r in (False, True))
+    full, reduced = (len(rough._make_mesh((48, 48), reduce=r).qpoints) for r in (False, True))
     assert 6 * reduced <= 48 * 48
     assert 12 * reduced >= 48 * 48
     assert full in (48 * 48, 48 * 48 // 2 + 2)
@@ -627,7 +627,7 @@ def test_density_against_phonopys_own(rough):
 BAD_DENSITIES = {
     "method": ({"method": "gauss"}, "Use tetrahedron or smearing"),
     "points": ({"points": 11}, "a whole number from 12 to"),
-    "sigma without smearing": ({"sigma": 1.0}, "belongs to the smearing method"),
+    "sigma without smearing": ({"sigma": 1.0}, "is for the smearing method only"),
     "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),
     "no sigma": ({"method": "smearing", "sigma": 0.0}, "finite number above zero"),
     "sigma not a number": ({"method": "smearing", "sigma": np.nan}, "finite number above zero"),

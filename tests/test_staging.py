@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.staging import LOCK, PREFIX, ResultFiles, write_bytes, write_text
-from granphon.base.written_files import LIST, files_written
+from granphon.base.written_files import LIST, read_written_files
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -50,7 +50,7 @@ def test_files_arrive_together(tmp_path: Path) -> None:
             (place / name).write_text(name)
         assert {p.name for p in out.iterdir()} == {place.name, LOCK}
     assert tree(out) == {"a": "a", "b": "b"}
-    assert list(files_written(out)) == ["a", "b"]
+    assert list(read_written_files(out)) == ["a", "b"]
 
 
 def test_files_have_the_usual_permissions(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
 def test_failure_while_exchanging_restores_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: str) -> None:
     put(tmp_path, a="old a", c="old c")
     (tmp_path / "mine").write_text("kept")
-    before = tree(tmp_path), files_written(tmp_path)
+    before = tree(tmp_path), read_written_files(tmp_path)
     real = os.replace
 
     def replace(source: Path, target: Path) -> None:
@@ -102,7 +102,7 @@ def test_failure_while_exchanging_restores_what_was_there(tmp_path: Path, monkey
     monkeypatch.setattr(os, "replace", replace)
     with pytest.raises(OutputError, match="Input/output error"):
         put(tmp_path, force=True, a="new a", b="new b", c="new c")
-    assert (tree(tmp_path), files_written(tmp_path)) == before
+    assert (tree(tmp_path), read_written_files(tmp_path)) == before
 
 
 def test_optional_files_need_not_be_written(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_optional_files_need_not_be_written(tmp_path: Path) -> None:
     with staging(tmp_path, ["a", "b"], force=True, optional=["b"]) as place:
         (place / "a").write_text("new")
     assert tree(tmp_path) == {"a": "new"}
-    assert list(files_written(tmp_path)) == ["a"]
+    assert list(read_written_files(tmp_path)) == ["a"]
     with pytest.raises(OutputError, match="No such file"), staging(tmp_path, ["c"]):
         pass
 
@@ -127,7 +127,7 @@ def test_force_replaces_and_removes_files_of_an_earlier_result(tmp_path: Path) -
     ):
         (place / "a").write_text("new")
     assert tree(tmp_path) == {"a": "new", "mine": "mine"}
-    assert list(files_written(tmp_path)) == ["a"]
+    assert list(read_written_files(tmp_path)) == ["a"]
 
 
 def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     files = ResultFiles(tmp_path, ["a"], force=True, known=["a preset"])
     with files.open(), files.staging() as place:
         (place / "a").write_text("new")
-    assert (tree(tmp_path), list(files_written(tmp_path))) == ({"a": "new"}, ["a"])
+    assert (tree(tmp_path), list(read_written_files(tmp_path))) == ({"a": "new"}, ["a"])
 
 
 def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,7 +220,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(OutputError, match="null"):
         ResultFiles(tmp_path / "a\0b", ["a"]).require_free()
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(OutputError, match="may not be written to"):
+    with pytest.raises(OutputError, match="there is no permission to write to"):
         ResultFiles(tmp_path / "new", ["a"]).require_free()
 
 
@@ -319,7 +319,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(t
         ResultFiles(tmp_path / str(last), [*SECOND], force=True, earlier=["stale"]).require_free()
         outcomes.append({name: text for name, text in tree(tmp_path / str(last)).items() if name != LOCK})
         assert outcomes[-1] in (FIRST, SECOND)
-        assert set(files_written(tmp_path / str(last))) == set(outcomes[-1])
+        assert set(read_written_files(tmp_path / str(last))) == set(outcomes[-1])
         put(tmp_path / str(last), force=True, a="third")
         if code == 0:
             break

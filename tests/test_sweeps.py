@@ -30,7 +30,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.balls.parameters import PARAMETERS, Axis, change_packing, of_width
+from granphon.balls.parameters import PARAMETERS, Axis, change_packing, change_width
 from granphon.base.errors import FileExistsInRunError, InputError, MechanismError, OutputError, PrecisionError
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
@@ -344,7 +344,7 @@ def test_a_lattice_without_a_pressure_has_none(rough):
     ds = sweep(rough, force=5.0, lattice=[CHAINED, "square"])
     assert "pressure" not in ds
     assert ds["lattice"].values.tolist() == ["chained", "square"]
-    with pytest.raises(InputError, match="has no pressure"):
+    with pytest.raises(InputError, match="is not a pressure"):
         sweep(rough, pressure=500.0, lattice=CHAINED)
 
 
@@ -364,7 +364,7 @@ def test_a_lattice_without_a_pressure_has_none(rough):
     st.one_of(st.just(0.0), st.floats(1e-7, 1e-4)),
 )
 def test_a_width_keeps_the_shape(spread, width):
-    found = of_width(spread, width)
+    found = change_width(spread, width)
     assert type(found) is (gp.Uniform if spread is None else type(spread))
     assert_allclose(found.width, width, rtol=1e-9)
     if spread is not None and spread.mean is not None:
@@ -377,7 +377,7 @@ def test_a_width_keeps_the_shape(spread, width):
 
 def test_equal_diameters_cannot_be_spread():
     with pytest.raises(InputError, match="cannot be spread"):
-        of_width(gp.Discrete((8e-3,), (1.0,)), 1e-6)
+        change_width(gp.Discrete((8e-3,), (1.0,)), 1e-6)
 
 
 def test_a_distribution_of_another_make_keeps_its_width():
@@ -385,14 +385,14 @@ def test_a_distribution_of_another_make_keeps_its_width():
         width = 1e-6
 
     with pytest.raises(InputError, match="Triangle cannot be given another width"):
-        of_width(Triangle(), 1e-6)
+        change_width(Triangle(), 1e-6)
 
 
 def test_spread_and_width_together(rough):
     ds = sweep(rough, force=5.0, media="afa", spread=[gp.Normal(1e-6), BIMODAL], width=[1e-6, 3e-6])
     for i, spread in enumerate((gp.Normal(1e-6), BIMODAL)):
         for j, width in enumerate((1e-6, 3e-6)):
-            packing = gp.Packing(rough.material, 8e-3, of_width(spread, width))
+            packing = gp.Packing(rough.material, 8e-3, change_width(spread, width))
             same(ds["overlap"][0, 0, i, j], gp.AveragedForce(packing).at_force(5.0).overlap)
 
 
@@ -530,7 +530,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
             {"force": 1.0, "media": "simulation", "lattice": "square"},
             "simulation, lattice = square: the square lattice is not",
         ),
-        ({"force": 1.0, "resume": True}, "nothing to resume"),
+        ({"force": 1.0, "resume": True}, "cannot be resumed"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
     ],
 )
@@ -876,7 +876,7 @@ def _newer(path, schema=99):
         (lambda path: path.mkdir(), "cannot be read"),
         (lambda path: path.write_bytes(b""), "cannot be read"),
         (lambda path: path.write_text("force,velocity\n1,2\n"), "cannot be read"),
-        (_other_file, "is no sweep"),
+        (_other_file, "is not a sweep"),
         (_newer, "schema 99.*Update granphon"),
         (lambda path: _newer(path, "x"), "is damaged"),
         (lambda path: _newer(path, [1, 2]), "is damaged"),
@@ -1104,7 +1104,7 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough
 @pytest.mark.parametrize("damage", [Path.unlink, lambda path: _flip(path, 0.5), lambda path: path.write_text("[]")])
 def test_parts_that_belong_to_nothing_known(rough, serial, interrupted, damage):
     damage(interrupted / ".sweep.nc.partial" / IDENTITY)
-    with pytest.raises(FileExistsInRunError, match="What it belongs to is not said there"):
+    with pytest.raises(FileExistsInRunError, match="The folder does not say which sweep it belongs to"):
         sweep(rough, path=interrupted / "sweep.nc", **{**ARGUMENTS, "force": 1.0})
     assert resumed(rough, interrupted, serial) == 9 - 4  # each part says what it is
 
@@ -1193,7 +1193,7 @@ def test_a_damaged_identity_is_none(rough, serial, interrupted, damage):
         path.symlink_to("/dev/zero")
     else:
         path.write_text("[" * 100_000 if damage == "deep" else "1")
-    with pytest.raises(FileExistsInRunError, match="What it belongs to is not said there"):
+    with pytest.raises(FileExistsInRunError, match="The folder does not say which sweep it belongs to"):
         sweep(rough, path=interrupted / "sweep.nc", force=5.0)
     assert len(parts_in(interrupted)) == 4
     assert resumed(rough, interrupted, serial) == 5

@@ -83,7 +83,7 @@ def test_cells_are_the_floats_nearest_to_what_is_written(tmp_path_factory, cells
 
 @pytest.mark.parametrize("rows", [1, 1000])
 def test_the_unit_of_a_column_is_parsed_once_and_no_likely_intention_sought(tmp_path, monkeypatch, rows):
-    registry, parsed = quantities._registry(), []
+    registry, parsed = quantities._make_registry(), []
 
     def parse(text):
         parsed.append(text)
@@ -91,7 +91,7 @@ def test_the_unit_of_a_column_is_parsed_once_and_no_likely_intention_sought(tmp_
 
     monkeypatch.setattr(registry, "parse_units", parse)
     monkeypatch.setattr(quantities, "closest", None)
-    quantities._factor.cache_clear()
+    quantities._find_factor.cache_clear()
     found = table(tmp_path, "diameter (um)\n" + "8000.5\n" * rows)
     assert set(found.column("diameter", LENGTH)) == {8.0005e-3}
     assert parsed == ["um", "m"]
@@ -114,7 +114,7 @@ def test_only_the_columns_that_are_asked_for_are_read(tmp_path):
     [
         ("", "is empty"),
         ("# nothing\n\n", "is empty"),
-        ("force\n2\n", "the column 'force' has no unit. Head it 'force (N)'"),
+        ("force\n2\n", "the column 'force' has no unit. Write the heading 'force (N)'"),
         ("2.0,500\n4,600\n", "csv:1: found the number 2.0 where the columns are headed"),
         ("force (N),velocity\n", "no rows below its headings"),
         ("forse (N)\n1\n", "no column named 'force'. Its columns are 'forse'. Did you mean 'forse'? Name the column"),
@@ -129,7 +129,7 @@ def test_only_the_columns_that_are_asked_for_are_read(tmp_path):
         ('force (N),v\n"1,5e3",3\n', "found '1,5e3', where a number is needed. Write decimals with a point."),
         ("force (N)\ntwo\n", "found 'two', where a number is needed"),
         ("force (N)\n2,5\n", "csv:2: found 2 cells below 1 heading. Write decimals with a point"),
-        ("force (m)\n1\n", "csv:2: force: found '1 m', whose unit is not one of force"),
+        ("force (m)\n1\n", "csv:2: force: found '1 m', whose unit is not a unit of force"),
         ("force (Newtons)\n1\n", "csv:2: force: found '1 Newtons', whose unit is not known"),
         ("force (N)\n1e400\n", "csv:2: force: found '1e400 N', which is not a finite number"),
     ],
@@ -145,7 +145,7 @@ def test_files_that_cannot_be_read(tmp_path):
     for path in (tmp_path, "/dev/null", tmp_path / "none.csv", tmp_path / "binary.csv", f"{tmp_path}/\0"):
         with pytest.raises(InputError, match="cannot be read"):
             Table.read(path)
-    with pytest.raises(InputError, match="csv:2 cannot be parted into columns"):
+    with pytest.raises(InputError, match="csv:2 cannot be split into columns"):
         Table.read(tmp_path / "wide.csv")
 
 
@@ -213,11 +213,11 @@ def test_utf_8_is_read_with_its_mark_and_without(encoding):
         ("diameter (m)\n8\n# é\n".encode("latin-1"), "lot.csv:3 cannot be read: found the byte 0xe9"),
         (
             b"a\n\x89PNG\r\n\x1a",
-            "lot.csv:2 cannot be read: found the byte 0x89 where text in UTF-8 is needed. The file looks",
+            "lot.csv:2 cannot be read: found the byte 0x89 where text in UTF-8 is needed. The file does not look",
         ),
         (
             b"a (m)\n1\n2\0\n",
-            "lot.csv:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The file looks like no",
+            "lot.csv:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The file does not look like",
         ),
     ],
 )

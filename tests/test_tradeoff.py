@@ -20,7 +20,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError
 from granphon.cli.commands import main
-from granphon.cli.wording import work_and_precision
+from granphon.cli.wording import describe_tradeoff
 from granphon.dynamics.local_field import local_field, local_field_on
 from granphon.figures.work_precision import plot_work_precision, tradeoff_figure
 from granphon.tradeoffs import disorder as disorder_module
@@ -156,7 +156,7 @@ class FakeStudy(Study):
     observed = ("longitudinal",)
     loads = (1.0, 2.0)
 
-    def points(self):
+    def make_points(self):
         return [self._point(*one) for one in self.costs]
 
     def _point(self, method, knob, seconds, error):
@@ -173,7 +173,7 @@ class FakeStudy(Study):
 
         return Point(method, knob, prepare, solve, seconds if self.estimated else 0.0)
 
-    def reference(self, deadline, better, step):
+    def find_reference(self, deadline, better, step):
         self.until = deadline.until
         if self.taken is None:
             raise GranphonError("it cannot be found.")
@@ -182,10 +182,10 @@ class FakeStudy(Study):
         self.good = better(found)
         return found
 
-    def errors(self, outcomes, reference):
+    def compute_errors(self, outcomes, reference):
         return np.abs(np.mean(outcomes, axis=0))[: len(self.loads), None]
 
-    def floor(self, point, outcomes):
+    def find_floor(self, point, outcomes):
         return 1e-15
 
 
@@ -226,7 +226,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
     assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
     # of one method a knob that is turned further is not tried when one before it did not fit
     assert not [one for one in study.solved if one[0] == "3"]
-    assert "beyond the budget: 5 runs of some 50 s" in result.points[1].failure
+    assert "beyond the budget: 5 runs of about 50 s" in result.points[1].failure
     assert result.points[2].failure == "not run, beyond the budget"
 
 
@@ -283,7 +283,7 @@ def test_failures_are_told_in_their_own_words(clock):
     assert [(row["knob"], row["failure"], row["error (1)"]) for row in rows if row["failure"]] == [
         ("2", "2 does not converge.", "")
     ]
-    assert any("2 does not converge." in line for line in work_and_precision(result))
+    assert any("2 does not converge." in line for line in describe_tradeoff(result))
 
 
 def test_without_a_reference_no_point_has_an_error(clock):
@@ -332,7 +332,7 @@ def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
     good, better, bad = measure(study, budget=60.0).points
     assert (good.resolved, good.note) == (False, "the reference is 30 times better")
-    assert (better.resolved, better.note) == (False, "no worse than the reference is known")
+    assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
     assert (bad.resolved, bad.note) == (True, "")
     assert not study.good
 
@@ -342,7 +342,7 @@ def test_a_point_that_the_reference_does_not_judge_says_so(clock):
 
 def test_there_is_nothing_to_trade_for_equal_balls(packing):
     for words in (("velocities",), ("bands",), ("velocities", "bands")):
-        with pytest.raises(InputError, match=r"nothing to trade for equal balls.*observe dos"):
+        with pytest.raises(InputError, match=r"equal balls leave nothing to compare.*observe dos"):
             tradeoff(packing, force=1.0, observe=words)
 
 
@@ -449,7 +449,7 @@ def test_a_budget_is_kept(found, meshes):
 @pytest.fixture(scope="module")
 def reference(rough):
     """That of the media, of as few samples as are looked at."""
-    return MediaStudy(disorder(rough)).reference(whenever(), lambda one: True, WorkCounter())
+    return MediaStudy(disorder(rough)).find_reference(whenever(), lambda one: True, WorkCounter())
 
 
 def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
@@ -526,15 +526,17 @@ def test_a_finer_knob_is_more_accurate_where_the_reference_can_tell(found):
 
 def test_the_solution_of_the_effective_medium_is_judged_at_the_scene_s_forces(rough):
     study = SolutionStudy(disorder(rough))
-    reference = study.reference(whenever(), lambda one: False, WorkCounter())
+    reference = study.find_reference(whenever(), lambda one: False, WorkCounter())
     unit = rough.law.coefficient * rough.width**1.5
     assert_allclose(study.disorder.forces, np.array(FORCES) / unit, rtol=1e-12)
     state = gp.EffectiveMedium(rough).at_force(np.array(FORCES))
     assert_allclose(reference.values * unit / rough.width, state.normal_stiffness, rtol=1e-10)
     errors: dict[str, list[float]] = {}
-    for point in study.points():
+    for point in study.make_points():
         if (point.method, point.knob) != ("3 stages", "1e-04"):  # which takes long
-            errors.setdefault(point.method, []).append(np.max(study.errors([point.solve(point.prepare(0))], reference)))
+            errors.setdefault(point.method, []).append(
+                np.max(study.compute_errors([point.solve(point.prepare(0))], reference))
+            )
     for method, several in errors.items():
         assert several[-1] < 0.05 * several[0], method
     assert errors["16 stages"][-1] < 1e-9
@@ -573,13 +575,13 @@ def test_a_mesh_that_is_finer_puts_fewer_modes_into_a_wrong_interval(packing, me
     assert meshes.studies == ("density of states",)
     assert meshes.loads == (18.446,)
     study = MeshStudy(packing, Load("force", (18.446,)), False)
-    reference = study.reference(whenever(), lambda one: True, WorkCounter())
+    reference = study.find_reference(whenever(), lambda one: True, WorkCounter())
     assert_allclose(reference.values[-1], 3.0, rtol=1e-9)
     assert np.max(reference.errors) < 1e-4
-    points = {(point.method, point.knob): point for point in study.points()}
+    points = {(point.method, point.knob): point for point in study.make_points()}
     for method in ("tetrahedron", "smearing"):
         some = [points[method, f"{mesh} x {mesh}"] for mesh in (8, 16, 32)]
-        errors = [study.errors([one.solve(one.prepare(0))], reference).item() for one in some]
+        errors = [study.compute_errors([one.solve(one.prepare(0))], reference).item() for one in some]
         assert np.all(np.diff(errors) < 0.0), method
         assert 0.0 < errors[-1] < errors[0] < 1.0
 
@@ -650,7 +652,7 @@ def test_a_reference_that_does_not_fit_is_said_to(rough, packing):
         MeshStudy(packing, Load("force", (1.0,)), False),
     ):
         with pytest.raises(GranphonError, match="budget"):
-            study.reference(past, lambda one: False, WorkCounter())
+            study.find_reference(past, lambda one: False, WorkCounter())
 
 
 def test_a_long_list_of_diameters_is_timed_by_a_short_one(steel, monkeypatch, clock):
@@ -697,7 +699,7 @@ def test_extreme_and_other_loads_list_what_fails(rough, measured, load, least):
     assert result.kind == next(iter(load))
     for point in result.points:
         assert bool(point.failure) == (not point.errors.size)
-    work_and_precision(result)
+    describe_tradeoff(result)
 
 
 # -- what is written ----------------------------------------------------------------------------------------------------
@@ -740,11 +742,11 @@ def test_a_result_comes_back_from_its_dictionary(found):
     assert back == found
     assert back.csv() == found.csv()
     assert isinstance(back.points[0], MeasuredPoint)
-    assert work_and_precision(back) == work_and_precision(found)
+    assert describe_tradeoff(back) == describe_tradeoff(found)
 
 
 def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
-    lines = work_and_precision(found)
+    lines = describe_tradeoff(found)
     assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
     for point in found.points:
         assert sum(line.startswith(f"  {point.method} ") and f" {point.knob} " in line for line in lines) >= 1
@@ -833,7 +835,7 @@ def test_mistakes_on_the_command_line(work, capsys, arguments, told):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (", spread: {uniform: 2.04 um}|", "nothing to trade for equal balls"),
+        (", spread: {uniform: 2.04 um}|", "equal balls leave nothing to compare"),
         ("8 mm|8 mm, lattice: square", "on the square lattice"),
         ("8 mm|8 mm, finite_overlap: true", "with finite overlap"),
         ("medium: ema|sweep: {width: [1 um, 2 um]}", "scene.yaml sweeps width"),
@@ -890,11 +892,11 @@ def test_an_interruption_leaves_nothing(work, which):
 def test_grids_are_timed_by_what_is_asked_of_them(rough):
     """Preparation and solution, through the study's own points."""
     for study in (GridStudy(disorder(rough)), SolutionStudy(disorder(rough)), MediaStudy(disorder(rough))):
-        points = study.points()
+        points = study.make_points()
         assert len({(point.method, point.knob) for point in points}) == len(points)
         first = points[0]
         assert np.all(np.isfinite(first.solve(first.prepare(0))))
-    random = [point for point in MediaStudy(disorder(rough)).points() if point.random]
+    random = [point for point in MediaStudy(disorder(rough)).make_points() if point.random]
     assert [point.seconds for point in random] == sorted(point.seconds for point in random)
     # another draw in every run, and the same in the same
     draws = [random[0].solve(random[0].prepare(run)) for run in (0, 1, 0)]

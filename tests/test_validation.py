@@ -221,7 +221,7 @@ def test_rare_kinds_end_the_equation_far_below_its_validity():
     for _ in range(5):
         off, rare = draw.uniform(-1.0, 1.0, 3), 10.0 ** draw.uniform(-6.0, -2.0, 2)
         curve = effective_curve(kinds(off.tolist(), [1.0 - np.sum(rare), *rare.tolist()]), local_field().xi)
-        found.append(curve.least_force if curve.vanishes else 0.0)
+        found.append(curve.least_force if curve.stiffness_vanishes else 0.0)
     assert 1e-6 < max(found) < 1e-2
 
 

@@ -81,7 +81,7 @@ def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Arra
     lattice sites. Missing masses become (1 + deviation)^3, as for balls of one material.
     """
     new = {name: np.zeros((len(balls), *shape)) for name, shape in ARRAYS.items()}
-    new |= {_SCALES: np.tile(_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
+    new |= {_SCALES: np.tile(_take_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
     new |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
     new |= given or {}
     if not has_masses(balls):
@@ -106,7 +106,7 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> 
     if like is not None:
         if len(like) != len(balls):
             raise InputError(
-                message(f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are taken over ball by ball")
+                message(f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are copied ball by ball")
             )
         if not has_masses(balls):
             balls.set_array("masses", None)
@@ -123,7 +123,9 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
     """
     missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
     if missing:
-        raise InputError(message(f"the Atoms have no {', '.join(missing)}", "A file or another program has lost it", _MEND))
+        raise InputError(
+            message(f"the Atoms have no {', '.join(missing)}", "A file or another program has left this out", _MEND)
+        )
     for name, shape in ARRAYS.items():
         if balls.arrays[name].shape != (len(balls), *shape):
             raise InputError(
@@ -131,7 +133,7 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
             )
     _require_info(balls, units)
     given = balls.arrays[_SCALES]
-    same = np.all(np.abs(given - _logarithms(units)) < _DECIMALS, axis=1)
+    same = np.all(np.abs(given - _take_logarithms(units)) < _DECIMALS, axis=1)
     if not np.all(same):
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
@@ -145,7 +147,7 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
-        raise InputError(message("the Atoms are put together of balls on different lattices", mend="Take those of one"))
+        raise InputError(message("the Atoms combine balls on different lattices", mend="Use balls of one lattice"))
     kind: Kind = kinds.pop() if kinds else FINITE * finite_overlap
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
@@ -153,13 +155,13 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
             message(
                 f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
                 "Their cells differ by the overlap",
-                f"Make the state with finite_overlap={not finite_overlap}, or make the Atoms anew",
+                f"Make the state with finite_overlap={not finite_overlap}, or make new Atoms with gp.atoms(state)",
             )
         )
     return kind
 
 
-def _logarithms(units: Units) -> Array:
+def _take_logarithms(units: Units) -> Array:
     return np.log([units.length, units.stiffness, units.mass])
 
 

@@ -27,8 +27,8 @@ from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
 __all__ = [
-    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "equilibrate", "linear_response",
-    "too_small", "uniform_part",
+    "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "equilibrate", "find_linear_response",
+    "explain_too_small", "find_uniform_part",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Equilibrium(Result):
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
 
-    def sharing(self, deviations: Array, stencils: Stencils) -> Equilibrium:
+    def share(self, deviations: Array, stencils: Stencils) -> Equilibrium:
         """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
         other, known = replace(self, deviations=deviations), vars(self)
         vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)
@@ -113,7 +113,7 @@ class Equilibrium(Result):
     def differences(self) -> Array:
         """(3, L1, L2) differences h - y of the contacts' overlaps from the common one."""
         still = Motion(self.balls, 0.0)
-        return _pair_means(self.deviations, self.stencils) - self.stencils.deformations(still)
+        return _average_pairs(self.deviations, self.stencils) - self.stencils.deformations(still)
 
     @property
     def overlaps(self) -> Array:
@@ -129,7 +129,7 @@ class Equilibrium(Result):
     @property
     def excess(self) -> Array:
         """(3, L1, L2) contact forces minus y_+^(3/2), computed without the loss of digits that a subtraction causes."""
-        return _excess(self.overlap, self.differences)[0]
+        return _compute_excess(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
@@ -166,7 +166,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (3, L1, L2) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        balls = linear_response(self.stencils, stiffness, stiffness - uniform_part(stiffness))
+        balls = find_linear_response(self.stencils, stiffness, stiffness - find_uniform_part(stiffness))
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -188,7 +188,7 @@ class Equilibrium(Result):
         return self._derivatives[1]
 
 
-def uniform_part(stiffness: Array) -> float:
+def find_uniform_part(stiffness: Array) -> float:
     """Return a stiffness that may be subtracted from that of every contact in the response to a uniform strain.
 
     Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all contacts are closed, and so
@@ -198,12 +198,12 @@ def uniform_part(stiffness: Array) -> float:
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
-def _pair_means(deviations: Array, stencils: Stencils) -> Array:
+def _average_pairs(deviations: Array, stencils: Stencils) -> Array:
     """Return (3, L1, L2) means (x_i + x_j)/2 of the contacts."""
     return np.stack([0.5 * (deviations + np.roll(deviations, (-a, -b), (0, 1))) for a, b in stencils.shifts])
 
 
-def _excess(overlap: float, differences: Array) -> tuple[Array, Array]:
+def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
     """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
     common = max(overlap, 0.0)
     change = np.maximum(differences + min(overlap, 0.0), -common)  # h_+ - y_+
@@ -240,10 +240,10 @@ def equilibrate(
     """
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
-    means = _pair_means(deviations, stencils)
+    means = _average_pairs(deviations, stencils)
     equal = not np.ptp(deviations)
     if free and start is None and load.force < THRESHOLD_FORCE and not equal:
-        raise too_small(load.force)
+        raise explain_too_small(load.force)
     if start is None and free and load.force < _DIRECT_FORCE and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
@@ -255,7 +255,7 @@ def equilibrate(
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
         for rows in stencils.blocks():
-            excess[:, rows], root[:, rows] = _excess(y, differences[:, rows])
+            excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
         mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
         force = common + mean
         pull = stencils.forces(excess)
@@ -278,11 +278,11 @@ def equilibrate(
             found = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
             )
-            return found.sharing(found.deviations, stencils)  # keeps the Green's function of the stencils
+            return found.share(found.deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-        step, taken = _conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, free)
+        step, taken = _solve_by_conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, free)
         length = _step_length(y, differences, step, stencils, load if free else None)
         y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
     raise ConvergenceError(
@@ -294,12 +294,12 @@ def equilibrate(
     )
 
 
-def too_small(force: float) -> InputError:
+def explain_too_small(force: float) -> InputError:
     """Return the error for a reduced force below :data:`THRESHOLD_FORCE`."""
     return InputError(
         message(
             f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
-            "There a sample is at its rigidity threshold, and what holds it is not found",
+            "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
             "Raise the load",
         )
     )
@@ -319,7 +319,7 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
         there, value, rise = y + length * more, 0.0, 0.0
         for rows in stencils.blocks():
             part = strain[:, rows]
-            excess, root = _excess(there, differences[:, rows] - length * part)
+            excess, root = _compute_excess(there, differences[:, rows] - length * part)
             part = part - more
             value -= dot(excess, part)
             rise += 1.5 * dot(root, part * part)
@@ -344,7 +344,7 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
     return length
 
 
-def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
+def find_linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
     """Return (n, L1, L2) the motion u that solves C^T K C u = C^T ``tension``, for ``tension`` (rows, L1, L2) of contacts.
 
     ``stiffness`` (rows, L1, L2) is zero where balls are apart; there the tension must be zero too. Raises
@@ -353,10 +353,12 @@ def linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Arr
     force = Motion(stencils.forces(tension), 0.0)
     # a tension that is in balance except for rounding moves nothing
     floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
-    return _conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE_STEPS, floor=floor)[0].balls
+    return _solve_by_conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE_STEPS, floor=floor)[
+        0
+    ].balls
 
 
-def _conjugate_gradients(
+def _solve_by_conjugate_gradients(
     stencils: Stencils,
     stiffness: Array,
     force: Motion,
@@ -387,7 +389,9 @@ def _conjugate_gradients(
         if count == (most or _CONJUGATE_STEPS):
             if most is None:
                 break
-            raise ConvergenceError(message(f"the linear response of the sample is not found in {most} steps"))
+            raise ConvergenceError(
+                message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
+            )
         stencils.wrap(way)
         change, pull, energy = stencils.product(stiffness, way, squeeze, out)
         if energy <= 0.0:  # nothing but rounding is left

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import Equilibrium, linear_response, uniform_part
+from granphon.array.equilibrium import Equilibrium, find_linear_response, find_uniform_part
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.motions import select_motions
@@ -21,7 +21,7 @@ __all__ = ["bulk_and_shear", "elasticity", "shears"]
 Array = NDArray[np.float64]
 
 
-def _strain(mindlin_ratio: float) -> Array:
+def _strain_contacts(mindlin_ratio: float) -> Array:
     """Return (3 strains, rows) elongations n.e.n, then slips t.e.n, of each kind of contact under each unit strain."""
     table, motions = TRIANGULAR.contacts, select_motions(mindlin_ratio)
     rows = contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio)
@@ -39,9 +39,9 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
     stencils = Stencils(state.deviations.shape, mindlin_ratio, state.stencils.workers)
     normal = state.stiffnesses
     stiffness = stencils.weights(normal)
-    affine = _strain(mindlin_ratio)[..., None, None]
-    means = stencils.weights(np.full((3, 1, 1), uniform_part(normal)))
-    motions = [linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
+    affine = _strain_contacts(mindlin_ratio)[..., None, None]
+    means = stencils.weights(np.full((3, 1, 1), find_uniform_part(normal)))
+    motions = [find_linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
     state.stencils.forget()  # many samples may be kept, each with a large Green's function
     area = TRIANGULAR.area * state.deviations.size

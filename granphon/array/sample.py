@@ -141,7 +141,7 @@ class Sample(Result):
     @cached_property
     def elastic_tensor(self) -> Array:
         """(3, 3) elastic tensor, Pa, in Voigt order xx, yy, xy, of the layer taken one diameter thick."""
-        return self._elastic_tensor(self.equilibrium)
+        return self._compute_elastic_tensor(self.equilibrium)
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
@@ -152,9 +152,9 @@ class Sample(Result):
         here = self.equilibrium
         loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
         found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
-        return read_only([self._elastic_tensor(one) for one in found])
+        return read_only([self._compute_elastic_tensor(one) for one in found])
 
-    def _elastic_tensor(self, equilibrium: Equilibrium) -> Array:
+    def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         scale = self._units.stiffness / self.packing.diameter
         return read_only(scale * elasticity(equilibrium, self.packing.mindlin_ratio))
 

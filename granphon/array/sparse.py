@@ -56,7 +56,7 @@ class SparseArray:
         self._i = np.tile(site.ravel(), len(table))
         self._j = np.concatenate([np.roll(site, (-a, -b), (0, 1)).ravel() for a, b in table.shift.tolist()])
         self._means = 0.5 * (deviations.ravel()[self._i] + deviations.ravel()[self._j])
-        self._c = self._compatibility(0.0)
+        self._c = self._make_compatibility(0.0)
         self._transposed = self._c.T.tocsr()
         # the entries of C^T K C are a constant matrix times the stiffnesses; the first ball is pinned
         i, j, normal = self._i, self._j, np.repeat(table.normal, n, axis=0).T
@@ -74,7 +74,7 @@ class SparseArray:
         self._indices = (place % max(1, self._size)).astype(np.int32)
         self._starts = np.searchsorted(place, np.arange(self._size + 1) * self._size).astype(np.int32)
 
-    def _compatibility(self, mindlin_ratio: float) -> Any:
+    def _make_compatibility(self, mindlin_ratio: float) -> Any:
         """Return C. Rows: elongations of all contacts, kind by kind, then slips. Columns: u of each ball, then its rotation.
 
         Slips and rotations are left out without friction.
@@ -118,7 +118,7 @@ class SparseArray:
             root = np.sqrt(closed)
             forces = closed * root
             mean, pull = float(np.mean(forces)), self._transposed @ forces
-            residual, scale = self._largest(pull), min(mean, float(np.std(forces)))
+            residual, scale = self._find_largest(pull), min(mean, float(np.std(forces)))
             if mean < THRESHOLD_FORCE and not np.all(closed):
                 break
             if residual <= max(tolerance * scale, _FORCE_ROUNDING * mean):
@@ -127,7 +127,7 @@ class SparseArray:
             stiffness = 1.5 * root
             stiffness += _SHIFT * min(1.0, left) * np.mean(stiffness)
             strain = self._c @ self._step(stiffness, pull)
-            h = h - self._length(h, strain) * strain
+            h = h - self._find_step_length(h, strain) * strain
         raise ConvergenceError(
             message(
                 f"the array has not come to rest at an overlap of {overlap:.6g} widths",
@@ -137,7 +137,7 @@ class SparseArray:
         )
 
     @staticmethod
-    def _largest(pull: Array) -> float:
+    def _find_largest(pull: Array) -> float:
         """Return the largest force on a ball, in units of c W^(3/2)."""
         return math.sqrt(float(np.max(pull[0::2] ** 2 + pull[1::2] ** 2)))
 
@@ -148,7 +148,7 @@ class SparseArray:
         return np.concatenate([[0.0, 0.0], _factorise(matrix).solve(force[2:])])
 
     @staticmethod
-    def _length(h: Array, strain: Array) -> float:
+    def _find_step_length(h: Array, strain: Array) -> float:
         """Find the step length at which the slope of the energy has a tenth of its first size, by bracketed Newton steps."""
         first, low, high, length = 0.0, 0.0, math.inf, 0.0
         for trial in range(_SLOPES):
@@ -180,10 +180,10 @@ class SparseArray:
         from scipy.sparse import eye_array
 
         flat = np.asarray(forces, float).ravel()
-        carried = flat > CARRIED_FORCE * self._largest(self._transposed @ flat)
+        carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
         normal = 1.5 * np.cbrt(np.where(carried, flat, 0.0))
         stiffness = np.concatenate([normal, mindlin_ratio * normal]) if mindlin_ratio else normal
-        c, strained = self._compatibility(mindlin_ratio), self._strained()[: stiffness.size]
+        c, strained = self._make_compatibility(mindlin_ratio), self._strain_contacts()[: stiffness.size]
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
@@ -194,7 +194,7 @@ class SparseArray:
         left = strained - c @ motion
         return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.area * math.prod(self.shape)))
 
-    def _strained(self) -> Array:
+    def _strain_contacts(self) -> Array:
         """Return (6 L1 L2, 3) elongations n.e.n, then slips t.e.n, of every contact under each unit strain."""
         (nx, ny), (tx, ty) = TRIANGULAR.contacts.normal.T, TRIANGULAR.contacts.tangent.T
         rows = [np.stack([ax * nx, ay * ny, 0.5 * (ax * ny + ay * nx)], axis=1) for ax, ay in ((nx, ny), (tx, ty))]

@@ -73,7 +73,10 @@ class Stencils:
             _Row(shift, tuple(head), tuple(tail))
             for row in rows
             for shift, head, tail in zip(
-                self.shifts, _whole(row.head @ project).tolist(), _whole(row.tail @ project).tolist(), strict=True
+                self.shifts,
+                _round_coefficients(row.head @ project).tolist(),
+                _round_coefficients(row.tail @ project).tolist(),
+                strict=True,
             )
         ]
 
@@ -119,23 +122,23 @@ class Stencils:
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
-    def _deformation(self, row: _Row, room: Array, rows: slice) -> Array:
+    def _deform(self, row: _Row, room: Array, rows: slice) -> Array:
         """Return the deformation of one kind, in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         if row.head == row.tail:
-            part = _combined(row.head, room[:, rows.start : rows.stop + 1])
+            part = _combine(row.head, room[:, rows.start : rows.stop + 1])
             return part[s1 : s1 + rows.stop - rows.start, s2 : s2 + columns] - part[: rows.stop - rows.start, :columns]
-        ahead = _combined(row.head, room[:, rows.start + s1 : rows.stop + s1, s2 : s2 + columns])
-        return ahead - _combined(row.tail, room[:, rows, :columns])
+        ahead = _combine(row.head, room[:, rows.start + s1 : rows.stop + s1, s2 : s2 + columns])
+        return ahead - _combine(row.tail, room[:, rows, :columns])
 
     def _pull(self, row: _Row, force: Array, room: Array, rows: slice) -> None:
         """Add to ``room`` the forces on balls due to a tension in the contacts that start in these rows of balls."""
         (s1, s2), columns = row.shift, self.shape[1]
         for field, (head, tail) in enumerate(zip(row.head, row.tail, strict=True)):
             if head:
-                room[field, rows.start + s1 : rows.stop + s1, s2 : s2 + columns] += _times(head, force)
+                room[field, rows.start + s1 : rows.stop + s1, s2 : s2 + columns] += _multiply(head, force)
             if tail:
-                room[field, rows, :columns] -= _times(tail, force)
+                room[field, rows, :columns] -= _multiply(tail, force)
 
     def deformations(self, motion: Motion) -> Array:
         """Return (rows, L1, L2) C u, minus the compression in the elongations: the losses of overlap, then the slips."""
@@ -145,7 +148,7 @@ class Stencils:
         out = np.empty((self.n_rows, *self.shape))
         for rows in self.blocks():
             for kind, row in enumerate(self._rows):
-                out[kind, rows] = self._deformation(row, room, rows)
+                out[kind, rows] = self._deform(row, room, rows)
         out[: self.n_contacts] -= motion.compression
         return out
 
@@ -183,7 +186,7 @@ class Stencils:
         pull = energy = 0.0
         for rows in self.blocks():
             for kind, row in enumerate(self._rows):
-                change = self._deformation(row, room, rows)
+                change = self._deform(row, room, rows)
                 if kind < self.n_contacts and compression:
                     change -= compression
                 force = stiffness[kind, rows] * change
@@ -229,14 +232,14 @@ class Stencils:
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         mean = float(np.mean(stiffness[: self.n_contacts]))
-        local, turning = self._local(stiffness, _LEAST_LOCAL * mean), self.motions.turning
+        local, turning = self._invert_blocks(stiffness, _LEAST_LOCAL * mean), self.motions.turning
 
         def apply(force: Array) -> Array:
             waves = fft.rfft2(force, workers=self.workers)
             for rows in self.blocks():
                 parts = waves[:, rows]
                 parts[turning] *= -1j
-                new = [_inner([entry[rows] for entry in line], parts) for line in self._green]
+                new = [_sum_products([entry[rows] for entry in line], parts) for line in self._green]
                 for field, part in enumerate(new):
                     parts[field] = part
                 parts[turning] *= 1j
@@ -246,14 +249,14 @@ class Stencils:
             for rows in self.blocks():
                 part = out[:, rows]
                 part *= 1.0 / mean
-                part[:2] += [_inner([entry[rows] for entry in line], force[:2, rows]) for line in local[:2]]
+                part[:2] += [_sum_products([entry[rows] for entry in line], force[:2, rows]) for line in local[:2]]
                 for turn, field in zip(local[2], part[turning], strict=True):
                     field += turn[rows] * force[2, rows]
             return out
 
         return apply
 
-    def _local(self, stiffness: Array, least: float) -> list[list[Array]]:
+    def _invert_blocks(self, stiffness: Array, least: float) -> list[list[Array]]:
         """Return the inverse of each ball's own block of C^T K C, with displacements and rotation treated separately."""
         blocks = [(0, 0), (0, 1), (1, 1), *((turn, turn) for turn in range(self.n_fields)[self.motions.turning])]
         room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
@@ -264,8 +267,8 @@ class Stencils:
                 for slot, (a, b) in enumerate(blocks):
                     ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
                     if ahead:
-                        room[slot, rows.start + s1 : rows.stop + s1, s2 : s2 + self.shape[1]] += _times(ahead, part)
-                        room[slot, rows, :-1] += _times(behind, part) + extra * (ahead + behind)
+                        room[slot, rows.start + s1 : rows.stop + s1, s2 : s2 + self.shape[1]] += _multiply(ahead, part)
+                        room[slot, rows, :-1] += _multiply(behind, part) + extra * (ahead + behind)
         xx, xy, yy, *turns = out = self._fold(room)
         for rows in self.blocks():
             first, across, second = out[:3, rows]
@@ -276,7 +279,7 @@ class Stencils:
         return [[xx, xy], [xy, yy], turns]
 
 
-def _whole(coefficients: Array) -> Array:
+def _round_coefficients(coefficients: Array) -> Array:
     """Round coefficients that differ from whole numbers by rounding only, so that a product with one can be skipped."""
     near = np.rint(coefficients)
     return np.where(np.abs(coefficients - near) < 1e-12, near, coefficients)
@@ -288,21 +291,21 @@ def dot(first: Array, second: Array) -> float:
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
-def _combined(coefficients: tuple[float, ...], fields: Array) -> Array:
+def _combine(coefficients: tuple[float, ...], fields: Array) -> Array:
     """Return the sum of fields times their coefficients; a single field with coefficient one is returned without a copy."""
-    parts = [_times(c, field) for c, field in zip(coefficients, fields, strict=True) if c]
+    parts = [_multiply(c, field) for c, field in zip(coefficients, fields, strict=True) if c]
     total = parts[0]
     for part in parts[1:]:
         total = total + part
     return total
 
 
-def _inner(factors: Sequence[Array], fields: Any) -> Any:
+def _sum_products(factors: Sequence[Array], fields: Any) -> Any:
     total = factors[0] * fields[0]
     for factor, field in zip(factors[1:], fields[1:], strict=True):
         total += factor * field
     return total
 
 
-def _times(factor: float, array: Array) -> Array:
+def _multiply(factor: float, array: Array) -> Array:
     return array if factor == 1.0 else factor * array

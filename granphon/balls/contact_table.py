@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 
-__all__ = ["TOUCH", "ContactTable", "contact_frames", "contacts_apart", "find_contacts", "seen_first", "steps_within"]
+__all__ = ["TOUCH", "ContactTable", "contact_frames", "touch_once_at_most", "find_contacts", "select_once", "steps_within"]
 
 Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
@@ -89,7 +89,7 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
     return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
 
 
-def seen_first(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
+def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
     """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
@@ -112,13 +112,14 @@ def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
             message(
                 f"balls of lattice {name!r} overlap",
                 f"Two sites are {float(distance[~same].min()):.6g} apart, and touching balls are 1 apart",
+                "Move the sites apart",
             )
         )
     found: Any = np.nonzero(np.abs(distance - 1.0) <= TOUCH)
     i, j, s = found
     if len(set(i.tolist())) < n:
-        raise InputError(message(f"a ball of lattice {name!r} touches no other", "Sites that touch are 1 apart"))
-    first = seen_first(i, j, shifts[s])
+        raise InputError(message(f"a ball of lattice {name!r} touches no other", "Touching balls are 1 apart"))
+    first = select_once(i, j, shifts[s])
     i, j, s = i[first], j[first], s[first]
     normal = delta[i, j, s] / distance[i, j, s][:, None]
     arm = np.full(len(i), 0.5)
@@ -128,7 +129,7 @@ def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
     )  # fmt: skip
 
 
-def contacts_apart(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
+def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
     """Whether any two balls of the supercell, or a ball and its own image, touch in at most one way.
 
     That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors to two images of a ball

@@ -57,7 +57,9 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
     lengths = tuple(whole_number("shape", length, 0) for length in lengths)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
-        raise InputError(message(f"shape is {brief(shape)}", mend="Give one length or more, of 2^48 balls or fewer"))
+        raise InputError(
+            message(f"shape is {brief(shape)}", mend="Give one or more lengths, whose product is 2^48 balls or fewer")
+        )
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
@@ -118,16 +120,16 @@ class Spread(ABC):
         if self.mean is not None and abs(self.mean - positive("diameter", diameter, "m")) > _ROUNDED * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
-            raise InputError(message(what, "Deviations are from the mean", mend))
+            raise InputError(message(what, "Deviations of diameters are counted from their mean", mend))
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
 
         A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is not shifted to zero here.
         """
-        return self._deviations(uniform_numbers(shape, seed))
+        return self._compute_deviations(uniform_numbers(shape, seed))
 
-    def _deviations(self, probability: Array) -> Array:
+    def _compute_deviations(self, probability: Array) -> Array:
         return self.width * np.asarray(self.shape.quantile(probability), float)
 
 
@@ -169,7 +171,7 @@ class Normal(Spread):
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not 1e-3 <= self.cutoff <= 10.0:
-            raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give a number of std from 0.001 to 10, such as 3"))
+            raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3"))
 
     @property
     def rms(self) -> float:
@@ -187,18 +189,18 @@ class _Listed(Spread):
 
     diameters: tuple[float, ...]
 
-    def _shares(self) -> Array:
+    def _compute_shares(self) -> Array:
         return np.full(len(self.diameters), 1.0 / len(self.diameters))
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
         """Mean diameter, m; deviations of the different diameters, m, ascending; their probabilities."""
-        places, weights = merge(np.array(self.diameters), self._shares())
+        places, weights = merge(np.array(self.diameters), self._compute_shares())
         off = places - places[0]  # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
 
-    def _deviations(self, probability: Array) -> Array:
+    def _compute_deviations(self, probability: Array) -> Array:
         return self._table[1][find_quantiles(self._table[2], probability)]
 
     @property
@@ -246,7 +248,7 @@ class Discrete(_Listed):
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
             raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
 
-    def _shares(self) -> Array:
+    def _compute_shares(self) -> Array:
         return np.array(self.fractions) / math.fsum(self.fractions)
 
 

@@ -82,11 +82,11 @@ class Shape(ABC):
         """
 
     @abstractmethod
-    def _single(self, overlap: Array, power: float) -> Array:
+    def _average_over_other(self, overlap: Array, power: float) -> Array:
         """Average over the other ball, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2."""
 
     @abstractmethod
-    def _pair(self, overlap: Array, power: float) -> Array:
+    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
         """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y."""
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
@@ -97,8 +97,8 @@ class Shape(ABC):
         if power not in np.arange(-0.5, 3.1, 0.5):
             raise InputError(message(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3"))
         if x is None:
-            return self._pair(np.asarray(y, float), power)[()]
-        return self._single(np.asarray(y, float) + 0.5 * np.asarray(x, float), power)[()]
+            return self._average_over_pairs(np.asarray(y, float), power)[()]
+        return self._average_over_other(np.asarray(y, float) + 0.5 * np.asarray(x, float), power)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
         """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
@@ -121,11 +121,11 @@ class _Density(Shape):
     _stretch: int = 1
 
     @abstractmethod
-    def _density(self, x: Array) -> Array:
+    def _compute_density(self, x: Array) -> Array:
         """Density of balls: their fraction per unit of x."""
 
     @abstractmethod
-    def _below(self, x: Array) -> Array:
+    def _compute_fraction_below(self, x: Array) -> Array:
         """Fraction of the balls below x."""
 
     @property
@@ -143,18 +143,18 @@ class _Density(Shape):
         values, edge = np.asarray(y, float)[..., np.newaxis], self._edge
         first = np.clip(-2.0 * values - edge, -edge, edge)
         if whole:
-            places, shares = _gauss(order * self._stretch)
+            places, shares = _make_gauss_rule(order * self._stretch)
             positions = [(first + edge) * places - edge]
-            weights = [(first + edge) * shares * self._density(positions[0])]
+            weights = [(first + edge) * shares * self._compute_density(positions[0])]
         else:
-            positions, weights = [0.5 * (first - edge)], [self._below(first)]
+            positions, weights = [0.5 * (first - edge)], [self._compute_fraction_below(first)]
         # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity, and is ``length`` long
         some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
         every = (np.clip(edge - 2.0 * values, -edge, edge), np.maximum(values - edge, 0.0), np.clip(values, 0.0, edge))
         for first, start, length in (some, every):
-            root, rise, _, weight = _square_roots(start, length, order * self._stretch)
+            root, rise, _, weight = _make_root_nodes(start, length, order * self._stretch)
             positions.append(first + 2.0 * rise)
-            weights.append(4.0 * root * weight * self._density(positions[-1]))
+            weights.append(4.0 * root * weight * self._compute_density(positions[-1]))
         return Nodes(np.concatenate(positions, axis=-1), np.concatenate(weights, axis=-1))
 
 
@@ -164,24 +164,26 @@ class UniformShape(_Density):
 
     _edge = 0.5
 
-    def _density(self, x: Array) -> Array:
+    def _compute_density(self, x: Array) -> Array:
         return np.ones_like(x)
 
-    def _below(self, x: Array) -> Array:
+    def _compute_fraction_below(self, x: Array) -> Array:
         return x + 0.5
 
     def quantile(self, probability: ArrayLike) -> Any:
         """The x below which the part u = ``probability`` of the balls lies: u - 1/2."""
         return (np.asarray(probability, float) - 0.5)[()]
 
-    def _single(self, overlap: Array, power: float) -> Array:
+    def _average_over_other(self, overlap: Array, power: float) -> Array:
         # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the integrand has degree 2p + 1 in the root
-        return _integral(overlap, power, [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1)
+        return _integrate_power(
+            overlap, power, [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
+        )
 
-    def _pair(self, overlap: Array, power: float) -> Array:
+    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
         # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3 in the root
         rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
-        return _integral(overlap, power, [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2)
+        return _integrate_power(overlap, power, [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2)
 
 
 @dataclass(frozen=True)
@@ -211,10 +213,10 @@ class NormalShape(_Density):
         """Pieces of [-b, b], at most 3 std long, that meet at 0."""
         return list(pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()))
 
-    def _density(self, x: Array) -> Array:
+    def _compute_density(self, x: Array) -> Array:
         return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / (self._std * math.sqrt(2.0 * math.pi) * self._kept))
 
-    def _below(self, x: Array) -> Array:
+    def _compute_fraction_below(self, x: Array) -> Array:
         from scipy.special import erf
 
         return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
@@ -227,25 +229,25 @@ class NormalShape(_Density):
         tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0)) + self._kept * (0.5 - np.abs(off))
         return (np.sign(off) * self._std * np.clip(-ndtri(tail), 0.0, self.cutoff))[()]
 
-    def _single(self, overlap: Array, power: float) -> Array:
+    def _average_over_other(self, overlap: Array, power: float) -> Array:
         def density(t: Array, rise: Array, fall: Array) -> Array:
-            return 2.0 * self._density(2.0 * t)
+            return 2.0 * self._compute_density(2.0 * t)
 
-        return _integral(overlap, power, [(0.5 * a, 0.5 * b, density) for a, b in self._panels], 24)
+        return _integrate_power(overlap, power, [(0.5 * a, 0.5 * b, density) for a, b in self._panels], 24)
 
-    def _pair(self, overlap: Array, power: float) -> Array:
+    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
         from scipy.special import erf
 
         def piece(a: float, b: float) -> Piece:
             def density(t: Array, rise: Array, fall: Array) -> Array:
                 # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t| keeps its digits at the ends
                 room = rise + (a + self._edge) if b <= 0.0 else fall + (self._edge - b)
-                scale = math.sqrt(math.pi) * self._std * self._density(np.zeros(())) ** 2
+                scale = math.sqrt(math.pi) * self._std * self._compute_density(np.zeros(())) ** 2
                 return np.asarray(2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std))
 
             return a, b, density
 
-        return _integral(overlap, power, [piece(a, b) for a, b in self._panels], 24)
+        return _integrate_power(overlap, power, [piece(a, b) for a, b in self._panels], 24)
 
 
 @dataclass(frozen=True)
@@ -287,40 +289,40 @@ class PointShape(Shape):
         """As :meth:`Shape.nodes`."""
         return Nodes(*(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points))
 
-    def _single(self, overlap: Array, power: float) -> Array:
+    def _average_over_other(self, overlap: Array, power: float) -> Array:
         x, w = self._points
-        return _finite_sum(overlap, power, 0.5 * x, w)
+        return _sum_power(overlap, power, 0.5 * x, w)
 
-    def _pair(self, overlap: Array, power: float) -> Array:
-        return _finite_sum(overlap, power, *self._pairs)
+    def _average_over_pairs(self, overlap: Array, power: float) -> Array:
+        return _sum_power(overlap, power, *self._pairs)
 
 
 @lru_cache(maxsize=64)
-def _gauss(order: int) -> tuple[Array, Array]:
+def _make_gauss_rule(order: int) -> tuple[Array, Array]:
     """Gauss-Legendre nodes and weights on [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def _square_roots(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
+def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
     """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has length 1 in the arguments.
 
     Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are subtracted.
     """
-    nodes, weights = _gauss(order)
+    nodes, weights = _make_gauss_rule(order)
     low, high = np.sqrt(start), np.sqrt(start + length)
     step = np.divide(length, low + high, out=np.zeros_like(length), where=length > 0.0)
     root = low + nodes * step
     return root, nodes * step * (root + low), (1.0 - nodes) * step * (root + high), weights * step
 
 
-def in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
+def evaluate_in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
     """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a time."""
     flat, size = values.reshape(-1), max(1, size)
     return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]).reshape(values.shape)
 
 
-def _whole_power(root: Array, exponent: int) -> Array:
+def _raise_to_power(root: Array, exponent: int) -> Array:
     """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten times the cost."""
     if exponent < 0:
         return np.asarray(1.0 / root)
@@ -331,7 +333,7 @@ def _whole_power(root: Array, exponent: int) -> Array:
     return out
 
 
-def _integral(overlap: Array, power: float, pieces: Sequence[Piece], order: int) -> Array:
+def _integrate_power(overlap: Array, power: float, pieces: Sequence[Piece], order: int) -> Array:
     """Integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2); ``overlap`` is y."""
 
     def evaluate(y: Array) -> Array:
@@ -339,24 +341,24 @@ def _integral(overlap: Array, power: float, pieces: Sequence[Piece], order: int)
         for start, end, density in pieces:
             first = np.maximum(start, -y)
             length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
-            root, rise, fall, weight = _square_roots(np.maximum(start + y, 0.0), length, order)
+            root, rise, fall, weight = _make_root_nodes(np.maximum(start + y, 0.0), length, order)
             value = density(first + rise, (first - start) + rise, fall)
-            total += np.sum(2.0 * _whole_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
+            total += np.sum(2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
         return total
 
-    return in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // order)
+    return evaluate_in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // order)
 
 
-def _finite_sum(overlap: Array, power: float, places: Array, weights: Array) -> Array:
+def _sum_power(overlap: Array, power: float, places: Array, weights: Array) -> Array:
     """Sum of w (y + t)_+^p over the places t with weights w; ``overlap`` is y."""
 
     def evaluate(y: Array) -> Array:
         gap = y + places
         root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
-        terms = _whole_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
+        terms = _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
         return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
 
-    return in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // places.size)
+    return evaluate_in_blocks(lambda y: evaluate(y[:, None]), overlap, _NUMBERS_AT_ONCE // places.size)
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:

@@ -43,7 +43,7 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
         raise InputError(
             message(
                 f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
-                "At one the contact slides, and has no shear stiffness",
+                "At 1 the contact slides, and has no shear stiffness",
             )
         )
     return np.cbrt(1.0 - mobilised)[()]

@@ -118,7 +118,7 @@ class Lattice:
         if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > TOUCH:
             raise InputError(
                 message(
-                    f"lattice {self.name!r} has no pressure",
+                    f"the stress of lattice {self.name!r} is not a pressure",
                     f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d",
                     "Load it by force or overlap",
                 )
@@ -176,5 +176,9 @@ def one_direction(direction: ArrayLike) -> Array:
     """
     along = as_direction(direction)
     if along.ndim > 1:
-        raise InputError(message(f"direction is {brief(direction)}", "This is found in one direction", "Give (x, y)"))
+        raise InputError(
+            message(
+                f"direction is {brief(direction)}", "This quantity is found along one direction at a time", "Give (x, y)"
+            )
+        )
     return along

@@ -90,7 +90,7 @@ class Material:
 
     @cached_property
     def _resonance_number(self) -> float:
-        return _lowest_root(self.poisson_ratio)
+        return _find_lowest_root(self.poisson_ratio)
 
     def lowest_resonance(self, diameter: float) -> float:
         """Frequency of the lowest free vibration of a ball of this material, Hz.
@@ -106,7 +106,7 @@ class Material:
 _TORSIONAL = 2.501132620409395
 
 
-def _lowest_root(sigma: float) -> float:
+def _find_lowest_root(sigma: float) -> float:
     """Lowest reduced frequency omega R / v_T of the free vibrations of a sphere of Poisson ratio ``sigma``.
 
     It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,

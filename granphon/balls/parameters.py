@@ -18,7 +18,7 @@ from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, message
 from granphon.base.text import closest
 
-__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "of_width"]
+__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "change_width"]
 
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
@@ -48,7 +48,7 @@ class Axis:
                     f"Did you mean {guess}?" if guess else "Use one of these",
                 )
             )
-        return cls(name, _choices(name, given) if PARAMETERS[name] is None else real_list(name, given))
+        return cls(name, _make_choices(name, given) if PARAMETERS[name] is None else real_list(name, given))
 
     @property
     def unit(self) -> str | None:
@@ -62,7 +62,7 @@ class Axis:
             return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
             names, seen = [], Counter[str]()
-            for name in map(_spread_name, self.values):
+            for name in map(_name_spread, self.values):
                 names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
                 seen[name] += 1
             return tuple(names)
@@ -75,12 +75,12 @@ class Axis:
             return self
         return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
 
-    def worded(self, label: Any) -> str:
+    def describe(self, label: Any) -> str:
         """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
         return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
 
 
-def _choices(name: str, given: Any) -> tuple[Any, ...]:
+def _make_choices(name: str, given: Any) -> tuple[Any, ...]:
     plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
     values = tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,)
     if not values:
@@ -88,11 +88,11 @@ def _choices(name: str, given: Any) -> tuple[Any, ...]:
     return values
 
 
-def _spread_name(spread: Any) -> str:
+def _name_spread(spread: Any) -> str:
     return f"{type(spread).__name__}, W = {spread.width:.6g} m" if isinstance(spread, Spread) else "equal balls"
 
 
-def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
+def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
     """The distribution of the same shape and mean whose width is W = ``width``, m; uniform if ``spread`` is None.
 
     Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all the same, or if the
@@ -113,19 +113,19 @@ def of_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete
     if spread is None or isinstance(spread, Uniform):
         return uniform
     what = f"a {type(spread).__name__} cannot be given another width"
-    raise InputError(message(what, "Its parameters are not known here", "Give the spreads themselves"))
+    raise InputError(message(what, "The parameters of this class are not known", "Give the spreads themselves"))
 
 
 def change_packing(packing: Packing, values: Mapping[str, Any]) -> Packing:
     """The packing with other values of some of its :data:`PARAMETERS`.
 
-    A ``width`` scales the spread (:func:`of_width`); a ``diameter`` leaves the spread as it is. Raises :class:`InputError`
-    if such a packing is not possible.
+    A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is. Raises
+    :class:`InputError` if such a packing is not possible.
     """
     rest = dict(values)
     material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
     if "width" in rest:
-        rest["spread"] = of_width(rest.get("spread", packing.spread), rest.pop("width"))
+        rest["spread"] = change_width(rest.get("spread", packing.spread), rest.pop("width"))
     return replace(packing, material=replace(packing.material, **material), **rest)
 
 
@@ -147,7 +147,7 @@ def combine(packing: Packing, axes: Sequence[Axis]) -> list[tuple[str, Packing]]
     count_combinations(axes)
     out = []
     for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
-        where = ", ".join(axis.worded(label) for axis, (_, label) in zip(axes, pairs, strict=True))
+        where = ", ".join(axis.describe(label) for axis, (_, label) in zip(axes, pairs, strict=True))
         try:
             one = change_packing(packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)})
         except InputError as error:

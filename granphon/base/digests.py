@@ -19,14 +19,14 @@ import numpy as np
 from granphon.base.errors import TOO_LARGE, GranphonError, InputError, UnverifiedFileWarning, message
 from granphon.base.reading import read_utf8
 
-__all__ = ["canonical", "damage_error", "digest", "own_file", "read_sealed", "seal", "warn_unverified"]
+__all__ = ["canonical", "damage_error", "digest", "require_own_file", "read_sealed", "seal", "warn_unverified"]
 
 _SEAL = "# sha256 of all other lines: "
 
 
 def seal(lines: list[str], place: int = 0) -> str:
     """The text of ``lines`` with a comment line that holds their digest, inserted before ``lines[place]``."""
-    return "\n".join([*lines[:place], _SEAL + _of_lines([*lines, ""]), *lines[place:], ""])
+    return "\n".join([*lines[:place], _SEAL + _digest_lines([*lines, ""]), *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
@@ -39,12 +39,12 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
     if not places:
         return "\n".join(lines), False
     line = lines.pop(places[0])
-    if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _of_lines(lines):
+    if not re.fullmatch(_SEAL + "[0-9a-f]{64}", line) or line != _SEAL + _digest_lines(lines):
         raise damage_error(path, f"sha256 in line {places[0] + 1}")
     return "\n".join(lines), True
 
 
-def _of_lines(lines: list[str]) -> str:
+def _digest_lines(lines: list[str]) -> str:
     # line by line, so that a text of millions of lines is not held in memory a second time
     found, between = hashlib.sha256(), ""
     for line in lines:
@@ -58,8 +58,8 @@ def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
     return InputError(
         message(
             f"{path} was damaged, or edited after granphon wrote it",
-            f"Its digest ({where}) is not that of its data",
-            "Make it again; or remove the digest to read it as it is",
+            f"Its digest ({where}) does not match its data",
+            "Make it again, or remove the digest to read it as it is",
         )
     )
 
@@ -74,7 +74,7 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
+def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon."""
     try:
         yield
@@ -109,4 +109,4 @@ def canonical(data: Any) -> str:
         return float(data).hex() if abs(data) < TOO_LARGE and float(data) == data else str(data)
     if isinstance(data, float):
         return data.hex()
-    raise InputError(message(f"found a {type(data).__name__} among plain data"))
+    raise InputError(message(f"plain data cannot hold a {type(data).__name__}"))

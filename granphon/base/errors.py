@@ -124,7 +124,7 @@ class UnverifiedFileWarning(UserWarning):
 
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line."""
-    sentences = [_one_line(part).rstrip(". ") for part in (what, why, mend) if part]
+    sentences = [_join_lines(part).rstrip(". ") for part in (what, why, mend) if part]
     return " ".join(one if one.endswith("?") else f"{one}." for one in sentences)
 
 
@@ -138,7 +138,7 @@ def brief(value: object, most: int = 80) -> str:
     if isinstance(value, list | tuple) and any(isinstance(one, int) and abs(one) >= TOO_LARGE for one in value):
         return "a list with a number that is too large"
     try:
-        text = _one_line(repr(value))
+        text = _join_lines(repr(value))
     except ValueError:  # Python does not write whole numbers of more than 4300 digits
         return "an array with a number that is too large"
     except RecursionError:
@@ -146,5 +146,5 @@ def brief(value: object, most: int = 80) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
-def _one_line(text: str) -> str:
+def _join_lines(text: str) -> str:
     return _BREAK.sub(" ", text)

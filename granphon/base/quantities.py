@@ -52,7 +52,7 @@ _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 
 
 @cache
-def _registry() -> Any:
+def _make_registry() -> Any:
     from pint import UnitRegistry
 
     registry: Any = UnitRegistry(None, non_int_type=Decimal)
@@ -103,12 +103,12 @@ class Quantity:
         if not unit:
             raise Refused(f"{show(value)}, without a unit", self.allowed, tip)
         try:
-            factor = _factor(self, unit)
+            factor = _find_factor(self, unit)
         except ValueError as wrong:
             meant = closest(unit, self.common.split(", "))
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
             raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
-        return self._value(number, factor, value)
+        return self._convert(number, factor, value)
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
         """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
@@ -119,12 +119,12 @@ class Quantity:
         import numpy as np  # here alone, so that the command's help needs no numpy
 
         try:
-            power = _power_of_ten(_factor(self, unit))
+            power = _find_power_of_ten(_find_factor(self, unit))
         except ValueError:
             return None
         if power is None or not all(map(_NUMBER.fullmatch, numbers)) or max(map(len, numbers)) + len(unit) >= _MOST_SIGNS:
             return None
-        values = np.array([float(number) if not power else float(_shifted(number, power)) for number in numbers])
+        values = np.array([float(number) if not power else float(_shift_point(number, power)) for number in numbers])
         size = np.abs(values)
         # left to :meth:`read`: zeros, numbers near the ends of the floating range, and negative numbers that may be refused
         plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
@@ -133,7 +133,7 @@ class Quantity:
     def measures(self, unit: str) -> bool:
         """Whether ``unit`` is one of this kind of quantity."""
         try:
-            return bool(_factor(self, unit))
+            return bool(_find_factor(self, unit))
         except ValueError:
             return False
 
@@ -141,7 +141,7 @@ class Quantity:
         """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
         return f"{value!r} {self.unit}"
 
-    def _value(self, number: str, factor: Fraction, value: str) -> float:
+    def _convert(self, number: str, factor: Fraction, value: str) -> float:
         rough = float(number)
         if not math.isfinite(rough):
             raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
@@ -160,24 +160,24 @@ class Quantity:
         return exact
 
 
-def _power_of_ten(factor: Fraction) -> int | None:
+def _find_power_of_ten(factor: Fraction) -> int | None:
     """n if the factor is 10^n; else None."""
     power = len(str(factor.numerator)) - len(str(factor.denominator))
     return power if factor == Fraction(10) ** power else None
 
 
-def _shifted(number: str, power: int) -> str:
+def _shift_point(number: str, power: int) -> str:
     """The text of a number times 10^power."""
     digits, _, exponent = number.lower().partition("e")
     return f"{digits}e{int(exponent or 0) + power}"
 
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit
-def _factor(kind: Quantity, unit: str) -> Fraction:
+def _find_factor(kind: Quantity, unit: str) -> Fraction:
     """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a unit of that kind."""
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
-    registry, own = _registry(), kind.unit.replace("%", "percent")
+    registry, own = _make_registry(), kind.unit.replace("%", "percent")
     text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("%", "percent").removeprefix("1/")
     text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
     try:
@@ -185,7 +185,7 @@ def _factor(kind: Quantity, unit: str) -> Fraction:
     except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
         raise ValueError("whose unit is not known") from None
     if parsed.dimensionality != registry.parse_units(own).dimensionality:
-        raise ValueError(f"whose unit is not one of {kind.name}")
+        raise ValueError(f"whose unit is not a unit of {kind.name}")
     return Fraction(registry.Quantity(Decimal(1), parsed).to(own).magnitude)
 
 

@@ -59,7 +59,7 @@ class Result:
         if type(other) is not type(self):
             return NotImplemented
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
-        return all(_same(a, b) for a, b in pairs)
+        return all(_are_equal(a, b) for a, b in pairs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # built by the constructor, so that the arrays of copies and pickles are read-only too
@@ -90,11 +90,13 @@ class Result:
         if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
         """
         given = dict(data) if isinstance(data, Mapping) else {}
-        if _class_of(given) != _written_name(cls):
+        if _read_class_name(given) != _name_class(cls):
             raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
         schema = given.get("schema", cls.schema)
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-            raise InputError(message(f"{cls.__name__} data have the schema {show(schema)}", mend="It is a whole number"))
+            raise InputError(
+                message(f"{cls.__name__} data have the schema {show(schema)}", mend="Give a whole number, 1 or more")
+            )
         if schema > cls.schema:
             raise InputError(
                 message(
@@ -109,9 +111,9 @@ class Result:
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
             units = plain(given.get("units", restored.said_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
-            raise InputError(message(f"the {cls.__name__} data are nested without end")) from None
+            raise InputError(message(f"the {cls.__name__} data are nested too deeply, or contain themselves")) from None
         if units != restored.said_units():
-            mend = "They are those that to_dict gives; other units are not converted"
+            mend = "Use the units that to_dict gives: other units are not converted"
             raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
         return restored
 
@@ -131,19 +133,21 @@ class Result:
                 continue
             found = (len(value),) if isinstance(value, tuple) else np.shape(value)
             if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
-                raise InputError(message(f"{name} of the {type(self).__name__} is not made of numbers"))
+                raise InputError(message(f"{name} of the {type(self).__name__} does not hold numbers"))
             if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
                 wanted = layout.replace("|", ") or (")
-                what = f"{name} of the {type(self).__name__} is of shape {found}, where ({wanted}) belongs"
-                raise InputError(message(what, so_far))
+                what = f"{name} of the {type(self).__name__} has the shape {found} instead of ({wanted})"
+                raise InputError(message(what, so_far and f"The other fields have {so_far}"))
 
     def check_finite(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an array among ``shapes`` holds an infinity or a nan."""
         for name in self.shapes:
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-                raise InputError(message(f"{name} of the {type(self).__name__} holds what is no finite number"))
+                raise InputError(
+                    message(f"{name} of the {type(self).__name__} holds values that are not finite (nan or infinite)")
+                )
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
@@ -163,7 +167,7 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
     return True
 
 
-def _same(a: Any, b: Any) -> bool:
+def _are_equal(a: Any, b: Any) -> bool:
     """Whether two fields are equal; in arrays nan, which stands for "not known", equals nan."""
     if not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray):
         return bool(a == b)
@@ -177,7 +181,7 @@ def plain(value: Any) -> Any:
     Values of other kinds are returned as they are.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        return {"class": _written_name(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+        return {"class": _name_class(type(value)), **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -213,11 +217,11 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and _class_of(value) == _written_name(hint):
+        if isinstance(value, Mapping) and _read_class_name(value) == _name_class(hint):
             return _restore_fields(value, hint)
     elif _is_scalar(value, hint):
         return value
-    raise InputError(message(f"{name}: found {_kind(value)} where {_hint_name(hint)} belongs"))
+    raise InputError(message(f"{name}: found {_describe_kind(value)} where {_name_hint(hint)} is needed"))
 
 
 def _is_scalar(value: Any, hint: Any) -> bool:
@@ -228,24 +232,24 @@ def _is_scalar(value: Any, hint: Any) -> bool:
     return hint in (str, bool, NoneType) and isinstance(value, hint)
 
 
-def _class_of(data: Mapping[str, Any]) -> str:
+def _read_class_name(data: Mapping[str, Any]) -> str:
     """The class name in plain data; "" if there is none, or if it is not a text."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
 
 
-def _written_name(kind: Any) -> str:
+def _name_class(kind: Any) -> str:
     """The name of a dataclass in plain data: its ``written_as`` if it has one, which keeps a former name."""
     return str(getattr(kind, "written_as", kind.__name__))
 
 
-def _kind(value: Any) -> str:
+def _describe_kind(value: Any) -> str:
     if isinstance(value, Mapping):
         return f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
     return f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
 
 
-def _hint_name(hint: Any) -> str:
+def _name_hint(hint: Any) -> str:
     return getattr(hint, "__name__", str(hint)) if not get_args(hint) else str(hint)
 
 
@@ -268,14 +272,16 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
             raise
         raise InputError(str(error)) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise InputError(message(f"{what} make no {build.__name__}", f"{type(error).__name__}: {error}")) from None
+        raise InputError(
+            message(f"no {build.__name__} can be made from {what}", f"{type(error).__name__}: {error}")
+        ) from None
     return made
 
 
 def _restore_one_of(value: Any, hints: tuple[Any, ...], name: str) -> Any:
     """Restore a value by the first hint that it fits; if it names a class among the hints, by that class alone."""
     if isinstance(value, Mapping):
-        hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _class_of(value)) or hints
+        hints = tuple(hint for hint in hints if getattr(hint, "__name__", None) == _read_class_name(value)) or hints
     for hint in hints[:-1]:
         try:
             return restore(value, hint, name)
@@ -295,10 +301,10 @@ def _restore_array(value: Any, dtype: Any, name: str) -> Any:
                 whole.real, whole.imag = real, imaginary
                 return whole
     elif isinstance(value, list | tuple | np.ndarray):
-        found = _as_numbers(value)
+        found = _make_array(value)
         if found is not None and found.dtype.kind in ("iu" if np.issubdtype(dtype, np.integer) else "iuf"):
             return found.astype(dtype)
-    raise InputError(message(f"{name}: found {_kind(value)} where an array of numbers belongs"))
+    raise InputError(message(f"{name}: found {_describe_kind(value)} where an array of numbers is needed"))
 
 
 def _restore_any(value: Any, name: str) -> Any:
@@ -306,16 +312,16 @@ def _restore_any(value: Any, name: str) -> Any:
     if isinstance(value, Mapping):
         return _restore_array(value, np.complex128, name)
     if isinstance(value, list | tuple | np.ndarray):
-        found = _as_numbers(value)
+        found = _make_array(value)
         if found is None or found.dtype.kind not in "biufc":
-            raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
+            raise InputError(message(f"{name}: found {_describe_kind(value)} where numbers are needed"))
         return found
     if value is None or isinstance(value, bool | int | float | str | np.generic):
         return value
-    raise InputError(message(f"{name}: found {_kind(value)} where numbers belong"))
+    raise InputError(message(f"{name}: found {_describe_kind(value)} where numbers are needed"))
 
 
-def _as_numbers(value: Any) -> np.ndarray[Any, Any] | None:
+def _make_array(value: Any) -> np.ndarray[Any, Any] | None:
     """``value`` as an array; None if it is ragged or too large, or mixes booleans with numbers."""
     if isinstance(value, np.ndarray):
         return value
@@ -323,10 +329,10 @@ def _as_numbers(value: Any) -> np.ndarray[Any, Any] | None:
         array = np.asarray(value)
     except (ValueError, OverflowError):  # ragged, or too large
         return None
-    if array.dtype.kind in "iufc" and any(isinstance(one, bool) for one in _leaves(value)):
+    if array.dtype.kind in "iufc" and any(isinstance(one, bool) for one in _list_leaves(value)):
         return None
-    return array if array.size or _leaves(value) == [] else None
+    return array if array.size or _list_leaves(value) == [] else None
 
 
-def _leaves(value: Any) -> list[Any]:
-    return [leaf for one in value for leaf in _leaves(one)] if isinstance(value, list | tuple) else [value]
+def _list_leaves(value: Any) -> list[Any]:
+    return [leaf for one in value for leaf in _list_leaves(one)] if isinstance(value, list | tuple) else [value]

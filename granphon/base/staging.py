@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
-from granphon.base.written_files import LIST, digest_file, files_written, is_written, list_text, read_record
+from granphon.base.written_files import LIST, digest_file, is_written, read_record, read_written_files, write_list_text
 
 __all__ = ["ResultFiles", "write_bytes", "write_text"]
 
@@ -117,8 +117,8 @@ class ResultFiles:
                     missing.mkdir(exist_ok=True)
                     made.append(missing)
             except OSError as error:
-                raise _failed(target, error) from None
-            with _locked(target) as alone:
+                raise _explain_failure(target, error) from None
+            with _hold_lock(target) as alone:
                 if alone:
                     _recover(target)
                 # checked again: another run may have written files before the lock was taken
@@ -143,9 +143,9 @@ class ResultFiles:
             yield place
             made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
             self.require_free()
-            _exchange(place, target, made, [*self._stale, *(name for name in self.names if name not in made)])
+            _exchange(place, target, made, [*self._find_stale, *(name for name in self.names if name not in made)])
         except OSError as error:
-            raise _failed(target, error) from None
+            raise _explain_failure(target, error) from None
         finally:
             # a record that is still there marks an exchange neither completed nor undone: the next run completes it
             if place is not None and not os.path.lexists(place / _RECORD):
@@ -163,9 +163,9 @@ class ResultFiles:
                 raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
             self._require_replaceable()
             if not os.access(nearest, os.W_OK | os.X_OK):
-                raise OutputError(message(f"{nearest} may not be written to", mend="Choose another folder"))
+                raise OutputError(message(f"there is no permission to write to {nearest}", mend="Choose another folder"))
         except OSError as error:
-            raise _failed(target, error) from None
+            raise _explain_failure(target, error) from None
 
     def _require_replaceable(self) -> None:
         target = self._target
@@ -173,8 +173,11 @@ class ResultFiles:
         folders = [name for name in there if (target / name).is_dir()]
         if folders:
             raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
-        written, known = files_written(target), {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known}
-        kept = "It is not replaced, with --force or without"
+        written, known = (
+            read_written_files(target),
+            {hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known},
+        )
+        kept = "Such a file is never replaced, not even with --force"
         for name in there:
             if self._is_read(name):
                 what = f"{target / name} is read by this run, and would be overwritten"
@@ -192,25 +195,25 @@ class ResultFiles:
                     "Use --force (force=True) to replace it, or choose another folder",
                 )
             )
-        for name in self._stale:
+        for name in self._find_stale:
             read = self._is_read(name)
             if read or not is_written(target / name, written[name]):
                 what = f"{target} holds {name} of an earlier run, and "
                 what += "this run reads it" if read else "it has been changed since"
-                why = "It would stand beside a result that it does not belong to, and is not removed"
+                why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
                 raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
 
     @property
-    def _stale(self) -> list[str]:
+    def _find_stale(self) -> list[str]:
         """Files of an earlier result, written by granphon, that the new result does not have."""
-        target, written = self._target, files_written(self.folder)
+        target, written = self._target, read_written_files(self.folder)
         return [one for one in self.earlier if one in written and one not in self.names and os.path.lexists(target / one)]
 
     def _is_read(self, name: str) -> bool:
         return any(_is_same_file(self._target / name, one) for one in self.inputs)
 
 
-def _failed(target: Path, error: OSError) -> GranphonError:
+def _explain_failure(target: Path, error: OSError) -> GranphonError:
     if isinstance(error, GranphonError):
         return error
     mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
@@ -221,7 +224,7 @@ def _failed(target: Path, error: OSError) -> GranphonError:
 
 
 @contextmanager
-def _locked(target: Path) -> Iterator[bool]:
+def _hold_lock(target: Path) -> Iterator[bool]:
     """Hold the lock during the block; yield whether it is certain that no other run is under way.
 
     On a file system that does not support locks, it is not.
@@ -242,12 +245,12 @@ def _lock_file(path: Path) -> int | None:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         except OSError as error:
-            raise _failed(path.parent, error) from None
+            raise _explain_failure(path.parent, error) from None
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             os.close(descriptor)
             what = f"{path} is not a lock that granphon made"
-            raise OutputError(message(what, "Ours is an empty file", "Move it away, or choose another folder"))
+            raise OutputError(message(what, "A lock of granphon is an empty file", "Move it away, or choose another folder"))
         try:
             _lock(descriptor)
         except OSError as error:
@@ -255,7 +258,7 @@ def _lock_file(path: Path) -> int | None:
             if error.errno in _NO_LOCKS:
                 return None
             what, why = f"another run is writing into {path.parent}", "Two runs would mix their files"
-            raise OutputError(message(what, why, "Wait for its end, or choose another folder")) from None
+            raise OutputError(message(what, why, "Wait until it ends, or choose another folder")) from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try again
             if os.path.samestat(os.fstat(descriptor), os.stat(path)):
@@ -271,12 +274,12 @@ def _exchange(place: Path, target: Path, names: Sequence[str], stale: Sequence[s
     for name in names:
         with open(place / name, "r+b") as stream:
             os.fsync(stream.fileno())
-    written = files_written(target)
+    written = read_written_files(target)
     there = [name for name in (*names, *stale) if os.path.lexists(target / name)]
     old = {name: written.get(name) or digest_file(target / name) for name in there}  # a known text need not be in the list
     files = {name: digest for name, digest in written.items() if name not in stale}
     files |= {name: digest_file(place / name) for name in names}
-    (place / LIST).write_text(list_text(files), encoding="utf-8")
+    (place / LIST).write_text(write_list_text(files), encoding="utf-8")
     replaced = place / _REPLACED
     replaced.mkdir()
     draft = place / (_RECORD + ".draft")
@@ -334,7 +337,7 @@ def _recover_unless_locked(target: Path) -> None:
     """Call :func:`_recover` if a run has left a staging folder, and no run is under way."""
     with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
         if any(target.glob(PREFIX + "*")):
-            with _locked(target) as alone:
+            with _hold_lock(target) as alone:
                 if alone:
                     _recover(target)
 
@@ -365,7 +368,7 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
             os.fsync(stream.fileno())
         os.replace(place / target.name, target)
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise _failed(target, error if isinstance(error, OSError) else OSError(str(error))) from None
+        raise _explain_failure(target, error if isinstance(error, OSError) else OSError(str(error))) from None
     finally:
         if place is not None:
             shutil.rmtree(place, ignore_errors=True)

@@ -92,22 +92,22 @@ class Table:
         """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for :meth:`read`."""
         kept = [(n, line) for n, line in enumerate(decode(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
-            raise InputError(message(f"{name} is empty", mend="Head the columns by names, and put numbers below them"))
+            raise InputError(message(f"{name} is empty", mend="Give each column a heading, with numbers below it"))
         (first, head), below = kept[0], kept[1:]
         mark = next((mark for mark in "\t;" if mark in head), ",")
-        titles = _cells(f"{name}:{first}", head, mark)
+        titles = _split_cells(f"{name}:{first}", head, mark)
         headings = tuple(Heading.parse(title) for title in titles)
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
             what = (
                 f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
             )
-            raise InputError(message(what, mend="Head the columns by names, such as 'force (N), velocity (m/s)'"))
+            raise InputError(message(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"))
         lines, texts = tuple(n for n, _ in below), [line for _, line in below]
-        return cls(name, headings, lines, _columns(name, lines, texts, mark, len(titles)), quoted)
+        return cls(name, headings, lines, _read_columns(name, lines, texts, mark, len(titles)), quoted)
 
     def __contains__(self, name: str) -> bool:
-        return self._places(name) != []
+        return self._find_places(name) != []
 
     def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
         """The numbers of the column called ``name``, (rows,), converted to the SI unit of their ``kind``.
@@ -116,7 +116,7 @@ class Table:
         the advice of the message if the column is not found. Raises :class:`~granphon.base.errors.InputError` if there is
         no such column or more than one, if it has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
-        wanted, places = Heading.parse(name), self._places(name)
+        wanted, places = Heading.parse(name), self._find_places(name)
         if len(places) != 1:
             names = [heading.name for heading in self.headings]
             meant = closest(wanted.name, names)
@@ -133,17 +133,19 @@ class Table:
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
         if not unit:
-            head = f"Head it '{heading} ({kind.unit})', or by the unit that is meant; an option may say it too"
+            head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant; an option may give it too"
             raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):
-            what = f"{self.name}: the column {wanted.name!r} has a unit that is not one of {kind.name}"
-            raise InputError(message(what, mend=f"Head it '{wanted.name} ({kind.unit})', or by another such unit"))
+            what = f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of {kind.name}"
+            raise InputError(
+                message(what, mend=f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this kind")
+            )
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
         if values is None:  # read one by one, so that the error names the first bad cell
             values = np.array(
-                [self._value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
+                [self._read_value(n, cell, unit, heading, kind, quoted) for n, cell in zip(self.lines, cells, strict=True)]
             )
         return values
 
@@ -152,7 +154,7 @@ class Table:
 
         Raises KeyError if there is no such column, ValueError if a cell is not a number.
         """
-        for place in self._places(name):
+        for place in self._find_places(name):
             return np.array([float(cell) for cell in self.columns[place]])
         raise KeyError(name)
 
@@ -161,13 +163,13 @@ class Table:
 
         Empty if neither has a unit, or there is no such column.
         """
-        return Heading.parse(name).unit or next((self.headings[place].unit for place in self._places(name)), "")
+        return Heading.parse(name).unit or next((self.headings[place].unit for place in self._find_places(name)), "")
 
-    def _places(self, name: str) -> list[int]:
+    def _find_places(self, name: str) -> list[int]:
         wanted = Heading.parse(name).key
         return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
 
-    def _value(self, line: int, cell: str, unit: str, column: str, kind: Quantity, quoted: bool) -> float:
+    def _read_value(self, line: int, cell: str, unit: str, column: str, kind: Quantity, quoted: bool) -> float:
         if not re.fullmatch(NUMBER, cell):
             found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
             mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
@@ -214,28 +216,31 @@ def decode(name: str, raw: bytes) -> str:
     line = raw.count(b"\n", 0, at) + 1
     what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
     if not guess:
-        raise InputError(message(what, "The file looks like no text", "Is this the right file?"))
+        raise InputError(message(what, "The file does not look like text", "Is this the right file?"))
     mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
     raise InputError(message(what, f"The file looks like {guess}", mend))
 
 
-def _columns(name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int) -> tuple[tuple[str, ...], ...]:
+def _read_columns(
+    name: str, lines: Sequence[int], texts: Sequence[str], mark: str, count: int
+) -> tuple[tuple[str, ...], ...]:
     """The cells below each of ``count`` headings; errors name the line."""
     if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for text in texts):
         return (tuple(map(str.strip, texts)),)  # saves a tuple for each row of a long list
     rows = [
-        _fit_cells(f"{name}:{n}", _cells(f"{name}:{n}", text, mark), count) for n, text in zip(lines, texts, strict=True)
+        _fit_cells(f"{name}:{n}", _split_cells(f"{name}:{n}", text, mark), count)
+        for n, text in zip(lines, texts, strict=True)
     ]
     return tuple(zip(*rows, strict=True)) or ((),) * count
 
 
-def _cells(where: str, line: str, mark: str) -> tuple[str, ...]:
+def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
     if '"' not in line and len(line) < _LONGEST_CELL:  # gives the same cells as csv, at a tenth of the cost
         return tuple(cell.strip() for cell in line.split(mark))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
     except csv.Error as error:
-        raise InputError(message(f"{where} cannot be parted into columns", str(error))) from None
+        raise InputError(message(f"{where} cannot be split into columns", str(error))) from None
 
 
 def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...]:
@@ -247,5 +252,5 @@ def _fit_cells(where: str, cells: tuple[str, ...], count: int) -> tuple[str, ...
         return cells
     if any(cells[count:]):
         what = f"{where}: found {len(cells)} cells below {count} heading{'s' if count > 1 else ''}"
-        raise InputError(message(what, mend=f"{_POINT}, and part the columns by one mark"))
+        raise InputError(message(what, mend=f"{_POINT}, and separate all columns by the same character"))
     return cells[:count] + ("",) * (count - len(cells))

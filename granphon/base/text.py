@@ -102,7 +102,7 @@ def parse_yaml(text: str, name: str) -> Document:
     if odd:
         line = text.count("\n", 0, odd.start()) + 1
         raise SceneError(f"{name}:{line}: found the character {odd[0]!r}; allowed: printable text. Is this the right file?")
-    return _Builder(text, name).document()
+    return _Builder(text, name).build()
 
 
 class _Builder:
@@ -113,18 +113,20 @@ class _Builder:
         self.lines: dict[Path_, int] = {}
         self.at = 1
 
-    def document(self) -> Document:
-        self.events = self._events()
+    def build(self) -> Document:
+        self.events = self._read_events()
         _, first = next(self.events), next(self.events)
         if type(first).__name__ == "StreamEndEvent":
-            raise self._broken("found an empty text", "a scene", "'granphon init' writes one")
-        data = self._value((), 0)
+            raise self._make_error("found an empty text", "a scene", "'granphon init' writes one")
+        data = self._build_value((), 0)
         next(self.events)
         if type(next(self.events)).__name__ != "StreamEndEvent":
-            raise self._broken("found a second document ('---')", "one document", "Put the second into a file of its own")
+            raise self._make_error(
+                "found a second document ('---')", "one document", "Put the second into a file of its own"
+            )
         return Document(self.name, data, self.lines)
 
-    def _events(self) -> Iterator[Any]:
+    def _read_events(self) -> Iterator[Any]:
         from ruamel.yaml import YAML
         from ruamel.yaml.error import MarkedYAMLError
 
@@ -135,53 +137,55 @@ class _Builder:
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             self.at = mark.line + 1 if mark is not None else self.at
-            raise self._broken(f"broken YAML, {error.problem or error.context}", "YAML", _hint(str(error.problem))) from None
+            raise self._make_error(
+                f"broken YAML, {error.problem or error.context}", "YAML", _explain_problem(str(error.problem))
+            ) from None
         except Exception as error:  # any other error of the parser is due to the text too
-            raise self._broken(f"broken YAML ({error})", "YAML") from None
+            raise self._make_error(f"broken YAML ({error})", "YAML") from None
 
-    def _broken(self, what: str, allowed: str, mend: str = "", at: int | None = None) -> SceneError:
+    def _make_error(self, what: str, allowed: str, mend: str = "", at: int | None = None) -> SceneError:
         return SceneError(f"{self.name}:{at or self.at}: {what}; allowed: {allowed}." + (f" {mend}." if mend else ""))
 
-    def _value(self, path: Path_, depth: int, event: Any = None) -> Any:
+    def _build_value(self, path: Path_, depth: int, event: Any = None) -> Any:
         event = event or next(self.events)
         kind = type(event).__name__
         self.lines.setdefault(path, self.at)
         where = ".".join(str(p) for p in path)
         where = f"{where}: " if where.isprintable() and where else ""
         if kind == "AliasEvent" or getattr(event, "anchor", None) is not None:
-            raise self._broken(f"{where}found an anchor or alias (& or *)", "plain values", "Write the value out")
+            raise self._make_error(f"{where}found an anchor or alias (& or *)", "plain values", "Write the value out")
         if getattr(event, "tag", None) is not None:
-            raise self._broken(f"{where}found the tag {show(str(event.tag))}", "plain values", "Leave the tag out")
+            raise self._make_error(f"{where}found the tag {show(str(event.tag))}", "plain values", "Leave the tag out")
         if depth > MAX_DEPTH:
-            raise self._broken(f"{where}found more than {MAX_DEPTH} levels of nesting", "the levels of a scene")
+            raise self._make_error(f"{where}found more than {MAX_DEPTH} levels of nesting", "the levels of a scene")
         if kind == "ScalarEvent":
             if odd := _ODD.search(event.value):
-                raise self._broken(f"{where}found the character {odd[0]!r}", "printable text")
+                raise self._make_error(f"{where}found the character {odd[0]!r}", "printable text")
             try:
                 return plain_scalar(event.value) if event.implicit[0] else event.value
             except Refused as refused:
-                raise self._broken(f"{where}found {refused.found}", refused.allowed) from None
+                raise self._make_error(f"{where}found {refused.found}", refused.allowed) from None
         if kind == "SequenceStartEvent":
             items: list[Any] = []
             while type(event := next(self.events)).__name__ != "SequenceEndEvent":
-                items.append(self._value((*path, len(items)), depth + 1, event))
+                items.append(self._build_value((*path, len(items)), depth + 1, event))
             return items
         mapping: dict[str, Any] = {}
         while type(event := next(self.events)).__name__ != "MappingEndEvent":
             if type(event).__name__ != "ScalarEvent":
-                raise self._broken(f"{where}found a list or block as a key", "a word")
+                raise self._make_error(f"{where}found a list or block as a key", "a word")
             key, here = event.value, (*path, event.value)
             if key in mapping:
-                raise self._broken(
+                raise self._make_error(
                     f"{'.'.join(map(str, here))}: found the key twice (first on line {self.lines[here]})",
                     "each key once", "Remove one of the two",
                 )  # fmt: skip
-            self._value(here, depth + 1, event)  # notes the key's line, and refuses a tag or anchor on the key
-            mapping[key] = self._value(here, depth + 1)
+            self._build_value(here, depth + 1, event)  # notes the key's line, and refuses a tag or anchor on the key
+            mapping[key] = self._build_value(here, depth + 1)
         return mapping
 
 
-def _hint(problem: str) -> str:
+def _explain_problem(problem: str) -> str:
     if "\\t" in problem or "tab" in problem:
         return "Indent with spaces"
     if "mapping values are not allowed" in problem:
@@ -225,26 +229,26 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     for key, value in data.items():
         plain = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(plain, Mapping) and plain:
-            out.append(f"{indent}{_key(key)}:\n{dump_yaml(plain, indent + '  ')}")
+            out.append(f"{indent}{_write_key(key)}:\n{dump_yaml(plain, indent + '  ')}")
         elif isinstance(plain, list | tuple) and any(isinstance(v, list | tuple | Mapping) for v in plain):
-            out.append(f"{indent}{_key(key)}:\n" + "".join(f"{indent}  - {_flow(v)}\n" for v in plain))
+            out.append(f"{indent}{_write_key(key)}:\n" + "".join(f"{indent}  - {_write_flow(v)}\n" for v in plain))
         else:
-            out.append(f"{indent}{_key(key)}: {_flow(plain)}\n")
+            out.append(f"{indent}{_write_key(key)}: {_write_flow(plain)}\n")
     return "".join(out)
 
 
-def _key(key: Any) -> str:
+def _write_key(key: Any) -> str:
     """A key, in quotes unless it is a word that is a text to every reader."""
     is_word = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", str(key)) and str(key).lower() not in _NO_TEXTS
-    return str(key) if is_word else _flow(str(key))
+    return str(key) if is_word else _write_flow(str(key))
 
 
-def _flow(value: Any) -> str:
+def _write_flow(value: Any) -> str:
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(key)}: {_flow(v)}" for key, v in value.items()) + "}"
+        return "{" + ", ".join(f"{_write_key(key)}: {_write_flow(v)}" for key, v in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_flow(v) for v in value) + "]"
+        return "[" + ", ".join(_write_flow(v) for v in value) + "]"
     if isinstance(value, float):
         if not math.isfinite(value):
             return ".nan" if math.isnan(value) else (".inf" if value > 0 else "-.inf")

@@ -22,7 +22,7 @@ from granphon.base.text import closest, show
 
 __all__ = [
     "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "number", "number_list",
-    "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth", "unknown_key", "whole",
+    "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth", "refuse_unknown_key", "whole",
     "zero_or_above",
 ]  # fmt: skip
 
@@ -47,7 +47,7 @@ def require(name: str, rule: Rule, value: Any) -> Any:
         raise InputError(f"{'.'.join(map(str, (name, *refused.path)))}: {refused}") from None
 
 
-def unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
+def refuse_unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refused:
     """The refusal of a key that is not one of ``known``."""
     meant = closest(key, known)
     return Refused(
@@ -62,15 +62,15 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
         raise Refused(show(value), allowed)
     for key in value:
         if key not in rules:
-            raise unknown_key(key, rules)
+            raise refuse_unknown_key(key, rules)
     read = {key: read_inside(key, rules[key], item) for key, item in value.items()}
     for key in needed:
         if key not in value:
-            raise Refused("nothing, and it has no default", _allowed(rules[key]), path=(key,))
+            raise Refused("nothing, and it has no default", _describe_allowed(rules[key]), path=(key,))
     return read
 
 
-def _allowed(rule: Rule) -> str:
+def _describe_allowed(rule: Rule) -> str:
     """Find the words for what a rule allows: give it None, which it refuses, and read the refusal."""
     try:
         rule(None)
@@ -205,26 +205,26 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
     of different lengths; and lists that contain themselves.
     """
     if _is_masked(values):
-        raise _not_real(values, "which has masked entries", "Leave them out, as .compressed() does.")
+        raise _make_refusal(values, "which has masked entries", "Leave them out, as .compressed() does.")
     try:
         given = np.asarray(values)
     except (TypeError, ValueError):  # lists of different lengths
-        raise _not_real(values) from None
+        raise _make_refusal(values) from None
     if given.dtype.kind == "O":  # Python's integers of more than 64 bits, fractions, decimals
         if not all(map(_is_real, given.ravel().tolist())):
-            raise _not_real(values, "which is complex" if any(map(_is_complex, given.ravel())) else "")
+            raise _make_refusal(values, "which is complex" if any(map(_is_complex, given.ravel())) else "")
         try:
             return given.astype(np.float64)
         except OverflowError:
-            raise _not_real(values, "which is too large") from None
+            raise _make_refusal(values, "which is too large") from None
         except ValueError:  # a signalling nan among decimals
-            raise _not_real(values) from None
+            raise _make_refusal(values) from None
     if given.dtype.kind not in "iuf":
-        raise _not_real(values, "which is complex" if given.dtype.kind == "c" else "")
+        raise _make_refusal(values, "which is complex" if given.dtype.kind == "c" else "")
     with np.errstate(over="ignore"):
         array = np.asarray(given, np.float64)
     if given.dtype.itemsize > array.dtype.itemsize and np.any(np.isinf(array) & np.isfinite(given)):
-        raise _not_real(values, "which is too large")
+        raise _make_refusal(values, "which is too large")
     return array
 
 
@@ -247,7 +247,7 @@ def number_list(values: Any) -> tuple[float, ...]:
     return tuple(array.tolist())
 
 
-def _not_real(values: Any, why: str = "", mend: str = "") -> Refused:
+def _make_refusal(values: Any, why: str = "", mend: str = "") -> Refused:
     found = brief(values)
     said = f"{found}, {why}" if why and not found.endswith("too large") else found
     large = "too large" in said

@@ -16,7 +16,7 @@ from typing import Any
 from granphon.base.errors import GranphonError
 from granphon.base.reading import read_bytes
 
-__all__ = ["LIST", "digest_file", "files_written", "is_written", "list_text", "read_record"]
+__all__ = ["LIST", "digest_file", "read_written_files", "is_written", "write_list_text", "read_record"]
 
 #: the list of the files that granphon wrote into a folder, each with its SHA-256
 LIST = ".granphon-files"
@@ -24,7 +24,7 @@ LIST = ".granphon-files"
 LIST_SCHEMA = 1
 
 
-def files_written(folder: str | os.PathLike[str]) -> dict[str, str]:
+def read_written_files(folder: str | os.PathLike[str]) -> dict[str, str]:
     """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list."""
     data = read_record(Path(folder) / LIST)
     files = data.get("files") if data.get("schema") == LIST_SCHEMA else None
@@ -39,7 +39,7 @@ def read_record(path: Path) -> dict[str, Any]:
     return {}
 
 
-def list_text(files: Mapping[str, str]) -> str:
+def write_list_text(files: Mapping[str, str]) -> str:
     """The text of a list of ``files``, which maps the name of each file to its SHA-256."""
     return json.dumps({"schema": LIST_SCHEMA, "files": files}, indent=1) + "\n"
 

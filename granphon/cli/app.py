@@ -25,7 +25,7 @@ app = typer.Typer(
 )  # fmt: skip
 
 
-def _version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from granphon import __version__
 
@@ -36,7 +36,7 @@ def _version(wanted: bool) -> None:
 @app.callback(epilog=_EXIT_CODES)
 def _granphon(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Vibrations and sound velocities of granular crystals: elastic balls in contact, rotations included.

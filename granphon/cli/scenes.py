@@ -21,7 +21,7 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
 #: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
 #: what the message of an interruption adds if a part of a sweep has been finished
-_GO_ON = "What a sweep has finished is kept: the same command again goes on."
+_GO_ON = "The finished parts of the sweep are kept: run the same command again to continue."
 
 
 @app.command("init")
@@ -82,7 +82,7 @@ def check_scene(scene: SceneFile) -> None:
         for warning in validity(state).warnings
     ]
     read.to_yaml()  # raises now if a run could not write the scene
-    rows += [("left to the run", left)] if left else []
+    rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")
     say_table(rows)
     say_table([("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))])
@@ -133,7 +133,7 @@ def run_scene(
     read = Scene.from_yaml(scene)
     if resume and not force and is_complete(read, out):
         if not quiet:
-            say(f"{out} is complete: it holds what this scene gives. Nothing was computed.")
+            say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
     cost = read.cost()
     if cost is not None and not quiet and cost.seconds > _LONG:

@@ -62,7 +62,7 @@ def fit_measurements(
     from granphon.base.quantities import LENGTH
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.fit import FIT_FILES, fit_width, force_of_pressure
+    from granphon.fits.fit import FIT_FILES, convert_pressure, fit_width
     from granphon.fits.measurements import FREQUENCY, Measurements, read_sigma
     from granphon.scene.scene import Scene
 
@@ -73,7 +73,7 @@ def fit_measurements(
         files.require_free()
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
-        raise InputError(message(f"{scene} has several media", mend="Leave the one that is to be fitted"))
+        raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema"
     medium = read.media[0] if read.balls_differ or read.media[0].name != "ala" else "ema"
     balls = read.load.balls_per_side
@@ -82,7 +82,7 @@ def fit_measurements(
         {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
         None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(force_of_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
+        partial(convert_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
     )
     found = fit_width(
         read.packing, measured.force, measured.velocity,
@@ -131,7 +131,7 @@ def measure_tradeoff(
     from granphon.base.progress import on_stderr
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.cli.wording import work_and_precision
+    from granphon.cli.wording import describe_tradeoff
     from granphon.fits.measurements import TIME
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
@@ -161,7 +161,7 @@ def measure_tradeoff(
     failures = _write_study(files, write, figure)
     with _tell_study(out, TRADEOFF_FILES, failures, quiet):
         warn(tuple(failures.values()))
-        for line in () if quiet else work_and_precision(found):
+        for line in () if quiet else describe_tradeoff(found):
             say(line)
 
 
@@ -192,4 +192,4 @@ def _tell_study(out: str | None, names: Sequence[str], failures: Mapping[str, st
 def _require_one_packing(what: str, scene: str, read: Scene) -> None:
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
-        raise InputError(message(swept, f"{what} is that of one packing", "Leave the block 'sweep' out"))
+        raise InputError(message(swept, f"{what} is for one packing", "Leave the block 'sweep' out"))

@@ -42,7 +42,7 @@ def fail(text: str, code: int) -> int:
 def require_name(option: str, path: str | None) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is an empty text."""
     if path == "":
-        raise InputError(message(f"{option} is empty", mend="Name a file or folder; was a shell variable not set"))
+        raise InputError(message(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set"))
 
 
 class Interrupted(Exception):

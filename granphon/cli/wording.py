@@ -20,51 +20,51 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 __all__ = [
-    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "human", "span",
-    "work_and_precision",
+    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "write_quantity", "write_range",
+    "describe_tradeoff",
 ]  # fmt: skip
 
 
-def human(value: float, unit: str) -> str:
+def write_quantity(value: float, unit: str) -> str:
     """Text of a value in the SI unit ``unit``, with five digits and a decimal prefix, such as "8 mm"."""
     size, name = prefixed(value, unit)
     return f"{value / size:.5g} {name}"
 
 
-def span(value: float | Sequence[float], unit: str) -> str:
-    """Text of a value, or of the least and the greatest of several, as :func:`human` writes them."""
+def write_range(value: float | Sequence[float], unit: str) -> str:
+    """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
     values = value if isinstance(value, Sequence) else [value]
-    return " to ".join(human(end, unit) for end in sorted({min(values), max(values)}))
+    return " to ".join(write_quantity(end, unit) for end in sorted({min(values), max(values)}))
 
 
-def _pressed(load: Load) -> str:
+def _describe_load(load: Load) -> str:
     frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
     several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
-    return f"{load.kind.replace('_', ' ')} {span(load.values, LOADS[load.kind].unit)}{several}{frame}"
+    return f"{load.kind.replace('_', ' ')} {write_range(load.values, LOADS[load.kind].unit)}{several}{frame}"
 
 
-def _spread(packing: Packing) -> str:
+def _describe_spread(packing: Packing) -> str:
     """Form of the spread, and its W: the full width of a uniform spread; for others W = sqrt(12) times the rms deviation."""
     if not packing.width:
         return "none"
-    form, width = type(packing.spread).__name__.lower(), human(packing.width, "m")
+    form, width = type(packing.spread).__name__.lower(), write_quantity(packing.width, "m")
     if form == "uniform":
-        return f"{form}, W = {width} (the mean +/- {human(packing.width / 2.0, 'm')})"
-    return f"{form}, W = {width} (sqrt(12) times the rms, {human(packing.width / math.sqrt(12.0), 'm')})"
+        return f"{form}, W = {width} (the mean +/- {write_quantity(packing.width / 2.0, 'm')})"
+    return f"{form}, W = {width} (sqrt(12) times the rms, {write_quantity(packing.width / math.sqrt(12.0), 'm')})"
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows that describe a scene: names, and values in readable units."""
     packing, material = scene.packing, scene.packing.material
-    elastic = f"E = {human(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
-    yields = "" if material.yield_strength is None else f", yields at {human(material.yield_strength, 'Pa')}"
+    elastic = f"E = {write_quantity(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
+    yields = "" if material.yield_strength is None else f", yields at {write_quantity(material.yield_strength, 'Pa')}"
     friction = "with friction" if packing.friction else "without friction"
     same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
     rows = [
         ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
-        ("packing", f"{packing.structure.name}, balls of {human(packing.diameter, 'm')}, {friction}"),
-        ("spread", _spread(packing)),
-        ("load", _pressed(scene.load)),
+        ("packing", f"{packing.structure.name}, balls of {write_quantity(packing.diameter, 'm')}, {friction}"),
+        ("spread", _describe_spread(packing)),
+        ("load", _describe_load(scene.load)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
     if not scene.is_sweep and scene.media[0].is_automatic:
@@ -77,8 +77,12 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     elif scene.rung.is_quick:
         state = scene.state()
         rows += [
-            ("contact", f"force {human(state.force, 'N')}, overlap {human(state.overlap, 'm')}"),
-            ("stiffness", f"normal {human(state.normal_stiffness, 'N/m')}, shear {human(state.shear_stiffness, 'N/m')}"),
+            ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),
+            (
+                "stiffness",
+                f"normal {write_quantity(state.normal_stiffness, 'N/m')},"
+                f" shear {write_quantity(state.shear_stiffness, 'N/m')}",
+            ),
         ]
     cost = scene.cost()
     if cost is not None:
@@ -113,8 +117,10 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
     for name, one in CATALOGUE.items():
         if one.told and name in numbers:
-            error = f" +/- {human(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
-            rows.append((one.label.lower(), span(numbers[name], one.unit) + error + (along if one.unit == "m/s" else "")))
+            error = f" +/- {write_quantity(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
+            rows.append(
+                (one.label.lower(), write_range(numbers[name], one.unit) + error + (along if one.unit == "m/s" else ""))
+            )
     return rows
 
 
@@ -124,9 +130,9 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
     def valued(value: float, error: float, unit: str) -> str:
         return (
-            f"{human(value, unit)} +/- {human(error, unit)}"
+            f"{write_quantity(value, unit)} +/- {write_quantity(error, unit)}"
             if math.isfinite(error)
-            else f"{human(value, unit)}, error not known"
+            else f"{write_quantity(value, unit)}, error not known"
         )
 
     rows = []
@@ -144,15 +150,15 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     return rows
 
 
-def work_and_precision(result: TradeOff) -> list[str]:
+def describe_tradeoff(result: TradeOff) -> list[str]:
     """Lines of the tables of a trade-off, one table for each study."""
     heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
-    loads = span(result.loads, LOADS[result.kind].unit)
+    loads = write_range(result.loads, LOADS[result.kind].unit)
     lines = [
         f"errors at {len(result.loads)} load{'s' if len(result.loads) > 1 else ''}, {loads}; {result.runs} warm runs each"
     ]
     for study in result.studies:
-        rows = [heads, *(_point_cells(point) for point in result.of(study))]
+        rows = [heads, *(_write_point(point) for point in result.of(study))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
         lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
         lines += [
@@ -160,19 +166,19 @@ def work_and_precision(result: TradeOff) -> list[str]:
         ]
         if study in result.references:
             lines.append(f"  reference: {result.references[study]}")
-    return [*lines, "", f"took {human(result.seconds, 's')} of {human(result.budget, 's')}"]
+    return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]
 
 
-def _point_cells(point: MeasuredPoint) -> tuple[str, ...]:
+def _write_point(point: MeasuredPoint) -> tuple[str, ...]:
     if point.failure and not point.seconds:
         return point.method, point.knob, *[""] * 6, point.failure
-    times = (human(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
+    times = (write_quantity(seconds, "s") if seconds else "0 s" for seconds in (point.seconds, point.spread, point.setup))
     return (
         point.method,
         point.knob,
         f"{point.error:.2e}" if point.errors.size else "?",
         *times,
-        human(point.memory, "B"),
+        write_quantity(point.memory, "B"),
         f"{point.floor:.0e}",
         point.note,
     )

@@ -100,7 +100,10 @@ class AcousticBranch:
         target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
-                message(f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}")
+                message(
+                    f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}",
+                    mend="Choose lower frequencies",
+                )
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
         q, omega = (

@@ -33,7 +33,7 @@ def as_wavevectors(wavevectors: ArrayLike, dimension: int) -> Array:
     """Wave vectors as (n_q, dimension), from any (..., dimension); :class:`~granphon.base.errors.InputError` otherwise."""
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (dimension,):
-        raise InputError(message(f"wave vectors of shape {q.shape}", mend=f"Give (n_q, {dimension})"))
+        raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {dimension})"))
     return q.reshape(-1, dimension)
 
 
@@ -47,7 +47,7 @@ class _Waves(NamedTuple):
     even: NDArray[Any]
     half: Array
 
-    def at(self, wavevectors: Array, derivative: bool) -> NDArray[Any]:
+    def compute_rows(self, wavevectors: Array, derivative: bool) -> NDArray[Any]:
         """Return (n_q, kinds * n_c, n_branches) rows, or their derivatives with respect to the half angle."""
         angle = wavevectors @ self.half.T
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -59,7 +59,7 @@ class _Waves(NamedTuple):
         kinds, contacts, branches = self.odd.shape
         return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, branches)
 
-    def half_vectors(self) -> Array:
+    def repeat_half_vectors(self) -> Array:
         """Return (kinds * n_c, d) gradients of each row's half angle with respect to q."""
         return np.tile(self.half, (len(self.odd), 1))
 
@@ -162,7 +162,7 @@ class Compatibility:
         """Return Cartesian wave vectors (..., d), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
         q, count = real_array("fractions", fractions), len(self.cell)
         if q.shape[-1:] not in ((count,), (3,)):
-            raise InputError(message(f"fractions of shape {q.shape}", mend="Give (..., 2) or (..., 3) of them"))
+            raise InputError(message(f"the fractions have the shape {q.shape}", mend="Give an array (..., 2) or (..., 3)"))
         return np.asarray(q[..., :count] @ self.reciprocal)
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
@@ -195,9 +195,9 @@ class Compatibility:
         -------
         (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
         """
-        rows = self._rows(wavevectors, derivative)
+        rows = self._compute_rows(wavevectors, derivative)
         if derivative:
-            return np.asarray(rows[:, None] * self._own_waves.half_vectors().T[None, :, :, None])
+            return np.asarray(rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None])
         return rows
 
     @cached_property
@@ -209,7 +209,7 @@ class Compatibility:
             roll=self.bending, gyration_i=self.gyration[table.i], gyration_j=self.gyration[table.j],
         )  # fmt: skip
 
-    def _weighted_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
+    def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.
 
         With ``prestress`` the rows are those of displacements across contacts, and the roots those of |f/a|.
@@ -220,7 +220,7 @@ class Compatibility:
             rows, stiffness = self.rows, self.stiffness
         return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
 
-    def _ends(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
+    def _combine_ends(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
         """Return the difference and the sum of the effects of each motion of the frame at the two ends of each contact.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
@@ -240,21 +240,21 @@ class Compatibility:
         # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
         # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
-        rows, root = self._weighted_rows(prestress)
-        gap, total = self._ends(rows, root)
+        rows, root = self._weight_rows(prestress)
+        gap, total = self._combine_ends(rows, root)
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
         phase = of_rows * np.tile(self.motions.phases, self.n_balls)
         odd, even = 1j * phase * total, phase * gap
         half = 0.5 * self.contacts.vector
         return _Waves(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else _Waves(odd, even, half)
 
-    def _rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+    def _compute_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
         """Return rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
 
         With ``prestress``, they are the rows of transverse displacement times |f/a|^1/2 instead.
         """
         q = as_wavevectors(wavevectors, self.dimension)
-        return (self._make_waves(prestress) if prestress else self._own_waves).at(q, derivative)
+        return (self._make_waves(prestress) if prestress else self._own_waves).compute_rows(q, derivative)
 
     @cached_property
     def _own_waves(self) -> _Waves:
@@ -290,7 +290,7 @@ class Compatibility:
 
     @cached_property
     def _wave_contacts(self) -> NDArray[np.intp]:
-        """(n_c,) index of the contact whose half angle each row of :meth:`_waves` contains."""
+        """(n_c,) index of the contact whose half angle each row of :meth:`_compute_real_rows` contains."""
         found = np.arange(len(self.contacts))
         if self._images is not None:
             first, image = self._images
@@ -321,27 +321,27 @@ class Compatibility:
     def _pushing(self) -> _Waves:
         return self._make_real_waves(prestress=True)
 
-    def _waves(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
-        """Return rows as :meth:`_rows` does, with the same C^H C, but real if each contact has an image."""
+    def _compute_real_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
+        """Return rows as :meth:`_compute_rows` does, with the same C^H C, but real if each contact has an image."""
         q = as_wavevectors(wavevectors, self.dimension)
-        return (self._pushing if prestress else self._deforming).at(q, derivative)
+        return (self._pushing if prestress else self._deforming).compute_rows(q, derivative)
 
-    def _wave_half_vectors(self, waves: NDArray[Any]) -> Array:
-        """Return (n_rows, d) gradients, with respect to q, of the half angle in each row of :meth:`_waves`."""
+    def _find_half_vectors(self, waves: NDArray[Any]) -> Array:
+        """Return (n_rows, d) gradients, with respect to q, of the half angle in each row of :meth:`_compute_real_rows`."""
         return np.tile(self._deforming.half, (waves.shape[1] // len(self.contacts), 1))
 
-    def _push_signs(self, across: NDArray[Any]) -> Array:
-        """Return (n_rows, 1) signs of the static force in the contact of each row ``across`` of :meth:`_waves`."""
+    def _find_push_signs(self, across: NDArray[Any]) -> Array:
+        """Return (n_rows, 1) signs of the static forces in the contacts of the rows ``across``."""
         signs = np.sign(self.prestress[self._wave_contacts])
         return np.tile(signs, across.shape[1] // len(self.contacts))[:, None]
 
-    def _frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
+    def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Return D(q) in the frame, including prestress."""
-        rows = self._waves(wavevectors)
+        rows = self._compute_real_rows(wavevectors)
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
-            across = self._waves(wavevectors, prestress=True)
-            matrix = matrix - across.conj().swapaxes(1, 2) @ (self._push_signs(across) * across)
+            across = self._compute_real_rows(wavevectors, prestress=True)
+            matrix = matrix - across.conj().swapaxes(1, 2) @ (self._find_push_signs(across) * across)
         return np.asarray(matrix)
 
     @cached_property
@@ -355,4 +355,4 @@ class Compatibility:
         Degrees of freedom run (x, y, w) over the balls; phases are taken at the positions of the balls, as in phonopy.
         ``wavevectors`` (n_q, 2) are in 1/d.
         """
-        return np.asarray(self._to_balls @ self._frame_matrix(wavevectors) @ self._to_balls.conj().T)
+        return np.asarray(self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T)

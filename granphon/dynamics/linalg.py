@@ -64,12 +64,12 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if n <= _FEW_COLUMNS:
         return jacobi_svd(matrices)
     if m <= n:  # contacts that are just enough to hold the balls leave soft motions at most wave vectors
-        return _svd_or_jacobi(matrices)
+        return _decompose(matrices)
     _, right = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
     values, right, good = _straighten(matrices @ right, right)
     rest = np.flatnonzero(~good)
     if rest.size:
-        values[rest], right[rest] = _svd_or_jacobi(matrices[rest])
+        values[rest], right[rest] = _decompose(matrices[rest])
     return values, right
 
 
@@ -121,7 +121,7 @@ def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.f
     return np.take_along_axis(values, order, 1), right, good
 
 
-def _svd_or_jacobi(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
+def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Find the SVD by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded columns."""
     values, right = lapack_svd(matrices)
     again = _find_lost_digits(matrices, values)

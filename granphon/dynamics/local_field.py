@@ -69,7 +69,7 @@ class LocalField(Result):
         return 1.0 / (1.0 + self.xi)
 
 
-def xi_of(alpha: float, beta: float, mindlin_ratio: float) -> float:
+def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
     """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular lattice."""
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
@@ -82,7 +82,7 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
     """
     eta = not_negative("mindlin_ratio", mindlin_ratio)
     alpha, beta = 0.585405, 0.232971
-    return LocalField(alpha, beta, xi_of(alpha, beta, eta), eta, TRIANGULAR.name)
+    return LocalField(alpha, beta, compute_xi(alpha, beta, eta), eta, TRIANGULAR.name)
 
 
 def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0) -> LocalField:
@@ -106,11 +106,11 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
     MechanismError : the lattice has a motion that costs no energy.
     PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
     """
-    return _local_field(find_lattice(lattice), not_negative("mindlin_ratio", mindlin_ratio))
+    return _compute_local_field(find_lattice(lattice), not_negative("mindlin_ratio", mindlin_ratio))
 
 
 @lru_cache(maxsize=256)
-def _local_field(structure: Lattice, eta: float) -> LocalField:
+def _compute_local_field(structure: Lattice, eta: float) -> LocalField:
     medium = ContactLattice.of(structure, eta)
     star, *second = _find_elongations(medium, structure.name)
     xi = 1.0 / star - 1.0
@@ -160,8 +160,8 @@ def _find_elongations(medium: ContactLattice, name: str) -> list[float]:
         before = values
     raise PrecisionError(
         message(
-            f"the local field of lattice {name!r} at mindlin_ratio {medium.mindlin_ratio:g} has no settled value",
-            "With so little friction some of its motions cost next to nothing",
+            f"the local field of lattice {name!r} at mindlin_ratio {medium.mindlin_ratio:g} does not converge",
+            "With so little shear stiffness some of its motions cost almost no energy",
             "Raise mindlin_ratio",
         )
     )

@@ -35,7 +35,7 @@ _STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sq
 class LongWaves(Compatibility):
     """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
 
-    def _uniform_rows(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
+    def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
         """Return the deformations at q = 0, times ``root``, under displacement gradients and under inner motions.
 
         Their shapes are (n_rows, 4), for the gradients (u_x,x u_x,y u_y,x u_y,y), and (n_rows, n_inner). Inner motions are
@@ -43,16 +43,16 @@ class LongWaves(Compatibility):
         """
         gradient = [strain_rows(row, self.contacts.vector, self.motions) for row in rows]
         affine = root[..., None] * np.reshape(gradient, (*root.shape, -1))
-        return affine.reshape(root.size, -1), self._inner(self._ends(rows, root)[0])
+        return affine.reshape(root.size, -1), self._select_inner(self._combine_ends(rows, root)[0])
 
-    def _inner(self, columns: Array) -> Array:
+    def _select_inner(self, columns: Array) -> Array:
         """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c, n_branches)."""
         return columns.reshape(-1, self.n_branches)[:, len(self.motions.translations) :]
 
     @cached_property
     def _strain_rows(self) -> tuple[Array, Array]:
-        """:meth:`_uniform_rows` of K^1/2 C."""
-        return self._uniform_rows(*self._weighted_rows())
+        """:meth:`_deform_uniformly` of K^1/2 C."""
+        return self._deform_uniformly(*self._weight_rows())
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
@@ -98,9 +98,9 @@ class LongWaves(Compatibility):
         if not free.shape[1]:
             return False
         # to first order in q the deformations of both sound and inner motions are i times real numbers
-        _, total = self._ends(*self._weighted_rows())
+        _, total = self._combine_ends(*self._weight_rows())
         half = 0.5 * np.tile(self.contacts.vector, (len(total), 1))
-        change = self._inner(total) @ free
+        change = self._select_inner(total) @ free
         waves = self._relax(half[:, :, None] * change[:, None, :])
         sound = self._relaxed_rows.reshape(-1, 2, 2)
         coupling = np.einsum("rij,rlm->ijlm", sound, waves)
@@ -119,7 +119,7 @@ class LongWaves(Compatibility):
             raise MechanismError(
                 message(
                     f"the lattice {name} is a mechanism",
-                    "The balls of a cell can shift or turn against each other at no cost"
+                    "The balls of a cell can shift or turn against each other without a cost in energy"
                     + (" (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""),
                     mend,
                 )
@@ -153,7 +153,7 @@ class LongWaves(Compatibility):
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
         push = push_rows(self.contacts.normal, self.motions)
-        across, inner_across = self._uniform_rows(push, np.ones((len(push), len(self.contacts))))
+        across, inner_across = self._deform_uniformly(push, np.ones((len(push), len(self.contacts))))
         each: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
         load = np.tile(each * np.ones(len(self.contacts)), len(push))
         affine, inner = self._strain_rows
@@ -244,10 +244,10 @@ class LongWaves(Compatibility):
         On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
         if self.n_balls != 1 or not self.motions.rotate:
-            raise InputError(message("there is no single rotational branch", "It takes friction and one ball in the cell"))
+            raise InputError(message("there is no single rotational branch", "It needs friction, and a cell of one ball"))
         ahead = self.contacts.vector @ one_direction(direction)
-        rows, root = self._weighted_rows()
-        gap, total = self._ends(rows, root)
+        rows, root = self._weight_rows()
+        gap, total = self._combine_ends(rows, root)
         # effect on the contacts of the rotation (times cos of the half angle) and of the displacements (times sin)
         turn, shift = gap[..., self.motions.turning], total[..., self.motions.translating]
         squared = float(np.sum(turn**2))

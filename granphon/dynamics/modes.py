@@ -90,13 +90,17 @@ class ContactLattice(LongWaves):
         """
         apart = positive("spacing", spacing)
         if apart >= 2.0:
-            raise InputError(message(f"spacing is {apart:g}", "It is that of touching balls in diameters, and below 2"))
+            raise InputError(
+                message(f"spacing is {apart:g}", "The distance of touching balls, in diameters, must be below 2")
+            )
         eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
-        return cls._equal_balls(find_lattice(lattice), eta, apart, load)
+        return cls._make_of_equal_balls(find_lattice(lattice), eta, apart, load)
 
     @classmethod
     @lru_cache(maxsize=128)
-    def _equal_balls(cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float) -> ContactLattice:
+    def _make_of_equal_balls(
+        cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float
+    ) -> ContactLattice:
         # cached, because velocities, moduli and validity of one state all start from it; it is never changed
         built = cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
@@ -198,10 +202,10 @@ class ContactLattice(LongWaves):
     def _solve(self, wavevectors: Array, waves: NDArray[Any] | None = None) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the frame, from ``waves`` K^1/2 C M^-1/2; with prestress, from D."""
         if self.is_prestressed:
-            return graded_eigh(self._frame_matrix(wavevectors), self._factor)
-        return graded_svd(self._waves(wavevectors) if waves is None else waves)
+            return graded_eigh(self._compute_frame_matrix(wavevectors), self._factorise)
+        return graded_svd(self._compute_real_rows(wavevectors) if waves is None else waves)
 
-    def _factor(self, matrices: NDArray[Any]) -> NDArray[Any]:
+    def _factorise(self, matrices: NDArray[Any]) -> NDArray[Any]:
         """Return L^H of D = L L^H.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
@@ -220,9 +224,9 @@ class ContactLattice(LongWaves):
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
-        waves = self._waves(q)
+        waves = self._compute_real_rows(q)
         values, vectors = self._solve(q, waves)
-        slopes = self._slopes(q, waves)
+        slopes = self._make_slope_function(q, waves)
         alike: list[tuple[int, slice]] = []
         for point, start, stop in _find_runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
             block = vectors[point][:, start:stop]
@@ -234,7 +238,9 @@ class ContactLattice(LongWaves):
             # the step, not LAPACK's error, limits the accuracy
             points, place = np.unique([point for point, _ in alike], return_inverse=True)
             near = q[points] + _STEP_BESIDE * along[points]
-            _, further = lapack_svd(self._factor(self._frame_matrix(near)) if self.is_prestressed else self._waves(near))
+            _, further = lapack_svd(
+                self._factorise(self._compute_frame_matrix(near)) if self.is_prestressed else self._compute_real_rows(near)
+            )
             for (point, part), there in zip(alike, place.tolist(), strict=True):
                 u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[there][:, part])
                 vectors[point][:, part] = vectors[point][:, part] @ u @ vh
@@ -243,18 +249,18 @@ class ContactLattice(LongWaves):
         diagonal = slopes(slice(None), vectors, diagonal=True)
         return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
 
-    def _slopes(self, q: Array, waves: NDArray[Any]) -> Callable[..., NDArray[Any]]:
+    def _make_slope_function(self, q: Array, waves: NDArray[Any]) -> Callable[..., NDArray[Any]]:
         """Return a function for <v_b| dD/dq_a |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>, which is exact near Gamma too.
 
         The term of the prestress is subtracted.
         """
         kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
         for prestress in (False, True)[: 1 + self.is_prestressed]:
-            rows = self._waves(q, prestress=True) if prestress else waves
-            half = self._wave_half_vectors(rows)
+            rows = self._compute_real_rows(q, prestress=True) if prestress else waves
+            half = self._find_half_vectors(rows)
             if prestress:
-                half = -self._push_signs(rows) * half
-            kinds.append((rows, self._waves(q, derivative=True, prestress=prestress), half))
+                half = -self._find_push_signs(rows) * half
+            kinds.append((rows, self._compute_real_rows(q, derivative=True, prestress=prestress), half))
 
         def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
             total: Any = 0.0

@@ -63,7 +63,7 @@ def plot_bands(
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
-    unit = _unit_of(bands) if unit is None else unit
+    unit = _choose_unit(bands) if unit is None else unit
     part, colours, words = (
         (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
         else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
@@ -71,9 +71,9 @@ def plot_bands(
     values, scale = bands.connected_frequencies / unit.hertz, Normalize(0.0, 1.0)
     fraction = np.take_along_axis(part, bands.connection, 2)
     for s, x in enumerate(bands.distances):
-        widths = _widths(values[s], _COINCIDENT * values.max())
+        widths = _choose_widths(values[s], _COINCIDENT * values.max())
         for b in range(bands.n_branches):
-            pieces = list(_pieces(x, values[s, :, b]))
+            pieces = list(_cut_line(x, values[s, :, b]))
             shades: dict[str, Any] = {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
             ax.add_collection(lines, autolim=False)
@@ -96,7 +96,7 @@ def plot_bands(
     return ax
 
 
-def _unit_of(result: Bands | DensityOfStates) -> HertzPrefix:
+def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
@@ -108,14 +108,14 @@ def _print_label(label: str) -> str:
     return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
 
 
-def _pieces(x: Array, y: Array) -> Array:
+def _cut_line(x: Array, y: Array) -> Array:
     """Cut the line through p points half way between them, (p, 3, 2); the middle vertex of each piece is its point."""
     points = np.stack([x, y], axis=1)
     middle = 0.5 * (points[:-1] + points[1:])
     return np.stack([np.vstack([points[:1], middle]), points, np.vstack([middle, points[-1:]])], axis=1)
 
 
-def _widths(values: Array, tolerance: float) -> Array:
+def _choose_widths(values: Array, tolerance: float) -> Array:
     """Return line widths (p, b), in points: a step wider for each later branch that coincides here and at a neighbour."""
     close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
     both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
@@ -133,15 +133,17 @@ def plot_asymptotes(
     if there is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each segment from or to
     Gamma along which the long waves are drawn.
     """
-    unit = _unit_of(bands) if unit is None else unit
+    unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
-        raise InputError(message("the velocities are those of several loads", mend="Give those of the load of the bands"))
+        raise InputError(
+            message("the velocities are those of several loads", mend="Give the velocities at the load of the bands")
+        )
     scales, label = bands.scales, "long waves"
     for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]
         if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
             continue
-        way = (bands.qpoints[s, far] - start)[:2] @ _reciprocal(bands)
+        way = (bands.qpoints[s, far] - start)[:2] @ _find_reciprocal(bands)
         q = 2.0 * np.pi * reach * np.linalg.norm(way) * np.linspace(0.0, 1.0, 101)  # 1/d
         if isinstance(velocities, SoundVelocities):
             speeds = np.array([velocities.longitudinal, velocities.transverse]) / scales.velocity
@@ -160,7 +162,7 @@ def plot_asymptotes(
     return ax
 
 
-def _reciprocal(bands: Bands) -> Array:
+def _find_reciprocal(bands: Bands) -> Array:
     """Return the reciprocal vectors as rows, (2, 2), in units of 2 pi/d."""
     return np.asarray(np.linalg.inv(bands.cell[:2, :2]).T)
 
@@ -192,7 +194,7 @@ def plot_zone(bands: Bands, ax: Axes) -> Axes:
 
     The axes are in units of 2 pi/d and hidden.
     """
-    reciprocal = _reciprocal(bands)
+    reciprocal = _find_reciprocal(bands)
     corners = zone_polygon(reciprocal)
     ax.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
     ends = bands.qpoints[:, [0, -1], :2] @ reciprocal
@@ -219,7 +221,7 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a legend. The axis of frequency has no label
     where it shares that of a neighbour, as in ``subplots(1, 2, sharey=True)``.
     """
-    unit = _unit_of(dos) if unit is None else unit
+    unit = _choose_unit(dos) if unit is None else unit
     frequency, fill = dos.frequencies / unit.hertz, ax.fill_betweenx if horizontal else ax.fill_between
     parts = {"translation": (dos.translational, _TRANSLATING), "rotation": (dos.rotational, _ROTATING)}
     curves = {**(parts if np.any(dos.rotational > 0.0) else {}), "total": (dos.total, "black")}
@@ -255,7 +257,7 @@ def bands_figure(
     first = dos if bands is None else bands
     if first is None:
         raise InputError(message("there is nothing to draw", mend="Give bands, a density of states, or both"))
-    unit, both = _unit_of(first), bands is not None and dos is not None
+    unit, both = _choose_unit(first), bands is not None and dos is not None
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 2.4 if bands is None else 3.1), dpi=DPI, layout="constrained")
         axes = figure.subplots(1, 1 + both, sharey=both, width_ratios=[2.4, 1.0][: 1 + both], squeeze=False)[0]
@@ -263,7 +265,7 @@ def bands_figure(
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
             plot_bands(bands, axes[0], asymptotes=asymptotes, unit=unit)
-            inset = axes[0].inset_axes(_free_place(axes[0]))
+            inset = axes[0].inset_axes(_find_free_place(axes[0]))
             inset.set_in_layout(False)
             plot_zone(bands, inset)
         if both:
@@ -275,7 +277,7 @@ def bands_figure(
     return figure
 
 
-def _free_place(ax: Axes) -> tuple[float, float, float, float]:
+def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     """Find a square clear of every line: x, y, width, height in parts of the axes; extend the axes upwards if none is."""
     curves = [np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)]
     curves += [np.column_stack(line.get_data())[:-1] for line in ax.lines if str(line.get_gid()).startswith("asymptote")]

@@ -44,11 +44,13 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
     """
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return plot_forces(sample, Figure((COLUMN_WIDTH, _height(sample)), dpi=DPI, layout="constrained").subplots())
+            return plot_forces(
+                sample, Figure((COLUMN_WIDTH, _choose_height(sample)), dpi=DPI, layout="constrained").subplots()
+            )
     figure: Any = ax.get_figure()
     rows, columns = sample.equilibrium.deviations.shape
-    sites, step = _sites(sample), float(TRIANGULAR.vectors[1, 1])
-    segments, forces = _lines_of(sites, np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1))
+    sites, step = _place_sites(sample), float(TRIANGULAR.vectors[1, 1])
+    segments, forces = _make_lines(sites, np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1))
     # printed size of a diameter, in points, estimated because the layout is not known yet
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / [rows, step * columns]))
     if rows * columns <= _MOST_OUTLINED:
@@ -59,27 +61,27 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
     chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * forces, capstyle="round")
     ax.add_collection(chains, autolim=False)
     ax.set(xlim=(-0.25, rows - 0.25), ylim=(-0.5 * step, (columns - 0.5) * step), aspect="equal")
-    ax.set(xlabel="$x/d$", ylabel="$y/d$", title=_load_of(sample))
+    ax.set(xlabel="$x/d$", ylabel="$y/d$", title=_write_title(sample))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     figure.colorbar(chains, ax=ax, location="bottom", aspect=40, pad=0.02, label="Contact force over its mean")
     return ax
 
 
-def _height(sample: Sample) -> float:
+def _choose_height(sample: Sample) -> float:
     """Return the height of a figure, in inches, in which the array is 2.9 inches wide."""
     rows, columns = sample.equilibrium.deviations.shape
     return 1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0))
 
 
-def _sites(sample: Sample) -> Array:
+def _place_sites(sample: Sample) -> Array:
     """Return the sites (L1, L2, 2), in diameters, moved by whole periods of a1 into a rectangle."""
     sites = sample.sites
     sites[..., 0] = np.mod(sites[..., 0], len(sites))
     return sites
 
 
-def _lines_of(sites: Array, forces: Array) -> tuple[Array, Array]:
+def _make_lines(sites: Array, forces: Array) -> tuple[Array, Array]:
     """Return lines (n, 2, 2) and forces (n,), ascending, of contacts that carry load.
 
     A contact across an edge has two lines, one at each of its balls.
@@ -94,7 +96,7 @@ def _lines_of(sites: Array, forces: Array) -> tuple[Array, Array]:
     return lines[shown][order], values[order]
 
 
-def _load_of(sample: Sample) -> str:
+def _write_title(sample: Sample) -> str:
     """Return the title: f* and a* (for equal balls the force, N), and N_c."""
     state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
@@ -130,7 +132,7 @@ def forces_figure(state: ContactState) -> Figure:
     """
     _ = state.scales  # one load only
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(PAGE_WIDTH, _height(state.samples[0])), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, _choose_height(state.samples[0])), dpi=DPI, layout="constrained")
         left, right = figure.subplots(1, 2)
         plot_forces(state.samples[0], left)
         plot_force_distribution(state, right)

@@ -69,7 +69,7 @@ def plot_mode(
     n = lattice.n_balls
     motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
     largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
-    motion = motion * (abs(largest) / largest) * _LARGEST / _amplitude(motion)
+    motion = motion * (abs(largest) / largest) * _LARGEST / _find_amplitude(motion)
     steps = np.array(list(np.ndindex(*cells)))
     places = (steps @ lattice.cell)[:, None] + lattice.positions
     wave = np.exp(1j * (places @ (modes.wavevectors[0] * phonons.scales.length) + phase))
@@ -97,7 +97,7 @@ def plot_mode(
     return ax
 
 
-def _amplitude(motion: NDArray[Any]) -> float:
+def _find_amplitude(motion: NDArray[Any]) -> float:
     """Return the largest displacement, or w, of any ball in a period; on an elliptic path, the longer half axis."""
     u = motion[:, :2]
     longest = np.sqrt(0.5 * (np.sum(np.abs(u) ** 2, axis=1) + np.abs(np.sum(u * u, axis=1))))

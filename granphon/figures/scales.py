@@ -104,14 +104,14 @@ class _PlainTicks(Locator):
     def tick_values(self, vmin: float, vmax: float) -> Any:
         low, high = sorted((vmin, vmax))
         inside = finer = np.empty(0)
-        for ticks, between in _round_numbers(low, high):
+        for ticks, between in _list_round_numbers(low, high):
             inside, finer = (t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between))
             if inside.size >= 4:
                 break
         return finer if self._minor else inside
 
 
-def _round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
+def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set for minor ticks.
 
     Each decade has the same numbers; over less than a factor of four they are evenly spaced.

@@ -55,7 +55,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
-    across, along, lines = _values(dataset, variable), _values(dataset, x), _colour_lines(dataset)
+    across, along, lines = _read_values(dataset, variable), _read_values(dataset, x), _colour_lines(dataset)
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
@@ -67,7 +67,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
         thin |= {"markerfacecolor": "white"}
         if simulated:
-            deviation = np.asarray(_errors(dataset, variable).isel(index, missing_dims="ignore"))[order]
+            deviation = np.asarray(_read_errors(dataset, variable).isel(index, missing_dims="ignore"))[order]
             if np.any(deviation > 0.0):
                 bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour, "gid": f"{variable}-errors"}
                 ax.errorbar(horizontal, vertical, deviation, **bars)
@@ -82,7 +82,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         scale_axis(ax, which, np.asarray(values))
         ax.set(**{f"{which}label": axis_label(name, dataset[name].attrs.get("units", ""))})
     if legend:
-        ax.legend(handles=_legend(dataset))
+        ax.legend(handles=_make_legend(dataset))
     return ax
 
 
@@ -91,34 +91,34 @@ def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
     return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
 
 
-def _errors(dataset: Dataset, variable: str) -> Any:
+def _read_errors(dataset: Dataset, variable: str) -> Any:
     """Return the standard errors of a variable; nan, drawn without a bar, where they are not known, as for one sample."""
     return dataset.get(f"{variable}_error", dataset[variable] * np.nan)
 
 
-def _values(dataset: Dataset, name: str) -> Any:
+def _read_values(dataset: Dataset, name: str) -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
         raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
     values = dataset[name]
-    extra = set(values.dims) - {"load", "medium", *_parameters(dataset)}
+    extra = set(values.dims) - {"load", "medium", *_list_parameters(dataset)}
     if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
-        raise InputError(message(f"{name!r} is nowhere finite", mend="Draw another variable"))
+        raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
     return values
 
 
-def _parameters(dataset: Dataset) -> list[str]:
+def _list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium."""
     return [str(name) for name in dataset["longitudinal"].dims if name not in ("load", "medium")]
 
 
-def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
+def _list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
     """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
-    names = _parameters(dataset)
-    words = {name: [f"{name.replace('_', ' ')} {label}" for label in _labels(dataset, name)] for name in names}
+    names = _list_parameters(dataset)
+    words = {name: [f"{name.replace('_', ' ')} {label}" for label in _write_labels(dataset, name)] for name in names}
     several = [name for name in names if dataset.sizes[name] > 1]
     places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
     return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
@@ -126,23 +126,23 @@ def _combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
 
 def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
     """Return the colour of each line, and its index in each dimension besides the load."""
-    places = [place for _, place in _combinations(dataset)]
+    places = [place for _, place in _list_combinations(dataset)]
     colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]
     return [
         (shade, place | {"medium": m})
         for m, colour in enumerate(colours)
-        for shade, place in zip(_shades(colour, len(places)), places, strict=True)
+        for shade, place in zip(_make_shades(colour, len(places)), places, strict=True)
     ]
 
 
-def _shades(name: str, count: int) -> list[Any]:
+def _make_shades(name: str, count: int) -> list[Any]:
     """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is the colour itself."""
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
 
 
-def _labels(dataset: Dataset, name: str) -> list[str]:
+def _write_labels(dataset: Dataset, name: str) -> list[str]:
     """Return the names of the values of a dimension in a legend."""
     values = np.atleast_1d(dataset[name].values).tolist()
     if name == "medium":
@@ -153,16 +153,16 @@ def _labels(dataset: Dataset, name: str) -> list[str]:
     return [f"{value / number:.4g} {unit}".rstrip() for value in values]
 
 
-def _legend(dataset: Dataset) -> list[Line2D]:
+def _make_legend(dataset: Dataset) -> list[Line2D]:
     """Return the entries of the legend: media, combinations of parameters, and the dashes of lines outside their range.
 
     Combinations are grey if there are several media. At most eight are shown.
     """
-    media = list(zip(itertools.cycle(COLOURS), _labels(dataset, "medium"), strict=False))
-    words = [word for word, _ in _combinations(dataset)]
+    media = list(zip(itertools.cycle(COLOURS), _write_labels(dataset, "medium"), strict=False))
+    words = [word for word, _ in _list_combinations(dataset)]
     values: list[tuple[Any, str]] = []
     if len(words) > 1:
-        shades = _shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
+        shades = _make_shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
         shown = np.unique(np.linspace(0, len(words) - 1, min(len(words), 8)).round().astype(int))
         values = [(shades[i], words[i]) for i in shown.tolist()]
     simulated = [_is_simulated(dataset, {"medium": m}) for m in range(len(media))]
@@ -214,7 +214,7 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
-        handles, media = _legend(dataset), _labels(dataset, "medium")
+        handles, media = _make_legend(dataset), _write_labels(dataset, "medium")
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
         longest = max(len(str(handle.get_label())) for handle in handles)
         columns = 1 if longest > _LONG_LABEL else min(2, len(handles))

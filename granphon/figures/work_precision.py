@@ -63,7 +63,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         label = method
         if drawn:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
-            spread = [_bar(p) for p in drawn]
+            spread = [_limit_bar(p) for p in drawn]
             line = ax.errorbar(
                 x, y, xerr=spread, color=colour, marker=marker, ms=_MARKER, lw=0.9, elinewidth=0.6, label=label
             )
@@ -83,7 +83,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     ax.margins(0.14)
     ran = [point for point in points if point.ran]
     errors = [point.error for point in ran if point.error > 0.0]
-    scale_axis(ax, "x", np.array([p.seconds + side * _bar(p) for p in ran for side in (-1.0, 1.0)] or _TIMES), _PLAIN)
+    scale_axis(ax, "x", np.array([p.seconds + side * _limit_bar(p) for p in ran for side in (-1.0, 1.0)] or _TIMES), _PLAIN)
     scale_axis(ax, "y", np.array(errors or _ERRORS), _PLAIN)
     if not ran:
         ax.set_xlim(*_TIMES)
@@ -106,7 +106,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     return ax
 
 
-def _bar(point: MeasuredPoint) -> float:
+def _limit_bar(point: MeasuredPoint) -> float:
     """Return the spread of times as it is drawn, s, limited so that the bar ends above zero."""
     return min(point.spread, 0.9 * point.seconds)
 

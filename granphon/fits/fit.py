@@ -31,7 +31,7 @@ from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
-__all__ = ["FIT_FILES", "WidthFit", "fit_width", "force_of_pressure"]
+__all__ = ["FIT_FILES", "WidthFit", "fit_width", "convert_pressure"]
 
 Array = NDArray[np.float64]
 #: keys that stand in fit.yaml before the fields of the fit; they are ignored when a fit is read
@@ -138,12 +138,17 @@ class WidthFit(Result):
         Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of its own.
         """
         if np.ndim(self.waves.frequency):
-            raise InputError(message("the measured pulses have many frequencies", mend="Use .velocities, at the data"))
+            raise InputError(
+                message(
+                    "the measured pulses have many frequencies",
+                    mend="Use .velocities, the velocities of the fit at the data",
+                )
+            )
         choice = MediumChoice.parse(medium or self.choice)
         if choice.simulates:
             forces = real_array("force", force)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
-            return model(model.start(self.width))[0].reshape(forces.shape)[()]
+            return model(model.find_start(self.width))[0].reshape(forces.shape)[()]
         return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
 
     def said_units(self) -> dict[str, str]:
@@ -235,7 +240,10 @@ def fit_width(
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium)
     if choice.is_automatic:
-        what, why = f"the medium {choice.label!r} is not fitted with", "It is another one at each load and width"
+        what, why = (
+            f"the medium {choice.label!r} cannot be used in a fit",
+            "It chooses another medium at each load and width",
+        )
         raise InputError(message(what, why, "Name a medium"))
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     logs = find_best(problem)
@@ -264,7 +272,7 @@ def fit_width(
     )  # fmt: skip
 
 
-def force_of_pressure(
+def convert_pressure(
     packing: Packing,
     finite_overlap: bool,
     medium: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
@@ -277,7 +285,7 @@ def force_of_pressure(
     is proportional to it.
     """
     if "diameter" in fitted:
-        why = "The contact force of a pressure is in proportion to the diameter"
+        why = "The contact force under a pressure is proportional to the diameter"
         raise InputError(message("the diameter is fitted, and pressures are given", why, "Give contact forces"))
     # in the paper's limit the medium does not matter
     choice = MediumChoice.parse(medium) if finite_overlap else MediumChoice("ala")

@@ -98,7 +98,7 @@ class Goodness:
 
     def _judge_residuals(self) -> list[str]:
         if self.dof == 0:
-            what = f"{len(self.names)} to be fitted and as many data leave 0 degrees of freedom"
+            what = f"as many data as fitted parameters ({len(self.names)}) leave 0 degrees of freedom"
             return [f"{what}: nothing can be said of how well the model fits"]
         if not self.errors_are_known:
             digits, scatter = find_rounding(self.velocity), float(self.sigma[0])
@@ -148,7 +148,7 @@ class Goodness:
         if not self.errors_are_known:
             return []
         return [
-            f"the standard error of {name} is {error:.2g} of its value: it is hardly told from zero"
+            f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
             for name, error in zip(self.names, self.errors.tolist(), strict=True)
             if error > _LARGE_ERROR
         ]

@@ -53,22 +53,22 @@ class FitProblem:
         """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be right, or are too few."""
         model.require_carried()
         with np.errstate(all="ignore"):
-            ratio = data.velocity / model.equal_balls(model.start(1e-9 * model.packing.diameter))[0]
+            ratio = data.velocity / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
         if not (np.all(ratio > _LEAST_RATIO) and np.all(ratio < 1.0 / _LEAST_RATIO)):
             what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
             raise InputError(message(what, mend="Check the units of force and velocity"))
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _MODEL_ERROR):
-            what = f"sigma is as little as {np.min(part):.3g} times the velocity"
-            why = f"The velocities of a model are right to {_MODEL_ERROR:g} of themselves, and no fit is as good as that"
+            what = f"sigma is as small as {np.min(part):.3g} times the velocity"
+            why = f"The velocities of a model have relative errors of {_MODEL_ERROR:g}, and no fit can be better"
             raise InputError(message(what, why, "Check the units of sigma, or give the errors that the data have"))
         if np.any(part >= 1.0 / _MODEL_ERROR):
-            what = f"sigma is as much as {np.max(part):.3g} times the velocity"
+            what = f"sigma is as large as {np.max(part):.3g} times the velocity"
             raise InputError(message(what, "No measurement has such an error", "Check its units"))
         if len(data.force) < len(model.names) + (data.sigma is None):
             several = "s" if len(data.force) > 1 else ""
             what = f"found {len(data.force)} measurement{several}, to which {' and '.join(model.names)} cannot be fitted"
-            why = "Without sigma one more is needed, for the scatter" if data.sigma is None else ""
+            why = "Without sigma one more is needed, to find the scatter" if data.sigma is None else ""
             raise InputError(message(what, why, "Measure more"))
         return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))
 
@@ -126,7 +126,7 @@ def _find_starts(problem: FitProblem) -> list[Array]:
     starts: list[Array] = []
     squares, effect = [math.inf], 0.0
     for width in problem.widths.tolist():
-        logs = model.start(width)
+        logs = model.find_start(width)
         try:
             residuals, matrix = problem(logs)
         except InputError:
@@ -180,7 +180,11 @@ def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: 
     if not never and (np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0])):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
     if same:
-        why = "Long waves know E/d and E d^(1/2) W^(3/2) only" if len(problem.model.names) == len(VARIABLE) else ""
+        why = (
+            "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
+            if len(problem.model.names) == len(VARIABLE)
+            else ""
+        )
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
     root = (right / singular[:, None]).T / norms[:, None]
@@ -198,7 +202,7 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
             long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
             if np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2) <= _NO_EFFECT:
                 what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
-                why = f"They are not above those of long waves. {model.equal_balls.nearest_to_top(logs)}"
+                why = f"They are not above those of long waves. {model.equal_balls.describe_nearest_to_top(logs)}"
                 return InputError(message(what, why, "Check the frequency; leave it out for long waves"))
         return InputError(
             message(
@@ -214,12 +218,13 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         best = f": the best is {width:.3g} m, its standard error {error * width:.3g} m"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
-        why = f"From {least:.3g} N up the data show no slowing that grows as the force falls, beyond their errors"
+        why = f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds their errors"
         return InputError(message(what, why, "Measure at lower forces, or more precisely"))
-    tops = None if model.waves.frequency is None else model.tops(logs)
+    falling = f"no width fits: the sum of squares still falls at {width:.3g} m"
+    tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
-        what = f"no width fits: the sum of squares still falls at {width:.3g} m, where balls carry the frequency no longer"
-        return InputError(message(what, model.nearest_to_top(logs), "Check the frequency and the velocities"))
-    what = f"no width fits: the sum of squares still falls at {width:.3g} m, where the medium {model.choice.label!r} ends"
+        what = f"{falling}, beyond which the balls do not carry the frequency"
+        return InputError(message(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"))
+    what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))

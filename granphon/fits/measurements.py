@@ -81,7 +81,9 @@ class Measurements(Result):
         n = counts["force"]
         if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
             found = ", ".join(f"{count} of {name}" for name, count in counts.items())
-            raise InputError(message(f"found {found}", mend="Give as many of each; sigma and frequency may be one number"))
+            raise InputError(
+                message(f"found {found}", mend="Give the same number of each; sigma and frequency may be one number")
+            )
         super().__post_init__()
 
     @classmethod
@@ -115,7 +117,7 @@ class Measurements(Result):
             if name not in COLUMNS:
                 meant = closest(name, COLUMNS)
                 mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
-                raise InputError(message(f"{name!r} is nothing that a column of measurements holds", mend=mend))
+                raise InputError(message(f"{name!r} is not a kind of column of measurements", mend=mend))
 
         def choose(*kinds: str) -> str | None:
             """Return which of these kinds of column the table has; None if it has none of them."""
@@ -129,12 +131,14 @@ class Measurements(Result):
 
         load = choose("force", "side_force", "pressure")
         if load == "side_force" and frame is None:
-            why = "Contact forces follow from them and the number of balls on a side"
+            why = "The contact forces depend on the number of balls on a side too"
             mend = "Give the scene's load as side_force and balls_per_side"
             raise InputError(message(f"{path} gives side forces", why, mend))
         if load == "pressure" and pressed is None:
-            why = "Contact forces follow from them and the packing"
-            raise InputError(message(f"{path} gives pressures", why, "Give pressed, which says how"))
+            why = "The contact forces depend on the packing too"
+            raise InputError(
+                message(f"{path} gives pressures", why, "Give pressed, a function that returns the contact forces")
+            )
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
         force = read(load or "force")
         if converted is not None:
@@ -142,7 +146,7 @@ class Measurements(Result):
         timed = choose("velocity", "time") == "time"
         told = choose("distance" if timed else "velocity")
         if distance is not None and told is not None:
-            why = "A distance that is given serves times of flight only, and all of them"
+            why = "A distance given beside the table is for times of flight only, and for all of them"
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
             raise InputError(message(f"{path} has a {told} column, and a distance is given too", why, mend))
         if not timed:

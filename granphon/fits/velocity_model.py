@@ -76,7 +76,7 @@ class Waves(Result):
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
-    def tops(self, state: ContactState) -> Array:
+    def find_tops(self, state: ContactState) -> Array:
         """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
         several = state.finite_overlap and bool(state.shape)
@@ -114,11 +114,11 @@ class _WidenedSpread(Spread):
         """Shape of the source."""
         return self.source.shape
 
-    def _deviations(self, probability: Array) -> Array:
+    def _compute_deviations(self, probability: Array) -> Array:
         """Deviations in proportion to the source's, also those of a list too long for its shape."""
         if not self.source.width:
-            return super()._deviations(probability)
-        return self.width * (self.source._deviations(probability) / self.source.width)
+            return super()._compute_deviations(probability)
+        return self.width * (self.source._compute_deviations(probability) / self.source.width)
 
 
 class _SampleCurve:
@@ -184,7 +184,7 @@ class VelocityModel:
                 raise InputError(message(f"{name!r} cannot be fitted", mend=mend))
         if "width" not in self.names or len(set(self.names)) < len(self.names):
             what = f"the parameters are {self.names}"
-            raise InputError(message(what, mend="Give width, and each of the others once at most"))
+            raise InputError(message(what, mend="Give width once, and each other parameter at most once"))
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self.packing)
@@ -194,14 +194,14 @@ class VelocityModel:
         """Index of the width among the parameters."""
         return self.names.index("width")
 
-    def start(self, width: float) -> Array:
+    def find_start(self, width: float) -> Array:
         """Logarithms (p,) of the packing's own parameters, with this width (m)."""
         own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
         return np.log([own[name] for name in self.names])
 
-    def tops(self, logs: Array) -> Array:
+    def find_tops(self, logs: Array) -> Array:
         """Highest frequency that a pulse can have at each force, (n,), Hz."""
-        return self.waves.tops(self._state(self._packing(logs))[0])
+        return self.waves.find_tops(self._find_state(self._make_packing(logs))[0])
 
     @property
     def equal_balls(self) -> VelocityModel:
@@ -212,16 +212,16 @@ class VelocityModel:
         """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses, as no other balls do then."""
         if self.waves.frequency is None:
             return
-        logs = self.start(1e-9 * self.packing.diameter)
-        beyond = int(np.sum(self.waves.frequency >= self.equal_balls.tops(logs)))
+        logs = self.find_start(1e-9 * self.packing.diameter)
+        beyond = int(np.sum(self.waves.frequency >= self.equal_balls.find_tops(logs)))
         if beyond:
             what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
-            why = f"{self.equal_balls.nearest_to_top(logs)}, and any spread of diameters lowers that"
+            why = f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters lowers that"
             raise UnreachableFrequencyError(message(what, why, "Check the frequency (Hz)"))
 
-    def nearest_to_top(self, logs: Array) -> str:
+    def describe_nearest_to_top(self, logs: Array) -> str:
         """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above it."""
-        tops = self.tops(logs)
+        tops = self.find_tops(logs)
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
         i = int(np.argmax(frequencies / tops))
         return (
@@ -234,7 +234,7 @@ class VelocityModel:
 
         Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
         """
-        state, exponent = self._state(self._packing(logs))
+        state, exponent = self._find_state(self._make_packing(logs))
         velocities, power = self.waves.velocity(state)
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
@@ -242,15 +242,15 @@ class VelocityModel:
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
 
-    def _packing(self, logs: Array) -> Packing:
+    def _make_packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):
             values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-        return change_packing(self.packing, values | {"spread": self._widened(values.pop("width"))})
+        return change_packing(self.packing, values | {"spread": self._widen(values.pop("width"))})
 
-    def _widened(self, width: float) -> _WidenedSpread:
+    def _widen(self, width: float) -> _WidenedSpread:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
-    def _state(self, packing: Packing) -> tuple[ContactState, Array]:
+    def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
         """Return a state with the long-wave velocities of the medium under the loads, and their local exponent."""
         if not self.choice.simulates:
             state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
@@ -262,7 +262,7 @@ class VelocityModel:
     @cached_property
     def _curve(self) -> _SampleCurve:
         # the curve is in reduced units and depends on no width, modulus or diameter: any width will do
-        packing = change_packing(self.packing, {"spread": self._widened(1e-4 * self.packing.diameter)})
+        packing = change_packing(self.packing, {"spread": self._widen(1e-4 * self.packing.diameter)})
         return _SampleCurve(packing, self.choice, self.waves.branch)
 
     def fit_packing(self, logs: Array) -> Packing:

@@ -172,7 +172,7 @@ def solve_curve(
             if force < VALID_FORCE:
                 break
             place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
-            raise PrecisionError(message(f"the effective medium has no settled solution below {place}"))
+            raise PrecisionError(message(f"the effective medium does not converge below {place}", mend="Raise the load"))
         if np.any(rough):
             finer = [_halve(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
             pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]

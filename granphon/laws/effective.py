@@ -19,7 +19,7 @@ from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
 from granphon.laws.listed import PointAverages
 from granphon.laws.spread import SpreadLaw
 
-__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "averages_of", "effective_curve"]
+__all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "make_averages", "effective_curve"]
 
 Array = NDArray[np.float64]
 #: number of collocation (Radau) points on a step; its upper end is not counted
@@ -49,10 +49,10 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
     stages, tolerance = _STAGES, _LAST_COEFFICIENTS
     if shape.openings.size >= _MANY_OPENINGS:
         stages, tolerance = _STAGES_OF_SHORT, _LAST_OF_SHORT
-    return solve_curve(shape, xi, averages_of(shape, xi), stages, tolerance)
+    return solve_curve(shape, xi, make_averages(shape, xi), stages, tolerance)
 
 
-def averages_of(shape: Shape, xi: float) -> Averages:
+def make_averages(shape: Shape, xi: float) -> Averages:
     """Return the source of the averages in equation (36) over the balls of a shape."""
     return PointAverages(shape, xi) if isinstance(shape, PointShape) else DensityAverages(shape, xi, _ORDER)
 
@@ -135,7 +135,7 @@ class EffectiveLaw(SpreadLaw):
         """Return the force, N, from which the medium is valid by Section IV (f* = 0.08), for the ``width`` W, m."""
         return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
-    def _near(self, y: Array, order: int) -> Array:
+    def _evaluate_near(self, y: Array, order: int) -> Array:
         closed, curve = y > -self.shape.bounds[1], self.curve
         if np.any(closed & (y < curve.start)):
             what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
@@ -144,7 +144,7 @@ class EffectiveLaw(SpreadLaw):
         out[closed] = curve.value(y[closed], order)
         return out
 
-    def _near_overlap(self, force: Array) -> Array:
+    def _find_near_overlap(self, force: Array) -> Array:
         curve = self.curve
         if np.any(force < curve.least_force):
             what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
@@ -154,9 +154,9 @@ class EffectiveLaw(SpreadLaw):
     @property
     def _below(self) -> tuple[str, str]:
         """Reason why there is no solution below the curve, and advice to the user."""
-        if self.curve.vanishes:
+        if self.curve.stiffness_vanishes:
             return (
-                "The stiffness has fallen to zero there, and equation (36) has no solution of less force",
+                "The stiffness is zero there, and equation (36) has no solution at smaller forces",
                 "Raise the load",
             )
         return f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"

@@ -78,8 +78,8 @@ class EffectiveCurve:
         return float(self.overlap(np.array([self.least_force]))[0])
 
     @cached_property
-    def vanishes(self) -> bool:
-        """Whether the stiffness has fallen to zero at the start of the curve, while contacts still carry force.
+    def stiffness_vanishes(self) -> bool:
+        """Whether the stiffness is zero at the start of the curve, although contacts still carry force there.
 
         Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as the overlap grows; below
         that point there is no solution with k > 0.
@@ -101,20 +101,20 @@ class EffectiveCurve:
         """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
 
         def of(index: Index, part: Array) -> Array:
-            return self._at(index, np.sqrt(part - self.places[0, index]), order)
+            return self._evaluate(index, np.sqrt(part - self.places[0, index]), order)
 
         # a kink belongs to the step below it, where the slope is finite
-        return self._by_step(np.searchsorted(self._edges[0], y), y, of)
+        return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, of)
 
     def overlap(self, force: Array) -> Array:
         """Return y at forces between those at the ends of the curve: a series for u, refined by Newton's method."""
 
         def of(index: Index, part: Array) -> Array:
             origin, middle, half = self.places[:, index]
-            t = chebyshev.chebval(2.0 * self._smooth(index, part) - 1.0, self._inverse[:, index], tensor=False)
-            return np.asarray(origin + self._descended(index, middle + half * t, part) ** 2)
+            t = chebyshev.chebval(2.0 * self._find_smooth_variable(index, part) - 1.0, self._inverse[:, index], tensor=False)
+            return np.asarray(origin + self._descend(index, middle + half * t, part) ** 2)
 
-        return self._by_step(np.searchsorted(self._edges[1], force), force, of)
+        return self._evaluate_by_step(np.searchsorted(self._edges[1], force), force, of)
 
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
@@ -144,7 +144,7 @@ class EffectiveCurve:
                 numerator[:, i] = 0.0
         return quotient, numerator
 
-    def _at(self, index: Index, root: Array, order: int) -> Array:
+    def _evaluate(self, index: Index, root: Array, order: int) -> Array:
         """Return a derivative of the energy at u = ``root`` on the steps ``index``."""
         _, middle, half = self.places[:, index]
         t = (root - middle) / half
@@ -156,7 +156,7 @@ class EffectiveCurve:
 
     @cached_property
     def _inverse(self) -> Array:
-        """(n, steps) Chebyshev coefficients of t as a function of 2 w - 1, with w the variable of :meth:`_smooth`."""
+        """(n, steps) Chebyshev coefficients of t as a function of 2 w - 1; w is found by :meth:`_find_smooth_variable`."""
         nodes, steps = chebyshev.chebpts1(_INVERSE_TERMS), self.places.shape[1]
         w = np.broadcast_to(0.5 + 0.5 * nodes[:, None], (_INVERSE_TERMS, steps))
         low, span = self._forces
@@ -164,10 +164,10 @@ class EffectiveCurve:
 
         def of(index: Index, part: Array) -> Array:
             _, middle, half = self.places[:, index]
-            start = middle + half * (2.0 * self._smooth(index, part) - 1.0)
-            return np.asarray((self._descended(index, start, part) - middle) / half)
+            start = middle + half * (2.0 * self._find_smooth_variable(index, part) - 1.0)
+            return np.asarray((self._descend(index, start, part) - middle) / half)
 
-        t = self._by_step(np.broadcast_to(np.arange(steps), w.shape), force, of)
+        t = self._evaluate_by_step(np.broadcast_to(np.arange(steps), w.shape), force, of)
         return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _INVERSE_TERMS - 1), t), float)
 
     @cached_property
@@ -176,7 +176,7 @@ class EffectiveCurve:
         low, high = self.ends(FORCE)
         return low, np.maximum(high - low, 4.0 * np.finfo(float).eps * low)
 
-    def _smooth(self, index: Index, force: Array) -> Array:
+    def _find_smooth_variable(self, index: Index, force: Array) -> Array:
         """Return a variable from 0 to 1 in which u is smooth.
 
         Where contacts open, f rises as u^2; elsewhere it may span decades.
@@ -185,13 +185,13 @@ class EffectiveCurve:
         part = np.clip(force - low, 0.0, span)
         return np.where(self._touching[index], np.sqrt(part / span), np.log1p(part / low) / np.log1p(span / low))
 
-    def _descended(self, index: Index, root: Array, force: Array) -> Array:
+    def _descend(self, index: Index, root: Array, force: Array) -> Array:
         """Return u at these forces, by Newton's method from ``root``."""
         _, middle, half = self.places[:, index]
         low, high = middle - half, middle + half
         for _ in range(30):
-            miss = force - self._at(index, root, FORCE)
-            slope = 2.0 * root * self._at(index, root, STIFFNESS)
+            miss = force - self._evaluate(index, root, FORCE)
+            slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
             change = np.divide(miss, slope, out=np.zeros_like(root), where=slope > 0.0)
             root = np.clip(root + change, low, high)
             # either convergence, which is quadratic, needs no further iteration, or only rounding is left
@@ -199,7 +199,7 @@ class EffectiveCurve:
                 break
         return root
 
-    def _by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]) -> Array:
+    def _evaluate_by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]) -> Array:
         flat, numbers = values.ravel(), index.ravel()
         out = np.empty(flat.size)
         if flat.size < _MANY_VALUES * self.places.shape[1]:

@@ -84,7 +84,7 @@ class PointAverages:
         entries = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
         return self._matrix[i, j], entries
 
-    def _range(self, block: Block) -> _Range:
+    def _find_range(self, block: Block) -> _Range:
         least, openings = block.origin[-1, 0], self._contacts[0]
         low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -95,19 +95,19 @@ class PointAverages:
     def count(self, block: Block) -> int:
         """Return how many steps of the block should be solved at once, so that arrays of near contacts fit in memory."""
         steps = min(len(block.root), max(_LEAST_STEPS, len(self.shape.positions) // 3))
-        near = self._range(block).near
+        near = self._find_range(block).near
         return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
 
     def balls(self, block: Block) -> PointBalls:
         """Return the averages at the points of the block: the sums over near contacts plus those over far ones."""
         _, w = self._points
-        span = self._range(block)
-        near = self._near(block, span)
+        span = self._find_range(block)
+        near = self._sum_near(block, span)
         if span.near.start:
-            near = [one + other for one, other in zip(near, self._far(block, span), strict=True)]
+            near = [one + other for one, other in zip(near, self._sum_far(block, span), strict=True)]
         return PointBalls(w, self.xi, *near)
 
-    def _near(self, block: Block, span: _Range) -> list[Array]:
+    def _sum_near(self, block: Block, span: _Range) -> list[Array]:
         """Sum four quantities over near contacts, for each ball.
 
         They are the stiffness, its change and the change of the force since the upper end of the step, (n, B, s + 1); and
@@ -127,7 +127,7 @@ class PointAverages:
         forces = change * (root * (root + top) + top * top)
         return [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
 
-    def _far(self, block: Block, span: _Range) -> list[Array]:
+    def _sum_far(self, block: Block, span: _Range) -> list[Array]:
         """Sum these four quantities over far contacts: the slope of the stiffness is interpolated and integrated twice."""
         _, w = self._points
         least = block.origin[-1, 0]
@@ -184,20 +184,20 @@ class PointBalls:
     @cached_property
     def mean(self) -> Array:
         """(B, s + 1) mean stiffness <K^Q>, reduced."""
-        return self._averaged(self.stiffness)
+        return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
         """Return what :meth:`granphon.laws.collocation.Balls.balance` describes; forces are counted from the upper end."""
         part = 1.0 / (self.stiffness + self.xi * k)
         last = part[..., -1]
-        start = self._averaged(last * self.top) / self._averaged(last)
+        start = self._average(last * self.top) / self._average(last)
         excess = self.top - start
         # <(F^Q - f) part> is zero at the upper end: elsewhere it is the sum of the changes of F^Q and of part
         moved = self.work - (self.change + self.xi * (k - k[:, -1:])) * (excess * last)[..., None]
-        total = self._averaged(part)
-        force = self._averaged(part * moved) / total
-        by_k = -self.xi * self._averaged(part * part * (self.work + excess[..., None] - force)) / total
+        total = self._average(part)
+        force = self._average(part * moved) / total
+        by_k = -self.xi * self._average(part * part * (self.work + excess[..., None] - force)) / total
         return force, by_k, start + force[:, 0]
 
-    def _averaged(self, values: Array) -> Array:
+    def _average(self, values: Array) -> Array:
         return np.asarray(np.einsum("n,n...->...", self.weights, values))

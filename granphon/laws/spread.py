@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, in_blocks
+from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
 from granphon.balls.hertz import HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.scales import WidthUnits
@@ -57,7 +57,9 @@ class Series(NamedTuple):
 
     def ratio(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy divided by that of equal balls."""
-        return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, self.mean * _factors(order) / _HERTZ[order]))
+        return np.asarray(
+            np.polynomial.polynomial.polyval(self.scale / y, self.mean * _compute_factors(order) / _HERTZ[order])
+        )
 
     def value(self, y: float, order: int) -> float:
         """Return a derivative of the reduced energy at y."""
@@ -66,12 +68,12 @@ class Series(NamedTuple):
     def excess(self, y: Array) -> tuple[Array, Array]:
         """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel, are left out."""
         powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
-        slopes = powers * _factors(STIFFNESS)
+        slopes = powers * _compute_factors(STIFFNESS)
         more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
         return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[:, None]
 
 
-def _factors(order: int) -> Array:
+def _compute_factors(order: int) -> Array:
     """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another derivative of the energy."""
     n = np.arange(_TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
@@ -96,7 +98,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     balls = np.array([binomial[m] * 0.5**m * pairs[m] for m in n])
     if math.isinf(xi):
         return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
-    powers = _factors(STIFFNESS)
+    powers = _compute_factors(STIFFNESS)
     mean, inverse = np.zeros(_TERMS), np.zeros_like(balls)
     mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
@@ -123,11 +125,11 @@ class SpreadLaw(ABC):
     xi: float
 
     @abstractmethod
-    def _near(self, y: Array, order: int) -> Array:
+    def _evaluate_near(self, y: Array, order: int) -> Array:
         """Return a derivative of the reduced energy, for y below the start of the series; zero if all contacts are open."""
 
     @abstractmethod
-    def _near_overlap(self, force: Array) -> Array:
+    def _find_near_overlap(self, force: Array) -> Array:
         """Return y for reduced forces f* below that at the start of the series."""
 
     @property
@@ -146,7 +148,7 @@ class SpreadLaw(ABC):
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the energy, J: the integral of the force over the overlap, zero where all contacts are open."""
-        offset = self._energy_offset * self._unit(ENERGY)
+        offset = self._energy_offset * self._find_unit(ENERGY)
         return self._evaluate(overlap, ENERGY, offset)
 
     def force(self, overlap: ArrayLike) -> Any:
@@ -170,15 +172,15 @@ class SpreadLaw(ABC):
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
             what = "the mean force of the contacts is not above zero"
-            raise InputError(message(what, "One-sided contacts carry no tension, and none at any overlap small enough"))
+            raise InputError(message(what, "Contacts carry no tension, so no single overlap belongs to such a force"))
 
         def near(part: Array) -> Array:
-            return self.width * self._near_overlap(np.asarray(self._units.reduced_force(part)))
+            return self.width * self._find_near_overlap(np.asarray(self._units.reduced_force(part)))
 
         # W may be so small that the reduced load is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
             far = self._units.reduced_force(load) >= self._series.value(self._series.start, FORCE)
-            return self._parts(load, far, self._far_overlap, near)
+            return self._evaluate_parts(load, far, self._find_far_overlap, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls, divided by the mean force."""
@@ -192,29 +194,29 @@ class SpreadLaw(ABC):
 
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y)
-            return rms(*self._balls(y, nodes.positions), nodes.weights)
+            return rms(*self._compute_excesses(y, nodes.positions), nodes.weights)
 
-        return self._joined(overlap, far, near)
+        return self._evaluate_joined(overlap, far, near)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of contacts that are closed (N_c of Section IV), the corona of each ball displaced by u^Q."""
 
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
-            excess, stiffness = self._balls(y, nodes.positions)
-            force, k = self._near(y, FORCE), self._near(y, STIFFNESS)
+            excess, stiffness = self._compute_excesses(y, nodes.positions)
+            force, k = self._evaluate_near(y, FORCE), self._evaluate_near(y, STIFFNESS)
             moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
             part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
             return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))  # weights sum to one but for rounding
 
-        return self._joined(overlap, np.ones_like, near)
+        return self._evaluate_joined(overlap, np.ones_like, near)
 
-    def _balls(self, y: Array, x: Array) -> tuple[Array, Array]:
+    def _compute_excesses(self, y: Array, x: Array) -> tuple[Array, Array]:
         """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
 
         Both are zero where all contacts are open.
         """
-        mean, k = (self._near(y, order)[:, None] for order in (FORCE, STIFFNESS))
+        mean, k = (self._evaluate_near(y, order)[:, None] for order in (FORCE, STIFFNESS))
         closed = mean > 0.0
         mean, k = (np.where(closed, value, 1.0) for value in (mean, k))
         return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(y[:, None], x) / k
@@ -225,7 +227,7 @@ class SpreadLaw(ABC):
     def _units(self) -> WidthUnits:
         return WidthUnits(self.coefficient, self.width)
 
-    def _unit(self, order: int) -> float:
+    def _find_unit(self, order: int) -> float:
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the stiffness."""
         return float(getattr(self._units, ("energy", "force", "stiffness", "stiffness_slope")[order]))
 
@@ -246,13 +248,13 @@ class SpreadLaw(ABC):
             return np.asarray(exact(part) * self._series.ratio(part / self.width, order) + offset)
 
         def near(part: Array) -> Array:
-            return self._unit(order) * self._near(part / self.width, order)
+            return self._find_unit(order) * self._evaluate_near(part / self.width, order)
 
         with np.errstate(over="ignore", under="ignore"):
-            return self._parts(delta, delta / self.width >= self._series.start, far, near)
+            return self._evaluate_parts(delta, delta / self.width >= self._series.start, far, near)
 
     @staticmethod
-    def _parts(values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]) -> Any:
+    def _evaluate_parts(values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]) -> Any:
         """Evaluate ``one`` where ``far`` is true and ``other`` elsewhere; only the functions that are needed are called."""
         if np.all(far):
             return one(values)[()]
@@ -262,7 +264,7 @@ class SpreadLaw(ABC):
         out[far], out[~far] = one(values[far]), other(values[~far])
         return out
 
-    def _far_overlap(self, force: Array) -> Array:
+    def _find_far_overlap(self, force: Array) -> Array:
         hertz = self._hertz
         delta = np.asarray(hertz.overlap(force))
         for _ in range(20):  # the ratio is within 1 % of one: each round gains two digits or more
@@ -273,12 +275,12 @@ class SpreadLaw(ABC):
                 break
         return delta
 
-    def _joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
+    def _evaluate_joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
         """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
-        parts = (partial(in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
+        parts = (partial(evaluate_in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
-            return self._parts(y, y >= self._series.start, *parts)
+            return self._evaluate_parts(y, y >= self._series.start, *parts)
 
 
 # -- the averaged force ---------------------------------------------------------------------------------------------
@@ -297,10 +299,10 @@ class AveragedLaw(SpreadLaw):
 
     xi = math.inf
 
-    def _near(self, y: Array, order: int) -> Array:
+    def _evaluate_near(self, y: Array, order: int) -> Array:
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
-    def _near_overlap(self, force: Array) -> Array:
+    def _find_near_overlap(self, force: Array) -> Array:
         depths, logs = _tabulate_force(self.shape)
         first = -self.shape.bounds[1]
         with np.errstate(divide="ignore"):  # a force below the floating range is refused below
@@ -308,8 +310,8 @@ class AveragedLaw(SpreadLaw):
         if np.any(wanted < logs[0]):
             raise PrecisionError(
                 message(
-                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too near the first contact",
-                    "An overlap in double precision does not hold it to eight digits",
+                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
+                    "So near the first contact an overlap in double precision does not give the force to eight digits",
                     "Raise the load",
                 )
             )
@@ -326,11 +328,13 @@ class AveragedLaw(SpreadLaw):
             going[going] = ~small
             if not np.any(going):
                 return y.reshape(np.shape(force))
-        raise PrecisionError(message("the overlap of the averaged force has not settled", mend="Give a less uneven spread"))
+        raise PrecisionError(
+            message("the overlap of the averaged force does not converge", mend="Give a less uneven spread")
+        )
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap."""
-        return self._joined(overlap, np.ones_like, lambda part: np.asarray(self.shape.average(part, 0.0)))
+        return self._evaluate_joined(overlap, np.ones_like, lambda part: np.asarray(self.shape.average(part, 0.0)))
 
 
 @lru_cache(maxsize=128)

@@ -27,7 +27,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 
-__all__ = ["DEVIATIONS", "Accuracy", "accuracy", "coefficients_of_form"]
+__all__ = ["DEVIATIONS", "Accuracy", "accuracy", "compute_form_coefficients"]
 
 Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 DEVIATIONS = 2.5
 
 
-def coefficients_of_form(shape: Shape) -> tuple[float, float]:
+def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     """Return skewness and excess kurtosis of a distribution; both are zero for a normal distribution without cutoff."""
     x, weights = shape.nodes(0.0, 64, whole=True)
     second, third, fourth = (float(np.sum(weights * x**n)) for n in (2, 3, 4))
@@ -52,13 +52,13 @@ class Accuracy:
         """Return the names of the media whose error is known, the cheapest first; the last is "simulation"."""
         return tuple(self.data["errors"]["any"]["force"])
 
-    def uncovered(self, packing: Packing) -> str | None:
+    def explain_uncovered(self, packing: Packing) -> str | None:
         """Return the reason why the table does not cover a packing; None if it does."""
         if not packing.width:
             return None
         if packing.structure != TRIANGULAR:
-            return f"nothing is known of the {packing.structure.name} lattice, which is not simulated"
-        skewness, kurtosis = coefficients_of_form(packing.spread.shape) if packing.spread else (0.0, 0.0)
+            return f"there are no errors for the {packing.structure.name} lattice, as it is not simulated"
+        skewness, kurtosis = compute_form_coefficients(packing.spread.shape) if packing.spread else (0.0, 0.0)
         most = self.data["most"]
         if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
             known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
@@ -67,7 +67,7 @@ class Accuracy:
 
     def least(self, kind: str) -> float:
         """Return the least load from which errors are known: a* for the kind "overlap", f* for the others."""
-        return float(self.data["loads"][_tabulated_kind(kind)][0])
+        return float(self.data["loads"][_name_tabulated_kind(kind)][0])
 
     def reduced(self, packing: Packing, load: Load) -> Array:
         """Return f* of an applied load, or a* of a load that is given as an overlap."""
@@ -88,11 +88,11 @@ class Accuracy:
         """
         if not packing.width:
             return np.zeros(load.shape)
-        if self.uncovered(packing) is not None:
+        if self.explain_uncovered(packing) is not None:
             return np.full(load.shape, np.inf)
-        table = _tabulated_kind(load.kind)
-        at, known = np.array(self.data["loads"][table]), self.data["errors"][_family(packing)][table][medium]
-        rows = np.array(known)[self._rows(packing.mindlin_ratio)].max(axis=0)
+        table = _name_tabulated_kind(load.kind)
+        at, known = np.array(self.data["loads"][table]), self.data["errors"][_name_family(packing)][table][medium]
+        rows = np.array(known)[self._select_rows(packing.mindlin_ratio)].max(axis=0)
         place = np.maximum(self.reduced(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
@@ -102,7 +102,7 @@ class Accuracy:
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))
 
-    def _rows(self, eta: float) -> list[int]:
+    def _select_rows(self, eta: float) -> list[int]:
         """Return the rows of the tabulated eta next below and above ``eta``, or the one row that has it."""
         known: Sequence[float] = self.data["mindlin_ratios"]
         above = min(int(np.searchsorted(known, eta)), len(known) - 1)
@@ -110,7 +110,7 @@ class Accuracy:
         return [row for row in beside if math.isclose(known[row], eta)] or beside
 
 
-def _family(packing: Packing) -> str:
+def _name_family(packing: Packing) -> str:
     """Return the family of the distribution of diameters: "uniform", "normal" or "any"."""
     shape = packing.spread.shape if packing.spread else None
     if isinstance(shape, UniformShape):
@@ -118,7 +118,7 @@ def _family(packing: Packing) -> str:
     return "normal" if isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0 else "any"
 
 
-def _tabulated_kind(kind: str) -> str:
+def _name_tabulated_kind(kind: str) -> str:
     return "overlap" if kind == "overlap" else "force"
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "contact_lattice", "ideal_lattice", "lattice_scales", "lattice_tensor", "lattice_waves",
-    "over_directions", "prestress", "sample_scales", "velocities_of_moduli", "velocity_scale",
+    "over_directions", "prestress", "sample_scales", "compute_velocities", "velocity_scale",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def over_directions(velocities: Array, along: Array) -> Array:
     return np.repeat(velocities[..., None, :], len(along), axis=-2)
 
 
-def velocities_of_moduli(moduli: Array, density: ArrayLike) -> Array:
+def compute_velocities(moduli: Array, density: ArrayLike) -> Array:
     """Return v_L and v_T, (..., 2), m/s, from K and G, (..., 2), Pa, and the density, kg/m^3 (equation 16)."""
     bulk, shear = np.moveaxis(moduli, -1, 0)
     return np.asarray(np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]))

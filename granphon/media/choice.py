@@ -102,7 +102,7 @@ class AutoMedium(Loaded[ContactState]):
         Each medium that is chosen is one :class:`Rung`; the cheapest comes first.
         """
         load = Load(kind, loads).flat
-        options, errors = self._errors(load)
+        options, errors = self._find_errors(load)
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
@@ -113,38 +113,38 @@ class AutoMedium(Loaded[ContactState]):
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
         """Return the cheapest medium that is accurate enough at all loads of a ``kind``."""
-        options, errors = self._errors(Load(kind, loads).flat)
+        options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
         # if no option serves every load, the largest simulation does: it is best wherever another medium would serve
         return options[serves[0]] if serves.size else max(options, key=lambda option: option.settings.get("shape", (0,)))
 
-    def _errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
+    def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
 
         Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
         """
-        if (why := accuracy().uncovered(self.packing)) is not None:
+        if (why := accuracy().explain_uncovered(self.packing)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
-        options = _options_by_cost(self.packing, load)
+        options = _sort_options(self.packing, load)
         errors = np.array([expected_error(option, self.packing, load) for option in options])
         best = np.min(errors, axis=0)
         if np.any(best > self.tolerance):
             worst = int(np.argmax(best))
-            unmet = self._unmet(load[worst], float(best[worst]))
+            unmet = self._explain_unmet(load[worst], float(best[worst]))
             unmet.load_index = worst
             raise unmet
         return options, errors
 
-    def _unmet(self, load: Load, best: float) -> InputError:
+    def _explain_unmet(self, load: Load, best: float) -> InputError:
         where = f"{load} {load.unit}"
         if np.isfinite(best):
-            what = f"no medium is within {self.tolerance:g} at {where}"
-            why = f"The best that can be had there is {best:.2g}, by a simulation of {_SIDES[-1]} x {_SIDES[-1]} balls"
+            what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
+            why = f"The smallest expected error there is {best:.2g}, of a simulation of {_SIDES[-1]} x {_SIDES[-1]} balls"
             return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
         name = "a*" if load.kind == "overlap" else "f*"
         at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(load.kind)
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-        return InputError(message(what, f"They are from {name} = {least:g} on", "Raise the load, or name a medium"))
+        return InputError(message(what, f"They are known from {name} = {least:g} on", "Raise the load, or name a medium"))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
@@ -186,7 +186,7 @@ class MediumChoice:
 
     def __post_init__(self) -> None:
         name = require("medium", partial(choice, options=tuple(MEDIA)), self.name)
-        given = require(f"medium.{name}", partial(_options, name), dict(self.options))
+        given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
         object.__setattr__(self, "options", kept)
@@ -274,7 +274,7 @@ def solving_time(packing: Packing) -> float:
     return max(_DENSITY_TIME, listed) if shape else 0.0
 
 
-def _options_by_cost(packing: Packing, load: Load) -> list[MediumChoice]:
+def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, sorted by their time at the least of these loads."""
     if not packing.width:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls
@@ -310,7 +310,7 @@ def medium(value: Any) -> MediumChoice:
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
     choice(name, tuple(MEDIA))
-    options = {} if given is None else read_inside(name, partial(_options, name), given)
+    options = {} if given is None else read_inside(name, partial(_read_options, name), given)
     return MediumChoice(name, tuple(options.items()))
 
 
@@ -324,7 +324,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
             raise no_finite_overlap(one.label)
 
 
-def _options(name: str, given: Any) -> dict[str, Any]:
+def _read_options(name: str, given: Any) -> dict[str, Any]:
     return block(given, {option: known.rule for option, known in OPTIONS[name].items()})
 
 

@@ -102,7 +102,7 @@ class Cost:
     @property
     def seconds(self) -> float:
         """Time on one processor of this machine, s; with simulations, the first call measures the small sample."""
-        return self.known + (self.work * _second_per_ball() if self.work else 0.0)
+        return self.known + (self.work * _measure_time_per_ball() if self.work else 0.0)
 
     @property
     def tells(self) -> bool:
@@ -115,21 +115,21 @@ class Cost:
         many = f", {self.equilibria} equilibria" if self.equilibria > 1 else ""
         simulated = (f"simulation of {self.balls:,} balls{many}",) if self.equilibria else ()
         what = "; ".join(simulated + self.parts)
-        return f"{what}: about {_bytes(self.memory)} and {_duration(self.seconds)}"
+        return f"{what}: about {_write_bytes(self.memory)} and {_write_duration(self.seconds)}"
 
 
-def _bytes(memory: float) -> str:
-    return f"{_digits(memory / 1e9)} GB" if memory >= 1e9 else f"{memory / 1e6:.0f} MB"
+def _write_bytes(memory: float) -> str:
+    return f"{_write_digits(memory / 1e9)} GB" if memory >= 1e9 else f"{memory / 1e6:.0f} MB"
 
 
-def _duration(seconds: float) -> str:
+def _write_duration(seconds: float) -> str:
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
-            return f"{_digits(seconds / size)} {unit}"
+            return f"{_write_digits(seconds / size)} {unit}"
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
-def _digits(value: float) -> str:
+def _write_digits(value: float) -> str:
     """Write a number with two significant digits."""
     return f"{value:.2g}" if value < 100.0 else f"{float(f'{value:.2g}'):,.0f}"
 
@@ -144,11 +144,11 @@ def available_memory(root: Path = Path("/")) -> float:
     process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
     ``root`` is the folder of the system's files.
     """
-    return min(_of_machine(root), _of_groups(root))
+    return min(_read_free_memory(root), _read_group_limits(root))
 
 
-def _of_machine(root: Path) -> float:
-    for line in _lines(root / "proc/meminfo"):
+def _read_free_memory(root: Path) -> float:
+    for line in _read_lines(root / "proc/meminfo"):
         words = line.split()
         if words[:1] == ["MemAvailable:"] and words[1:2] and words[1].isdigit():
             return float(words[1]) * 1024.0
@@ -167,10 +167,10 @@ _GROUPS = {
 }
 
 
-def _of_groups(root: Path) -> float:
+def _read_group_limits(root: Path) -> float:
     """Return the least memory that the limits of the process's control groups leave, bytes; infinite without a limit."""
     left = math.inf
-    for line in _lines(root / "proc/self/cgroup"):
+    for line in _read_lines(root / "proc/self/cgroup"):
         _, _, rest = line.partition(":")
         controllers, _, path = rest.partition(":")
         kind = "memory" if "memory" in controllers.split(",") else controllers
@@ -180,19 +180,19 @@ def _of_groups(root: Path) -> float:
         group = Path(path.lstrip("/"))
         for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
             here = root / place / folder
-            most, taken = (_number(_lines(here / name)) for name in (limit, use))
+            most, taken = (_read_number(_read_lines(here / name)) for name in (limit, use))
             if most is not None and taken is not None:
-                words = dict(line.split()[:2] for line in _lines(here / "memory.stat") if len(line.split()) >= 2)
-                left = min(left, max(most - taken + (_number([words.get(cache, "")]) or 0.0), 0.0))
+                words = dict(line.split()[:2] for line in _read_lines(here / "memory.stat") if len(line.split()) >= 2)
+                left = min(left, max(most - taken + (_read_number([words.get(cache, "")]) or 0.0), 0.0))
     return left
 
 
-def _number(lines: list[str]) -> float | None:
+def _read_number(lines: list[str]) -> float | None:
     """Read the number in the first line; None if it is not a number ("max")."""
     return float(lines[0]) if lines and lines[0].isdigit() else None
 
 
-def _lines(path: Path) -> list[str]:
+def _read_lines(path: Path) -> list[str]:
     try:
         return path.read_text(encoding="ascii", errors="replace").split("\n")
     except OSError:
@@ -220,15 +220,15 @@ def estimate(
     memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES) + kept)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(_reduced_force(packing, load.applied), _FORCES[0])
-    rest = _steps(force)
+    force = np.maximum(_estimate_reduced_force(packing, load.applied), _FORCES[0])
+    rest = _estimate_effort(force)
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME) if moduli else 0.0
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
-    relative = float(np.sum(rest + linear + beside) / _steps(np.interp(_SMALL_SPACING, _SPACINGS, _FORCES)))
+    relative = float(np.sum(rest + linear + beside) / _estimate_effort(np.interp(_SMALL_SPACING, _SPACINGS, _FORCES)))
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 
-def _reduced_force(packing: Packing, load: Load) -> Array:
+def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
     loads = np.ravel(load.array)
     if load.kind == "overlap":
@@ -240,13 +240,13 @@ def _reduced_force(packing: Packing, load: Load) -> Array:
     return np.asarray(packing.width_units.reduced_force(loads))
 
 
-def _steps(force: ArrayLike) -> Array:
+def _estimate_effort(force: ArrayLike) -> Array:
     """Return the time of an equilibrium per ball, in arbitrary units, at a reduced force."""
     return np.asarray(1.0 + 0.37 * np.asarray(force, float) ** -0.7)
 
 
 @cache
-def _second_per_ball() -> float:
+def _measure_time_per_ball() -> float:
     """Measure the time per ball of an equilibrium of the small sample at a* = 1, with its stiffness, on this machine, s."""
     deviations = uniform_numbers(_SMALL_SHAPE, 0) - 0.5
     deviations -= np.mean(deviations)

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate, too_small
+from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate, explain_too_small
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError
 from granphon.media.mean_field import AveragedLattice
-from granphon.media.medium import untouched
+from granphon.media.medium import explain_untouched
 
-__all__ = ["find_equilibria", "find_equilibrium", "in_order", "prescribe", "require_load", "share_array"]
+__all__ = ["find_equilibria", "find_equilibrium", "sort_by_load", "prescribe", "require_load", "share_array"]
 
 Array = NDArray[np.float64]
 
@@ -43,17 +43,17 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     if load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:
-            raise too_small(least)
+            raise explain_too_small(least)
     elif not packing.width:
         hertz.at(load)
     else:
         if np.max(load.array) > packing.width:
             hertz.at(Load("overlap", np.max(load.array)))
         if np.min(load.array) <= -largest:
-            raise untouched(load, largest)
+            raise explain_untouched(load, largest)
 
 
-def in_order(prescribed: Sequence[Prescribed]) -> list[int]:
+def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
     """Return the indices of the loads, from the highest load down.
 
     Each equilibrium is found from that at the next higher load. The starting point affects only digits beyond the tolerance.
@@ -67,7 +67,7 @@ def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers
     Each is found from the equilibrium at the next higher load. An error carries the index of its load as ``load_index``.
     """
     stencils, out, last = Stencils(deviations.shape, workers=workers), dict[int, Equilibrium](), None
-    for place in in_order(prescribed):
+    for place in sort_by_load(prescribed):
         try:
             last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
             _ = last.stiffness  # every state needs it: found here, it is found in parallel
@@ -96,4 +96,4 @@ def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equili
     """
     deviations = next(iter(found.values())).deviations
     stencils = Stencils(deviations.shape, workers=workers)
-    return {place: one.sharing(deviations, stencils) for place, one in found.items()}
+    return {place: one.share(deviations, stencils) for place, one in found.items()}

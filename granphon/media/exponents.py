@@ -21,15 +21,15 @@ Array = NDArray[np.float64]
 
 def mean_exponent(state: SimulatedState) -> Array:
     """Return d log v_L / d log P, with the shape of the load, from the mean K + G of the samples of a state."""
-    return _exponent(np.mean(_terms(state), axis=-2))
+    return _compute_exponent(np.mean(_compute_terms(state), axis=-2))
 
 
 def exponent_error(state: SimulatedState) -> Array:
     """Return the standard error of :func:`mean_exponent`, with the shape of the load; it needs two samples or more."""
-    return jackknife(_exponent, _terms(state))
+    return jackknife(_compute_exponent, _compute_terms(state))
 
 
-def _exponent(means: Array) -> Array:
+def _compute_exponent(means: Array) -> Array:
     """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), M = K + G, k and f.
 
     If all samples have the same force, the four are dM/d log f, M, 1 and 1.
@@ -38,10 +38,10 @@ def _exponent(means: Array) -> Array:
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
-def _terms(state: SimulatedState) -> Array:
-    """Return the terms of each sample whose means :func:`_exponent` takes, (..., n_samples, 4)."""
-    low, high = np.moveaxis(_longitudinal(state, lambda sample: sample.elastic_tensors_beside), -1, 0)
-    modulus = _longitudinal(state, lambda sample: sample.elastic_tensor)
+def _compute_terms(state: SimulatedState) -> Array:
+    """Return the terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples, 4)."""
+    low, high = np.moveaxis(_compute_longitudinal_modulus(state, lambda sample: sample.elastic_tensors_beside), -1, 0)
+    modulus = _compute_longitudinal_modulus(state, lambda sample: sample.elastic_tensor)
     force, stiffness = np.ones_like(modulus), np.ones_like(modulus)
     if state.spaced:  # samples have the same overlap, so the mean force is an average over them
         force = state.over_samples(lambda sample: sample.force)
@@ -50,6 +50,6 @@ def _terms(state: SimulatedState) -> Array:
     return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
 
 
-def _longitudinal(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
+def _compute_longitudinal_modulus(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
     """Return M = K + G, Pa, of the elastic tensor or tensors that ``of`` finds for every sample."""
     return np.asarray(np.sum(bulk_and_shear(state.over_samples(of)), axis=-1))

@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import Loaded, untouched
+from granphon.media.medium import Loaded, explain_untouched
 from granphon.media.state import ContactState, Law, overlap_flag
 
 __all__ = ["AveragedForce", "AveragedLattice", "EffectiveMedium"]
@@ -66,7 +66,9 @@ class _ByLaw(Loaded[ContactState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, (follows, said) = load.applied, overlap_flag(finite_overlap)
-        find = {"force": self._at_force, "pressure": self._at_pressure, "overlap": self._at_overlap}[load.kind]
+        find = {"force": self._solve_at_force, "pressure": self._solve_at_pressure, "overlap": self._solve_at_overlap}[
+            load.kind
+        ]
         with np.errstate(all="ignore"):  # _require_range raises for what is beyond double precision
             force, overlap = find(load, follows)
             stiffness = np.asarray(self.law.stiffness(overlap))
@@ -76,20 +78,20 @@ class _ByLaw(Loaded[ContactState]):
             normal_stiffness=stiffness[()], finite_overlap=follows, overlap_given=said,
         )  # fmt: skip
 
-    def _at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
+    def _solve_at_force(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Find force (N) and overlap (m) of a contact at given forces."""
         return load.array, np.asarray(self.law.overlap(load.array))
 
-    def _at_overlap(self, load: Load, follows: bool) -> tuple[Array, Array]:
+    def _solve_at_overlap(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Find force (N) and overlap (m) of a contact at given overlaps; raises InputError where no balls touch."""
         law, overlap = self.law, load.array
         if law.least_overlap == 0.0:
             require_compressive("overlap", overlap)
         if np.any(overlap <= law.least_overlap):
-            raise untouched(load, -law.least_overlap)
+            raise explain_untouched(load, -law.least_overlap)
         return np.asarray(law.force(overlap)), overlap
 
-    def _at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
+    def _solve_at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Find force (N) and overlap (m) of a contact at given pressures.
 
         If the boundary ``follows`` the balls, P a = sqrt(3) f on the triangular lattice; otherwise P d = sqrt(3) f.
@@ -186,7 +188,7 @@ class EffectiveMedium(_ByLaw):
             raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
         if local_field == "paper" and isinstance(packing, Packing) and packing.structure != TRIANGULAR:
             raise InputError(
-                message(f"the paper has no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
+                message(f"the paper gives no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
             )
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)

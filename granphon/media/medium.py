@@ -12,7 +12,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.media.state import ContactState
 
-__all__ = ["Loaded", "Medium", "untouched"]
+__all__ = ["Loaded", "Medium", "explain_untouched"]
 
 
 @runtime_checkable
@@ -72,7 +72,7 @@ class Loaded(ABC, Generic[StateT]):
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
 
-def untouched(load: Load, largest: float) -> InputError:
+def explain_untouched(load: Load, largest: float) -> InputError:
     """Return the error for an overlap at which even the largest balls are apart.
 
     ``largest`` is the excess of their diameter over the mean, m.

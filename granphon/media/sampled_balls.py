@@ -55,18 +55,18 @@ class SampledBalls:
                     "Use another medium, or the triangular lattice",
                 )
             )
-        shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _pair(self.shape))
+        shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _read_shape(self.shape))
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
             self._take(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.width / self.packing.diameter:.3g} of their mean"
-            raise InputError(message(what, f"Below {_LEAST_WIDTH:g} a sample is not simulated", "Leave the spread out"))
+            raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
         object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, MOST_SEED + 1 - self.samples))
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
-            raise InputError(message("diameters are those of one sample", mend="Leave samples out"))
+            raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
         if self.executor is not None and not hasattr(self.executor, "submit"):
             raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
 
@@ -96,8 +96,8 @@ class SampledBalls:
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "diameters", array)
         if self.shape not in (SampledBalls.shape, array.shape):
-            what = f"shape is {self.shape!r}, and the diameters have {array.shape}"
-            raise InputError(message(what, "A sample of given balls has their shape", "Leave shape out"))
+            what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+            raise InputError(message(what, "The diameters determine the shape of the sample", "Leave shape out"))
         object.__setattr__(self, "shape", array.shape)
 
     def deviations(self, index: int) -> Array:
@@ -111,7 +111,7 @@ class SampledBalls:
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
 
-def _pair(shape: Any) -> tuple[Any, Any]:
+def _read_shape(shape: Any) -> tuple[Any, Any]:
     try:
         first, second = shape
     except (TypeError, ValueError):

@@ -24,7 +24,7 @@ from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
-from granphon.media.acoustics import over_directions, sample_scales, velocities_of_moduli
+from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.medium import Loaded
@@ -59,16 +59,16 @@ class SampleLaw:
         largest = max(float(np.max(self.simulation.deviations(index))) for index in range(self.simulation.samples))
         return -largest * self.simulation.packing.width_units.width
 
-    def _mean(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
+    def _average_at(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
         different, where = np.unique(values, return_inverse=True)
-        means = [np.mean([of(one) for one in self._samples(value)]) for value in different.tolist()]
+        means = [np.mean([of(one) for one in self._simulate_at(value)]) for value in different.tolist()]
         return np.array(means)[where].reshape(values.shape)[()]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
-    def _samples(self, overlap: float) -> tuple[Sample, ...]:
+    def _simulate_at(self, overlap: float) -> tuple[Sample, ...]:
         kept = self._kept
         found = kept.pop(overlap, None) or self.simulation.at_overlap(overlap).samples
         if len(kept) == _MOST_KEPT:
@@ -82,27 +82,27 @@ class SampleLaw:
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the mean energy of a contact, J."""
-        return self._mean(overlap, lambda sample: sample.energy)
+        return self._average_at(overlap, lambda sample: sample.energy)
 
     def force(self, overlap: ArrayLike) -> Any:
         """Return the mean contact force f, N."""
-        return self._mean(overlap, lambda sample: sample.force)
+        return self._average_at(overlap, lambda sample: sample.force)
 
     def stiffness(self, overlap: ArrayLike) -> Any:
         """Return the mean normal stiffness df/d(delta), N/m."""
-        return self._mean(overlap, lambda sample: sample.normal_stiffness)
+        return self._average_at(overlap, lambda sample: sample.normal_stiffness)
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
         """Return the slope of the stiffness of these samples, d^2f/d(delta)^2, N/m^2, whose variance is infinite."""
-        return self._mean(overlap, lambda sample: sample.stiffness_slope)
+        return self._average_at(overlap, lambda sample: sample.stiffness_slope)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation Delta f / f over the balls."""
-        return self._mean(overlap, lambda sample: sample.force_fluctuation)
+        return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of contacts that carry load."""
-        return self._mean(overlap, lambda sample: sample.contact_fraction())
+        return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
         """Return 0 N: the simulation is valid at every load at which it finds an equilibrium."""
@@ -252,7 +252,7 @@ class SimulatedState(ContactState):
 
     def long_waves(self, direction: ArrayLike) -> Array:
         """Return velocities from the mean bulk and shear modulus, m/s, (..., 2) or (..., n, 2) for directions (n, 2)."""
-        velocities = velocities_of_moduli(bulk_and_shear(self.elastic_tensor), self.effective_density)
+        velocities = compute_velocities(bulk_and_shear(self.elastic_tensor), self.effective_density)
         return over_directions(velocities, as_direction(direction))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
@@ -277,7 +277,7 @@ class SimulatedState(ContactState):
         if not self.packing.width:
             return super().exponent_error
         if self.n_samples == 1:
-            return self._constant(math.nan)
+            return self._fill_shape(math.nan)
         return exponent_error(self)[()]
 
     @property
@@ -351,7 +351,7 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load, in the order of
-        :func:`~granphon.media.equilibria.in_order`; it is None for the first load.
+        :func:`~granphon.media.equilibria.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
         found = find_equilibrium(deviations, load, before, self.workers)

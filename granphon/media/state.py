@@ -153,7 +153,7 @@ class ContactState(Result):
     @property
     def _shrinkage(self) -> Values:
         """a/d if the boundary follows the balls (finite overlap), otherwise 1."""
-        return 1.0 - self.relative_overlap if self.finite_overlap else self._constant(1.0)
+        return 1.0 - self.relative_overlap if self.finite_overlap else self._fill_shape(1.0)
 
     @property
     def relative_overlap(self) -> Values:
@@ -164,15 +164,15 @@ class ContactState(Result):
     def reduced_force(self) -> Values:
         """Reduced force f* = f / (c W^(3/2)) of Section IV, over the force of equal balls at overlap W; +inf if W = 0."""
         if not self.packing.width:
-            return self._constant(np.inf)
+            return self._fill_shape(np.inf)
         # W may be so small that f* is above the floating range: it is then +inf
         with np.errstate(over="ignore"):
-            return _scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
+            return _unwrap_scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
 
     @property
     def reduced_spacing(self) -> Values:
         """Reduced spacing a* = (d + W/2 - a)/W of Section IV; +inf for equal balls."""
-        return self._infinite_if_equal(self.packing.width_units.reduced_spacing)
+        return self._convert_overlap(self.packing.width_units.reduced_spacing)
 
     @property
     def force_fluctuation(self) -> Values:
@@ -180,29 +180,29 @@ class ContactState(Result):
 
         It is 0 for equal balls.
         """
-        return _scalars(self.law.force_fluctuation(self.overlap))
+        return _unwrap_scalars(self.law.force_fluctuation(self.overlap))
 
     @property
     def contact_fraction(self) -> Values:
         """Fraction of contacts that carry load, N_c / 6; 1 for equal balls."""
-        return _scalars(self.law.contact_fraction(self.overlap))
+        return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 
     @property
     def stiffness_ratio(self) -> Values:
         """Normal stiffness k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
         ideal = self.packing.law
-        return _scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
+        return _unwrap_scalars(self.normal_stiffness / ideal.stiffness(ideal.overlap(self.force)))
 
     @property
     def exponent(self) -> Values:
         """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see :func:`granphon.local_exponent`."""
         slope = self.law.stiffness_slope(self.overlap)
-        return _scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
+        return _unwrap_scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
 
     @property
     def exponent_error(self) -> Values:
         """Standard error of ``exponent`` over samples: 0, because a contact law does not sample."""
-        return self._constant(0.0)
+        return self._fill_shape(0.0)
 
     @property
     def valid(self) -> Values:
@@ -211,7 +211,7 @@ class ContactState(Result):
         The range of the effective medium is f* >= 0.08 (Section IV). The averaged lattice and the averaged force leave out
         what disorder does to the lattice, and hold at high pressure (:attr:`regime`).
         """
-        return _scalars(np.asarray(self.force) >= self.least_valid_force)
+        return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
     def least_valid_force(self) -> float:
@@ -228,14 +228,14 @@ class ContactState(Result):
         It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is sqrt(10) times the overlap or
         more.
         """
-        ratio = math.sqrt(12.0) * np.asarray(self._infinite_if_equal(self.packing.width_units.reduced_overlap))
+        ratio = math.sqrt(12.0) * np.asarray(self._convert_overlap(self.packing.width_units.reduced_overlap))
         words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)]
         return words if self.shape else str(words)
 
-    def _infinite_if_equal(self, reduce: Callable[[Values], Values]) -> Values:
+    def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
         """Return the overlap as ``reduce`` converts it, or +inf for equal balls."""
         if not self.packing.width:
-            return self._constant(np.inf)
+            return self._fill_shape(np.inf)
         with np.errstate(over="ignore"):
             return reduce(self.overlap)
 
@@ -260,7 +260,7 @@ class ContactState(Result):
                 message(
                     f"the state holds {int(np.size(self.force))} loads",
                     "Atoms, force constants and phonons belong to one",
-                    "Call medium.at_force with one number",
+                    "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]",
                 )
             )
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
@@ -310,7 +310,7 @@ class ContactState(Result):
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
         return [lattice_scales(self, direction)] * len(names)
 
-    def _constant(self, value: Any) -> Values:
+    def _fill_shape(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value
 
 
@@ -341,8 +341,8 @@ def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactSta
         return state
     wanted, _ = overlap_flag(finite_overlap)
     warnings.warn(
-        "finite_overlap is said where a state is made, as in medium.at_force(f, finite_overlap=True);"
-        " as a keyword of what takes a state it goes in granphon 0.3.0",
+        "functions that take a state no longer need the keyword finite_overlap, which goes away in granphon 0.3.0;"
+        " give it where the state is made, as in medium.at_force(f, finite_overlap=True)",
         DeprecationWarning,
         stacklevel=3,
     )
@@ -359,6 +359,6 @@ def with_keyword(state: ContactState, finite_overlap: bool | None) -> ContactSta
     return replace(state, finite_overlap=wanted, overlap_given=True)
 
 
-def _scalars(values: Any) -> Values:
+def _unwrap_scalars(values: Any) -> Values:
     """Return a float (or bool) for a single load, and arrays unchanged."""
     return np.asarray(values).item() if np.ndim(values) == 0 else values

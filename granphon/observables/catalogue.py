@@ -21,7 +21,7 @@ from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 
-__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "missing_error"]
+__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "warn_of_missing_error"]
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; or bands, along a path that is given
@@ -84,12 +84,12 @@ class Observable:
 
     def __post_init__(self) -> None:
         if not self.label:
-            object.__setattr__(self, "label", _words(self.name))
+            object.__setattr__(self, "label", _write_words(self.name))
         if not self.meaning:
             object.__setattr__(self, "meaning", self.title)
 
 
-def _words(name: str) -> str:
+def _write_words(name: str) -> str:
     """Write a name as the label of an axis: words, the first with a capital letter."""
     return name.replace("_", " ").capitalize()
 
@@ -97,19 +97,19 @@ def _words(name: str) -> str:
 # -- what finds them ------------------------------------------------------------------------------------------------
 
 
-def _pressure(of: Analysis) -> Any:
+def _find_pressure(of: Analysis) -> Any:
     """Return P, N/m; None if the stress of the lattice is not a pressure."""
     with suppress(InputError):
         return of.state.pressure
     return None
 
 
-def _direction(of: Analysis) -> Any:
+def _find_direction(of: Analysis) -> Any:
     """Return the direction of propagation; None if the velocities are the same in all directions."""
     return None if of.moduli.isotropic else of.velocities.direction
 
 
-def _without_overlap_terms(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
+def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` a function of an analysis that returns None for states with finite overlap.
 
     The exponent is that of the limit of small overlap, and does not belong to such states.
@@ -120,22 +120,22 @@ def _without_overlap_terms(find: Callable[[ContactState], Any]) -> Callable[[Ana
 # -- the entries ----------------------------------------------------------------------------------------------------
 
 
-def _of_packing(name: str, unit: str, title: str, find: Callable[[Packing], float], **more: Any) -> Observable:
+def _make_packing_entry(name: str, unit: str, title: str, find: Callable[[Packing], float], **more: Any) -> Observable:
     return Observable(name, unit, title, find=lambda of: find(of.state.packing), cost="packing", swept=False, **more)
 
 
-def _of_state(name: str, title: str, **more: Any) -> Observable:
+def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the state; its value is None for states that do not have the attribute."""
     return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
 
 
-def _of_velocities(name: str, title: str, **more: Any) -> Observable:
+def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the sound velocities."""
     unit = SoundVelocities.units[name]
     return Observable(name, unit, title, find=lambda of: getattr(of.velocities, name), cost="velocities", **more)
 
 
-def _of_moduli(name: str, title: str, **more: Any) -> Observable:
+def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; bulk and shear are None unless the lattice is isotropic."""
 
     def find(of: Analysis) -> Any:
@@ -144,7 +144,7 @@ def _of_moduli(name: str, title: str, **more: Any) -> Observable:
     return Observable(name, Moduli.units[name], title, find=find, cost="velocities", **more)
 
 
-def _of_load(name: str, title: str) -> Observable:
+def _make_load_error_entry(name: str, title: str) -> Observable:
     """Make the entry of the standard error of the force or the overlap.
 
     Its value is None for the quantity that all samples have in common, and if there is only one sample.
@@ -163,62 +163,64 @@ _PARAMETERS = {
     "spread": "distribution of diameters", "lattice": "lattice of the contacts",
 }  # fmt: skip
 _OBSERVABLES = (
-    _of_state("force", "mean contact force", label="Contact force", told=True),
-    _of_state("overlap", "d - a", meaning="d - a, mean overlap: the state variable", told=True),
-    _of_state("normal_stiffness", "normal stiffness of a contact"),
-    _of_state("shear_stiffness", "shear stiffness of a contact"),
-    Observable("pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_pressure),
-    _of_state("relative_overlap", "overlap over the mean diameter"),
-    _of_state("effective_density", f"density {_LAYER}"),
-    _of_state("reduced_force", "f*, force over that at an overlap of the width", label="Force f*"),
-    _of_state("reduced_spacing", "a*, (d + W/2 - a)/W"),
-    _of_state(
+    _make_state_entry("force", "mean contact force", label="Contact force", told=True),
+    _make_state_entry("overlap", "mean overlap, d - a", meaning="mean overlap d - a, the state variable", told=True),
+    _make_state_entry("normal_stiffness", "normal stiffness of a contact"),
+    _make_state_entry("shear_stiffness", "shear stiffness of a contact"),
+    Observable("pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_find_pressure),
+    _make_state_entry("relative_overlap", "overlap over the mean diameter"),
+    _make_state_entry("effective_density", f"density {_LAYER}"),
+    _make_state_entry("reduced_force", "reduced force f*: the force over that at an overlap of the width", label="Force f*"),
+    _make_state_entry("reduced_spacing", "reduced spacing a* = (d + W/2 - a)/W"),
+    _make_state_entry(
         "force_fluctuation", "rms over balls of the mean force of a ball's contacts, over the mean",
         label="Force fluctuation Δf/f",
     ),
-    _of_state("contact_fraction", "fraction of contacts that carry load", label="Fraction of contacts"),
-    _of_state(
+    _make_state_entry("contact_fraction", "fraction of contacts that carry load", label="Fraction of contacts"),
+    _make_state_entry(
         "stiffness_ratio", "normal stiffness over that of the ideal lattice at the same force",
         label="k over the ideal lattice's",
     ),
-    _of_state("valid", "inside the medium's range"),
-    _of_state("contact_force_fluctuation", "rms difference of single contact forces from the mean, over the mean"),
+    _make_state_entry("valid", "whether the load is within the range of the medium"),
+    _make_state_entry("contact_force_fluctuation", "rms difference of single contact forces from the mean, over the mean"),
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
-    _of_load("force", f"{_OVER_SAMPLES} force, at a given overlap"),
-    _of_load("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
-    _of_packing(
-        "width", "m", "W, width of the distribution of diameters", lambda packing: packing.width,
-        meaning="W, √12 times the standard deviation of the diameters",
+    _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
+    _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
+    _make_packing_entry(
+        "width", "m", "width W of the distribution of diameters", lambda packing: packing.width,
+        meaning="width W: √12 times the standard deviation of the diameters",
     ),
-    _of_packing(
-        "mindlin_ratio", "1", "η, shear over normal stiffness; 0 without friction", lambda packing: packing.mindlin_ratio
+    _make_packing_entry(
+        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction", lambda packing: packing.mindlin_ratio
     ),
-    _of_packing("mass", "kg", "of a ball of the mean diameter", lambda packing: packing.mass),
-    _of_velocities("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
-    _of_velocities("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
-    _of_moduli("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
-    _of_moduli("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
+    _make_packing_entry("mass", "kg", "mass of a ball of the mean diameter", lambda packing: packing.mass),
+    _make_velocity_entry("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
+    _make_velocity_entry("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
+    _make_modulus_entry("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
+    _make_modulus_entry("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
     Observable(
-        "direction", "1", "of propagation, Cartesian, where velocities depend on it", find=_direction, cost="velocities",
-        swept=False,
+        "direction", "1", "Cartesian direction of propagation, where velocities depend on it", find=_find_direction,
+        cost="velocities", swept=False,
     ),
-    _of_moduli("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
-    _of_velocities("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),
-    _of_velocities("transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True),
-    _of_moduli("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
-    _of_moduli("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
+    _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
+    _make_velocity_entry("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),
+    _make_velocity_entry("transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True),
+    _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
+    _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
     Observable(
-        "exponent", "1", "d log v / d log P", "d log $v_L$ / d log $P$", "d log v_L / d log P",
-        _without_overlap_terms(local_exponent), "exponent",
+        "exponent", "1", "local exponent of the sound velocities, d log v / d log P",
+        "d log $v_L$ / d log $P$", "local exponent d log v_L / d log P",
+        _exclude_finite_overlap(local_exponent), "exponent",
     ),
     Observable(
-        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_without_overlap_terms(lambda state: state.exponent_error),
-        cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 of media that sample nothing, nan of one sample",
+        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
+        cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
     ),
-    Observable("choice", "", "medium that an automatic one chose"),
+    Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable(
-        "frequencies", "Hz", "frequencies of the branches, ascending", cost="bands", dims=("segment", "point", "branch")
+        "frequencies", "Hz", "frequencies of the branches, in ascending order", cost="bands",
+        dims=("segment", "point", "branch"),
     ),
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip
@@ -248,12 +250,12 @@ def axis_label(name: str, unit: str | None = None) -> str:
     ``unit`` replaces the unit of the catalogue, as for a file that states its own.
     """
     entry = CATALOGUE.get(name)
-    label = _words(name) if entry is None else entry.label
+    label = _write_words(name) if entry is None else entry.label
     said = (entry.unit if entry else "") if unit is None else unit
     return label if said in ("", "1") else f"{label} ({said})"
 
 
-def missing_error(found: dict[str, Any]) -> tuple[str, ...]:
+def warn_of_missing_error(found: dict[str, Any]) -> tuple[str, ...]:
     """Return a warning if ``found`` has an unknown standard error of the exponent (nan); else an empty tuple."""
     if not np.any(np.isnan(found.get("exponent_error", 0.0))):
         return ()

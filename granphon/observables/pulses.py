@@ -101,7 +101,10 @@ def pulse_velocities(
         shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
         raise InputError(
-            message(f"frequencies of shape {hertz.shape} do not go with loads of shape {state.shape}")
+            message(
+                f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}",
+                mend="Give one frequency, or shapes that numpy can broadcast",
+            )
         ) from None
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     target = 2.0 * np.pi * hertz.reshape(hertz.shape + (1,) * axes) * d / scale
@@ -156,12 +159,12 @@ def _find_wavenumbers(
             goal, unit = target[one, :, place], scale[one, :, place]
             branch = both.take_branch(which, place)
             if np.any(goal > branch.top):
-                raise _unreachable(branch, goal, unit)
+                raise _explain_unreachable(branch, goal, unit)
             q[one, :, place], group[one, :, place] = branch.find_pulse(goal)
     return q, group
 
 
-def _unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
+def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
     """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
     wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
     return UnreachableFrequencyError(

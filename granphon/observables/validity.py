@@ -18,21 +18,21 @@ __all__ = ["Check", "Tally", "Validity", "validity"]
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
 _LIMITS = {
-    "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law takes the contact for a small spot"),
+    "contact_radius": (0.1, "contact radius over ball radius", "Hertz's law assumes that the contact is a small spot"),
     "load": (0.3, "(f/E d^2)^(1/6)", "the balls must be much stiffer than their contacts"),
     "velocity": (0.5, "sound velocity over bulk velocity", "waves must be slow against those inside a ball"),
     "resonance": (0.5, "top frequency over the lowest resonance of a ball", "a ball must move as a rigid body"),
-    "spread": (0.03, "rms difference of diameters over their mean", "contacts are taken for those of nearly equal balls"),
+    "spread": (0.03, "rms difference of diameters over their mean", "contacts are treated as those of nearly equal balls"),
     "shear": (
         1e-2,
         "part by which the shear modulus of a simulation with friction is expected to be too small",
-        "loose balls have contacts that it leaves out; the transverse velocity lacks half of that part, the bulk modulus an"
-        " eighth",
+        "it leaves out contacts of loose balls; the transverse velocity is too small by half of that part, the bulk"
+        " modulus by an eighth",
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
 #: reason given when a property of the material is outside its limit
-_WRONG_UNIT = "probably a wrong unit, where SI is expected"
+_WRONG_UNIT = "the unit is probably wrong: SI units are expected"
 #: conditions on the material, by name: the attribute, what it is, the limit (SI), and whether the limit is a least value
 _MATERIAL_LIMITS = {
     "young_modulus": ("young_modulus", "Young modulus in Pa", LEAST_YOUNG_MODULUS, True),
@@ -142,7 +142,7 @@ _DEFICIT_WIDTH = 2.55e-4
 _DEFICIT_POWER = 0.31
 
 
-def _shear_deficit(state: ContactState) -> np.ndarray[Any, Any]:
+def _estimate_shear_deficit(state: ContactState) -> np.ndarray[Any, Any]:
     """Return the expected relative deficit of the shear modulus, at most 1.
 
     Outside the range of a* that was measured it is the deficit at the nearest measured a*.
@@ -170,10 +170,10 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
 
     The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
-    return with_keyword(state, finite_overlap).once(_validity)
+    return with_keyword(state, finite_overlap).once(_compute_validity)
 
 
-def _validity(state: ContactState) -> Validity:
+def _compute_validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = ideal_lattice(state.packing)
     v = state.long_waves((1.0, 0.0))
@@ -189,7 +189,7 @@ def _validity(state: ContactState) -> Validity:
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if state.n_samples and state.packing.width and state.packing.mindlin_ratio:
-        values["shear"] = _shear_deficit(state)
+        values["shear"] = _estimate_shear_deficit(state)
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
@@ -198,7 +198,7 @@ def _validity(state: ContactState) -> Validity:
         limit, meaning, reason = _LIMITS[name]
         checks.append(Check(name, meaning, np.asarray(value), limit, reason))
     if state.packing.width:
-        reason = f"pressed so little, the balls differ too much for the medium {state.medium!r}"
+        reason = f"at so small a force the diameters differ too much for the medium {state.medium!r}"
         force = np.asarray(state.force)
         checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
     for name, (attribute, meaning, limit, at_least) in _MATERIAL_LIMITS.items():

@@ -13,7 +13,7 @@ from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
-from granphon.media.acoustics import over_directions, velocities_of_moduli
+from granphon.media.acoustics import compute_velocities, over_directions
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
 
@@ -101,7 +101,7 @@ def sound_velocities(
     along = as_direction(direction)
     v, longitudinal_error, transverse_error = state.long_waves(along), None, None
     if (every := state.sampled_moduli) is not None:
-        velocities = velocities_of_moduli(every, np.asarray(state.effective_density)[..., None])
+        velocities = compute_velocities(every, np.asarray(state.effective_density)[..., None])
         errors = over_directions(standard_error(velocities, -2), along)
         longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
     return SoundVelocities(

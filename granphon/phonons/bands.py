@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import IN_PLANE, TRANSLATIONS_IN_PLANE, Motions
-from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
+from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
@@ -88,7 +88,7 @@ class Bands(Result):
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
-            raise InputError(message(what, mend="There are two or three for each"))
+            raise InputError(message(what, mend="Give two or three for each ball"))
         self.check_finite()
 
     @property
@@ -99,7 +99,7 @@ class Bands(Result):
     @property
     def motions(self) -> Motions:
         """Motions of each ball in the plane; rotation is left out if eigenvectors have two components for each ball."""
-        return _motions_of(self.eigenvectors.shape[2], len(self.masses))
+        return _select_motions(self.eigenvectors.shape[2], len(self.masses))
 
     @cached_property
     def _motion(self) -> NDArray[Any]:
@@ -166,14 +166,17 @@ class Bands(Result):
             f"nqpoint: {s * p}", f"npath: {s}", "segment_nqpoint:", *[f"- {p}"] * s,
         ]  # fmt: skip
         ticks = [tick.split("|") for tick in self.labels]
-        lines += ["labels:", *(f"- [ {_yaml_text(a[-1])}, {_yaml_text(z[0])} ]" for a, z in itertools.pairwise(ticks))]
+        lines += [
+            "labels:",
+            *(f"- [ {_write_yaml_text(a[-1])}, {_write_yaml_text(z[0])} ]" for a, z in itertools.pairwise(ticks)),
+        ]
         reciprocal = np.linalg.inv(self.cell).T
         lines += [
             "reciprocal_lattice:",
-            *map(_yaml_row, reciprocal),
+            *map(_write_yaml_row, reciprocal),
             f"natom: {n}",
             "lattice:",
-            *map(_yaml_row, self.cell),
+            *map(_write_yaml_row, self.cell),
             "points:",
         ]
         for place, mass in zip(self.positions, self.masses, strict=True):
@@ -187,7 +190,7 @@ class Bands(Result):
                     f"  distance: {float(self.distances[i, j])!r}",
                 ]
                 if j in (0, p - 1):
-                    lines.append(f"  label: {_yaml_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
+                    lines.append(f"  label: {_write_yaml_text(ticks[i][-1] if j == 0 else ticks[i + 1][0])}")
                 lines.append("  band:")
                 for k in range(still + b):
                     lines += [f"  - # {k + 1}", f"    frequency: {float(frequencies[i, j, k] / unit.hertz)!r}"]
@@ -206,7 +209,7 @@ class Bands(Result):
         :class:`~granphon.base.errors.UnverifiedFileWarning` if it carries no digest, as a copy by another program.
         """
         text, verified = read_sealed(path)
-        with own_file(path, "band.yaml"):
+        with require_own_file(path, "band.yaml"):
             data = plain_yaml(text, path)
             own, phonon = data["granphon"], data["phonon"]
             hertz, scales = read_header(own)
@@ -218,7 +221,7 @@ class Bands(Result):
             bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
             vectors = np.array([[mode["eigenvector"] for mode in q] for q in bands], float)
-            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., list(_motions_of(b, n).slots)]
+            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., list(_select_motions(b, n).slots)]
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
@@ -240,7 +243,7 @@ class Bands(Result):
         return found
 
 
-def _motions_of(components: int, balls: int) -> Motions:
+def _select_motions(components: int, balls: int) -> Motions:
     return TRANSLATIONS_IN_PLANE if components == TRANSLATIONS_IN_PLANE.count * balls else IN_PLANE
 
 
@@ -249,11 +252,11 @@ def _join_numbers(values: Any) -> str:
     return ", ".join(repr(float(x)) for x in values)
 
 
-def _yaml_text(words: str) -> str:
+def _write_yaml_text(words: str) -> str:
     """Write ``words`` as a JSON string, which is a valid YAML string whatever characters it holds."""
     return json.dumps(words)
 
 
-def _yaml_row(values: Any) -> str:
+def _write_yaml_row(values: Any) -> str:
     """Write numbers as one item of a YAML list."""
     return f"- [ {_join_numbers(values)} ]"

@@ -172,7 +172,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     "Use force constants, bands and velocities, which come from the state and stay exact",
                 )
             )
-        contacts = self._deformations(balls)
+        contacts = self._find_deformations(balls)
         i, j, pull = contacts.i, contacts.j, contacts.force_on_j
         n, forces = len(balls), np.zeros((len(balls), 3))
         for axis in (0, 1):
@@ -189,7 +189,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             self.results["stress"] = np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]])
         elif "stress" in properties:
             raise InputError(
-                message("the cell has no area in the plane", "Stress is force over area", "Give it two vectors")
+                message(
+                    "the cell has no area in the plane",
+                    "Stress is force over area",
+                    "Give the cell two vectors in the plane",
+                )
             )
 
     def get_torques(self, atoms: Atoms) -> Array:
@@ -199,7 +203,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     # -- contacts ---------------------------------------------------------------------------------------------------
 
-    def _law(self, balls: Atoms) -> Law:
+    def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls; raises :class:`InputError` if the balls cannot belong to the state."""
         if len(self.state.samples) > 1 and has_sampled(balls):
             raise InputError(
@@ -212,7 +216,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         kind = find_kind(balls, self.scales, self.finite_overlap)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
-            raise InputError(message("the Atoms hold a number that is not finite, in positions, cell or an array of ours"))
+            raise InputError(
+                message("the Atoms hold a number that is not finite, in positions, cell or an array that granphon added")
+            )
         if np.any(np.abs(np.asarray(balls.cell)[:2, 2]) > 1e-3):
             raise InputError(message("the cell is tilted out of the plane", "The array is one layer in x and y"))
         if balls.pbc[2]:
@@ -231,13 +237,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         return self.state.law
 
-    def _pairs(self, balls: Atoms, positions: Array) -> Pairs:
+    def _find_pairs(self, balls: Atoms, positions: Array) -> Pairs:
         """Find the pairs of balls that are near enough to touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
         periodic = bool(balls.pbc[0]), bool(balls.pbc[1])
         return self._near.near(positions, np.asarray(balls.cell)[:2, :2], periodic, largest)
 
-    def _normals(self, vector: Array, extra: Array, turned: float) -> tuple[Array, NDArray[np.bool_]]:
+    def _find_normals(self, vector: Array, extra: Array, turned: float) -> tuple[Array, NDArray[np.bool_]]:
         """Find the direction of the lattice contact nearest to each pair, and whether the pair is near enough to be it.
 
         Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned so far that contacts of
@@ -268,14 +274,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         return normal, near
 
-    def _deformations(self, balls: Atoms) -> _Deformations:
+    def _find_deformations(self, balls: Atoms) -> _Deformations:
         """Find the contacts that are closed at the positions of the balls, with their energies, forces and torques."""
-        law = self._law(balls)
+        law = self._choose_law(balls)
         apart = law.least_overlap / self.scales.length
-        i, j, _, vector = self._pairs(balls, balls.positions[:, :2])
+        i, j, _, vector = self._find_pairs(balls, balls.positions[:, :2])
         deviations, angles = balls.arrays["diameter_deviations"], balls.arrays["rotations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._normals(vector, extra, _TURN_PER_OVERLAP * (self._overlap - self._apart))
+        normal, near = self._find_normals(vector, extra, _TURN_PER_OVERLAP * (self._overlap - self._apart))
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             axis = vector / distance[:, None]
@@ -294,11 +300,11 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         pull = compression[:, None] * axis
         torque_i, torque_j = np.zeros(len(i)), np.zeros(len(i))
         if self._motions.rotate:
-            rest = self._at_rest(balls, i, j, normal)
+            rest = self._find_rest(balls, i, j, normal)
             origin = balls.arrays["slip_origin"][:, :2]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
             # kappa is that of the reference state: slip adds to the energy of that state
-            stiffness = self._stiffness(law, rest.overlap)
+            stiffness = self._find_stiffness(law, rest.overlap)
             for row in contact_rows(rest.axis, arm_i, arm_j, self._motions, elongation=0.0, slip=self._eta):
                 (x, y, turn_j), (_, _, turn_i) = row.head.T, row.tail.T
                 change = x * moved[:, 0]
@@ -313,7 +319,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 torque_j -= tension * turn_j
         return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
-    def _at_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
+    def _find_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
         """Find direction, overlap and distance of each contact in the reference state.
 
         There balls are displaced from their sites, which are one spacing apart in the direction ``normal``. In the paper's
@@ -332,7 +338,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
         return _Rest(vector / distance[:, None], overlap - farther, distance)
 
-    def _stiffness(self, law: Law, overlap: Array) -> Array:
+    def _find_stiffness(self, law: Law, overlap: Array) -> Array:
         """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
         stiffness, other = np.ones(overlap.shape), (overlap != self._overlap) | (law is not self.state.law)
         if np.any(other):  # only where needed: the law of a simulation solves an equilibrium for each overlap
@@ -346,12 +352,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.
         With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms.
         """
-        law = self._law(atoms)
+        law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
         sites = atoms.positions[:, :2] - atoms.arrays["displacements"][:, :2]
-        i, j, shift, vector = self._pairs(atoms, sites)
-        normal, near = self._normals(vector, 0.5 * (deviations[i] + deviations[j]), _TURN_PER_SPACING)
-        rest = self._at_rest(atoms, i, j, normal)
+        i, j, shift, vector = self._find_pairs(atoms, sites)
+        normal, near = self._find_normals(vector, 0.5 * (deviations[i] + deviations[j]), _TURN_PER_SPACING)
+        rest = self._find_rest(atoms, i, j, normal)
         closed = near & (rest.overlap > law.least_overlap / self.scales.length)
         i, j, shift, vector = i[closed], j[closed], shift[closed], vector[closed]
         axis, overlap, distance = (values[closed] for values in rest)
@@ -366,7 +372,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
         return ContactLattice(
-            np.asarray(atoms.cell)[:2, :2], sites, table, self._eta, stiffness=self._stiffness(law, overlap),
+            np.asarray(atoms.cell)[:2, :2], sites, table, self._eta, stiffness=self._find_stiffness(law, overlap),
             prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
         )  # fmt: skip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
+from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
@@ -78,7 +78,7 @@ class DensityOfStates(Result):
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
         """Read a file that :meth:`write_csv` wrote; raises and warns as :meth:`Bands.read` does."""
         text, verified = read_sealed(path)
-        with own_file(path, "density of states"):
+        with require_own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
             comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
             what, how = comments[:2]
@@ -86,16 +86,16 @@ class DensityOfStates(Result):
             # schema 1 differs only in that the heading stood below the comments
             known = what in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2))
             if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or not known or words is None:
-                raise InputError("its head is not that of one")
+                raise InputError("Its heading or its first comments are not those of a density of states")
             warnings = [line.removeprefix("warning: ") for line in comments[2:] if line.startswith("warning: ")]
             if len(warnings) != len(comments) - 2:
-                raise InputError("it has a comment that granphon does not write")
+                raise InputError("It has a comment that granphon does not write")
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
             mesh = int(words[2]), int(words[3])
             found = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
             found.check()
             if not np.array_equal(found.total, total):
-                raise InputError("the total is not the sum of its parts")
+                raise InputError("The total is not the sum of its parts")
         if not verified:
             warn_unverified(path)
         return found

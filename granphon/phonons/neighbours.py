@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.contact_table import seen_first
+from granphon.balls.contact_table import select_once
 from granphon.base.errors import InputError, message
 
 __all__ = ["PairList", "Pairs"]
@@ -81,13 +81,13 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, bool], cutoff: 
     from ase.neighborlist import primitive_neighbor_list
 
     if any(axis and not np.any(vector) for axis, vector in zip(periodic, cell, strict=True)):
-        raise InputError(message("the balls are periodic along a cell vector of no length", "Nothing says the period"))
+        raise InputError(message("the balls are periodic along a cell vector of zero length", "The period is not known"))
     if all(periodic) and abs(np.linalg.det(cell)) < _FLAT:
         raise InputError(message("the balls are periodic in a cell without an area", "Its vectors are parallel"))
     flat, box = np.zeros((len(positions), 3)), np.zeros((3, 3))
     flat[:, :2], box[:2, :2] = positions, cell
     i, j, shift = primitive_neighbor_list("ijS", (*periodic, False), complete_cell(box), flat, cutoff)
-    once = seen_first(i, j, shift)
+    once = select_once(i, j, shift)
     i, j, shift = i[once], j[once], shift[once][:, :2]
     order = np.lexsort((shift[:, 1], shift[:, 0], j, i))
     i, j, shift = i[order], j[order], shift[order]

@@ -16,7 +16,7 @@ from phonopy.phonon.mesh import Mesh
 from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
 from phonopy.structure.atoms import PhonopyAtoms
 
-from granphon.balls.contact_table import contacts_apart
+from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import BALL
 from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
@@ -90,15 +90,19 @@ class Phonons:
         )
         if not self.lattice.area > 0.0:
             raise InputError(
-                message("the Atoms have no cell", "Wave vectors are fractions of one", "Give them one of any size")
+                message(
+                    "the Atoms have no cell",
+                    "Wave vectors are fractions of its reciprocal vectors",
+                    "Give the Atoms a cell of any size",
+                )
             )
         if not len(self.lattice.contacts):
             raise InputError(
-                message("no two of these balls touch", "They fly, or are turned against the lattice of the state")
+                message("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
             )
-        self.dim = self._dim(dim)
+        self.dim = self._choose_dim(dim)
 
-    def _dim(self, given: Sequence[int] | None) -> tuple[int, int]:
+    def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, int]:
         contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
         # an axis that is not periodic has no images: a very long cell vector keeps them away
         periodic = np.asarray(self.atoms.pbc)[:2]
@@ -106,18 +110,18 @@ class Phonons:
         if given is not None:
             dim = grid_numbers("dim", given, LARGEST_COUNT, "3 3 1")
             if np.any((np.array(dim) > 1) & ~periodic):
-                raise InputError(message(f"dim is {given!r}", "An axis without periods has one cell", "Give 1 there"))
-            if not contacts_apart(cell, dim, contact):
+                raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
+            if not touch_once_at_most(cell, dim, contact):
                 raise InputError(
                     message(
                         f"a supercell of {dim[0]} x {dim[1]} cells is too small",
-                        "Two balls would touch through more than one image, and their contacts be confused",
-                        "Use at least {} x {}".format(*self._dim(None)),
+                        "Two balls would touch through more than one image, and their contacts could not be told apart",
+                        "Use at least {} x {}".format(*self._choose_dim(None)),
                     )
                 )
             return dim
         n1 = n2 = 1
-        while not contacts_apart(cell, (n1, n2), contact):
+        while not touch_once_at_most(cell, (n1, n2), contact):
             # lengthen the shorter side, so that the two sides stay about equal
             if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
                 n1 += 1
@@ -135,13 +139,13 @@ class Phonons:
         give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
         """
         bridge = ContactPhonopy(
-            self._phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
+            self._make_phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
         )
         bridge.unit_conversion_factor = 1.0
-        bridge.give_force_constants(self._force_constants(bridge))
+        bridge.give_force_constants(self._compute_force_constants(bridge))
         return bridge
 
-    def _phonopy_cell(self) -> PhonopyAtoms:
+    def _make_phonopy_cell(self) -> PhonopyAtoms:
         cell, extent = np.array(self.atoms.cell), float(np.ptp(self.atoms.positions[:, :2], axis=0).sum())
         for axis in np.flatnonzero(~np.asarray(self.atoms.pbc)[:2]):
             # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
@@ -150,7 +154,7 @@ class Phonons:
             symbols=[BALL] * len(self.atoms), cell=cell, masses=self.atoms.get_masses(), positions=self.atoms.positions
         )
 
-    def _force_constants(self, bridge: Phonopy) -> Array:
+    def _compute_force_constants(self, bridge: Phonopy) -> Array:
         """Force constants between balls of the cell and of phonopy's supercell, (n, n_supercell, 3, 3), units of k."""
         table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
         dim = np.array(self.dim)
@@ -250,7 +254,7 @@ class Phonons:
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
-        grid = self._mesh(numbers)
+        grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
         modes = (self.lattice.modes(some, (1.0, 0.0)) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
@@ -260,7 +264,7 @@ class Phonons:
         at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
             if sigma is not None:
-                raise InputError(message("sigma belongs to the smearing method", mend="Say method='smearing'"))
+                raise InputError(message("sigma is for the smearing method only", mend="Give method='smearing'"))
             # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
             # stay finite, and the trapezoidal sum over the points is exactly the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
@@ -280,7 +284,12 @@ class Phonons:
                 width = positive("sigma", sigma, "Hz") / self.scales.frequency
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
-                raise InputError(message(f"sigma = {sigma!r} Hz is finer than the spacing of {count} points"))
+                raise InputError(
+                    message(
+                        f"sigma = {sigma!r} Hz is below the spacing of {count} points",
+                        mend="Raise sigma, or take more points",
+                    )
+                )
             # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
             density = sum(
                 SmearingDOSAccumulator(
@@ -293,9 +302,9 @@ class Phonons:
             at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]), self._warnings
         )
 
-    def _mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
+    def _make_mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
         """Return a Gamma-centred mesh, reduced by the layer group if the frequencies have its symmetry."""
-        dataset = self._layer_dataset() if reduce else None
+        dataset = self._find_layer_dataset() if reduce else None
         if dataset is not None and numbers[0] != numbers[1] and np.any(dataset.rotations[:, [0, 1], [1, 0]] != 0):
             dataset = None  # a rotation that mixes the axes does not map this mesh on itself
         symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
@@ -304,7 +313,7 @@ class Phonons:
             is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
         )  # fmt: skip
 
-    def _layer_dataset(self) -> Any:
+    def _find_layer_dataset(self) -> Any:
         """Return spglib's dataset of the layer group, or None if the frequencies do not have that symmetry."""
         import spglib
 
@@ -344,7 +353,7 @@ def _check_qpoints(qpoints: ArrayLike) -> Array:
     """Check that ``qpoints`` lie in the plane, and return them as (n, 3); raises :class:`InputError` if they do not."""
     q = real_array("q points", qpoints)
     if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
-        raise InputError(message(f"q points of shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
+        raise InputError(message(f"the q points have the shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
     if np.any(q[:, 2] != 0.0):
         raise InputError(message("a q point lies out of the plane", "The array is one layer", "Set the third number to 0"))

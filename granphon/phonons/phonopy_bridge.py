@@ -17,7 +17,7 @@ from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.lattices import BALL
-from granphon.base.digests import own_file, read_sealed, seal, warn_unverified
+from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.scales import HertzPrefix, Units, file_header, read_header
@@ -184,7 +184,7 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     UnverifiedFileWarning : the file carries no digest.
     """
     text, verified = read_sealed(path)
-    with own_file(path, "phonopy_params.yaml"):
+    with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
         own = data["granphon"]
         _, scales = read_header(own)
@@ -193,10 +193,10 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         points = data["unit_cell"]["points"]
         matrix = np.array(data["supercell_matrix"])
         if len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
-            raise InputError("its cell is not one of balls and the auxiliary atom")
+            raise InputError("Its cell does not consist of balls and the auxiliary atom")
         cells = _count_cells(matrix)
         if masses.min() <= 0.0 or scale <= 0.0:
-            raise InputError("its masses and scales are not above zero")
+            raise InputError("Its masses and scales are not above zero")
         constants = _read_force_constants(data["force_constants"], n + 1, cells)
         cell = PhonopyAtoms(
             symbols=[BALL] * n, cell=_read_numbers(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
@@ -218,7 +218,7 @@ def _count_cells(matrix: NDArray[Any]) -> int:
     # Python's integers, whose product does not overflow
     n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
     if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
-        raise InputError("its supercell_matrix is not that of n1 x n2 x 1 cells")
+        raise InputError("Its supercell_matrix is not that of n1 x n2 x 1 cells")
     return n1 * n2
 
 
@@ -226,9 +226,9 @@ def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:
     """Read finite numbers of a file as a float array of this shape, in which -1 stands for any length."""
     found = np.array(values)
     if found.dtype.kind not in "if" or found.ndim != len(shape) or not np.all(np.isfinite(found)):
-        raise InputError("it has something else where finite numbers belong")
+        raise InputError("It has something else where finite numbers are needed")
     if any(wanted not in (-1, length) for wanted, length in zip(shape, found.shape, strict=True)):
-        raise InputError(f"it has numbers of shape {found.shape} where {shape} belongs")
+        raise InputError(f"It has numbers of shape {found.shape} instead of {shape}")
     return found.astype(float)
 
 
@@ -236,7 +236,7 @@ def _read_force_constants(block: dict[str, Any], atoms: int, cells: int) -> Arra
     """Read (atoms, atoms * cells, 3, 3) from phonopy's block ``force_constants``, which may have the rows of all cells."""
     rows, columns = block["shape"]
     if columns != atoms * cells or rows not in (atoms, columns):
-        raise InputError(f"its force constants of shape {block['shape']} do not belong to {cells} cells of {atoms} atoms")
+        raise InputError(f"Its force constants of shape {block['shape']} do not fit {cells} cells of {atoms} atoms")
     found = _read_numbers(block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
     # phonopy orders a supercell by atom, then by cell
     return found if rows == atoms else found[::cells]

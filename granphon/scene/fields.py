@@ -225,23 +225,26 @@ def write_parameter(name: str, given: Sequence[Any]) -> Any:
 
 
 def read_lattice(value: Any) -> str:
+    """Read the name of a built-in lattice; "hexagonal" is refused, as several lattices are called so."""
     if value == "hexagonal":
         raise Refused("'hexagonal'", ", ".join(LATTICES), "Did you mean 'triangular', with six neighbours?")
     return choice(value, tuple(LATTICES))
 
 
 def write_lattice(lattice: str | Lattice) -> str:
-    """Name of a lattice, as a scene file gives it.
+    """Return the name of a lattice, as a scene file gives it.
 
-    :class:`~granphon.base.errors.InputError` if no built-in lattice has that name, or the one that has it is different.
+    Raises :class:`~granphon.base.errors.InputError` if no built-in lattice has that name, or the one that has it is
+    different.
     """
     structure = find_lattice(lattice)
     if LATTICES.get(structure.name) != structure:
-        raise InputError(message("a scene file names its lattice", mend="Use one of " + ", ".join(LATTICES)))
+        raise InputError(message("a scene file can name a built-in lattice only", mend="Use one of " + ", ".join(LATTICES)))
     return structure.name
 
 
 def read_schema(value: Any) -> int:
+    """Read the number of the schema of a scene file, which must be the one that this granphon reads."""
     if value == SCENE_SCHEMA and isinstance(value, int) and not isinstance(value, bool):
         return SCENE_SCHEMA
     newer = isinstance(value, int) and value > SCENE_SCHEMA
@@ -249,6 +252,7 @@ def read_schema(value: Any) -> int:
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
+    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
     allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
     if not isinstance(value, list | tuple) or not value:
         mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""

@@ -65,7 +65,7 @@ class PlannedCase:
     @cached_property
     def state(self) -> ContactState:
         """State of the contacts under the first load, the only one if the scene is not a sweep."""
-        return self._state_at(0)
+        return self._find_state(0)
 
     def states(self, wanted: Callable[[Rung], bool]) -> Iterator[tuple[str, ContactState]]:
         """Label and state of each medium for which ``wanted`` is true.
@@ -92,23 +92,23 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 medium = rung.medium.of(self.case.packing)
                 if isinstance(medium, DirectSimulation):
-                    medium.require(self._at(index))
+                    medium.require(self._select_load(index))
                     continue
-                contact_lattice(self._state_at(index) if index else self.state)
+                contact_lattice(self._find_state(index) if index else self.state)
         return True
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`Origin`."""
         return self.origin.at_load(self.written, index, before)
 
-    def _state_at(self, index: int) -> ContactState:
+    def _find_state(self, index: int) -> ContactState:
         rung = next(rung for rung in self.rungs if index in rung.loads)
-        state = self._solve(rung, self._at(index))
+        state = self._solve(rung, self._select_load(index))
         if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
             raise InputError(message("the frequencies or velocities are beyond double precision"))
         return state
 
-    def _at(self, index: int) -> Load:
+    def _select_load(self, index: int) -> Load:
         """The load number ``index``, of shape ()."""
         return self.case.load[index]
 
@@ -252,7 +252,7 @@ class Plan:
         scene = self.scene
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
         out: list[CostPart] = [
-            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._simulations())
+            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._estimate_simulations())
         ]
         branches = structure.n_balls * select_motions(scene.packing.mindlin_ratio).count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
@@ -269,7 +269,7 @@ class Plan:
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
 
-    def _simulations(self) -> Cost:
+    def _estimate_simulations(self) -> Cost:
         """Memory and time of all simulations, one after the other.
 
         If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.

@@ -8,7 +8,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, message
 from granphon.base.staging import ResultFiles
-from granphon.base.written_files import files_written
+from granphon.base.written_files import read_written_files
 from granphon.scene.result_files import figure_name
 
 __all__ = ["redraw"]
@@ -53,7 +53,9 @@ def redraw(
         )
     swept = "sweep.nc" in have
     if swept and asymptotes:
-        raise InputError(message(f"{source} holds a sweep", "Long waves are drawn beside bands", "Leave asymptotes out"))
+        raise InputError(
+            message(f"{source} holds a sweep", "Long waves are drawn beside bands only", "Leave asymptotes out")
+        )
     if variable is not None and not swept:
         raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
     target = source if out is None else Path(out).parent
@@ -62,11 +64,11 @@ def redraw(
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
     with ResultFiles(target, [name], force).open() as locked:
-        before = files_written(source)
-        figure = _sweep_figure(have["sweep.nc"], variable) if swept else _spectra_figure(source, have, asymptotes)
-        if files_written(source) != before:
-            what = f"{source} has been written into while it was read"
-            raise InputError(message(what, "The figure would show two results", "Draw it again"))
+        before = read_written_files(source)
+        figure = _draw_sweep(have["sweep.nc"], variable) if swept else _draw_spectra(source, have, asymptotes)
+        if read_written_files(source) != before:
+            what = f"{source} was written into while it was read"
+            raise InputError(message(what, "The figure would mix two results", "Draw it again"))
         from granphon.figures.style import save_figure
 
         with locked.staging() as place:
@@ -74,14 +76,14 @@ def redraw(
     return target / name
 
 
-def _sweep_figure(path: Path, variable: str | None) -> Any:
+def _draw_sweep(path: Path, variable: str | None) -> Any:
     from granphon.figures.sweeps import sweep_figure
     from granphon.sweeps.archive import load_sweep
 
     return sweep_figure(load_sweep(path), variable=variable)
 
 
-def _spectra_figure(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
+def _draw_spectra(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:
     from granphon.figures.bands import bands_figure
     from granphon.phonons.bands import Bands  # this module does not load phonopy
     from granphon.phonons.dos import DensityOfStates

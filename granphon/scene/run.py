@@ -33,12 +33,12 @@ from granphon.base.errors import InputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.staging import ResultFiles
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
-from granphon.base.written_files import files_written, is_written
+from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, missing_error
+from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
 from granphon.scene.reader import Origin
@@ -96,7 +96,7 @@ class RunResult:
         """One sentence for each limit of validity exceeded, each number unknown or left out, and each figure that failed."""
         spectra = self.phonons is not None and bool(self.state.samples)
         left_out = (LATTICE_BANDS,) if spectra else ()
-        return self.validity.warnings + missing_error(self._exponents) + left_out + self.failures
+        return self.validity.warnings + warn_of_missing_error(self._exponents) + left_out + self.failures
 
     @cached_property
     def _analysis(self) -> Analysis:
@@ -202,11 +202,11 @@ class SweepResult:
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     """Names of the files that a run of ``scene`` writes."""
-    numbers, drawn = _expected(scene)
+    numbers, drawn = _list_expected(scene)
     return numbers + (drawn if figures else ())
 
 
-def _expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _list_expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures."""
     names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
     drawn = []
@@ -263,7 +263,7 @@ def run(
     OutputError : the folder cannot be written, or another run is writing into it.
     GranphonError : the computation fails; then no result has been written.
     """
-    target, (names, drawn) = Path(folder), _expected(scene)
+    target, (names, drawn) = Path(folder), _list_expected(scene)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
     if resume and not force and scene.is_sweep and is_complete(scene, target):
@@ -281,7 +281,7 @@ def run(
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
             store.claim(None)
-            result = _single(scene, target, progress)
+            result = _run_single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         with locked.staging(drawn) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
@@ -297,7 +297,7 @@ def run(
                 step.advance(len(drawn))
             files = tuple(target / name for name in every if name not in failures)
             result = replace(result, files=files, failures=tuple(failures.values()))
-            _write(place / "summary.yaml", _summary(result, scene, used))
+            _write(place / "summary.yaml", _write_summary(result, scene, used))
     return result
 
 
@@ -306,7 +306,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
     A file that was changed after the run counts as missing.
     """
-    target, written = Path(folder), files_written(folder)
+    target, written = Path(folder), read_written_files(folder)
     if not all(name in written for name in expected_files(scene, figures=False)):
         return False
     try:
@@ -318,7 +318,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return all(is_written(target / name, written[name]) for name in expected_files(scene, figures=False))
 
 
-def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
+def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     """Compute the result of a scene of one state; no file is written yet."""
     rung = scene.rung
     choice = rung.medium
@@ -331,7 +331,7 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
             direction = None if constants.isotropic else (1.0, 0.0)
             velocities = sound_velocities(state, direction)
             _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
-    phonons, bands, dos = _spectra(scene, state, progress)
+    phonons, bands, dos = _compute_spectra(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     load = scene.load.applied.kind
@@ -343,7 +343,7 @@ def _single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     )  # fmt: skip
 
 
-def _spectra(
+def _compute_spectra(
     scene: Scene, state: ContactState, progress: Progress
 ) -> tuple[Phonons | None, Bands | None, DensityOfStates | None]:
     if not {"bands", "dos"} & set(scene.observe):
@@ -363,7 +363,7 @@ def _spectra(
     return phonons, bands, dos
 
 
-def _summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
+def _write_summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[str, str]) -> str:
     numbers = result.summary()
     limits: dict[str, Any] = {}
     if isinstance(result, RunResult):

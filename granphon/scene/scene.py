@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
-from granphon.balls.contact_table import contacts_apart
+from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, force_of_frame
 from granphon.balls.packing import Packing
@@ -136,7 +136,7 @@ class Scene:
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it."""
-        return cls._of(Origin.of_file(path))
+        return cls._read(Origin.of_file(path))
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
@@ -144,10 +144,10 @@ class Scene:
 
         Files that it names are looked for in the working folder.
         """
-        return cls._of(Origin.of_text(text, name))
+        return cls._read(Origin.of_text(text, name))
 
     @classmethod
-    def _of(cls, origin: Origin) -> Self:
+    def _read(cls, origin: Origin) -> Self:
         given = origin.read()
         with origin.at():
             scene = cls(**given)
@@ -274,9 +274,9 @@ class Scene:
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
         structure, dim, swept = self.packing.structure, self.dim, dict(self.parameters)
-        if dim is not None and not contacts_apart(structure.vectors, dim, 1.0):
+        if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
             # two balls of the supercell would touch through two images
-            least = next(n for n in range(1, 100) if contacts_apart(structure.vectors, (n, n), 1.0))
+            least = next(n for n in range(1, 100) if touch_once_at_most(structure.vectors, (n, n), 1.0))
             raise Refused(f"{dim[0]} {dim[1]} 1", f"{least} {least} 1 or more", path=("phonopy", "dim"))
         if self.finite_overlap:
             try:

@@ -15,7 +15,7 @@ from granphon.balls.material import read_poisson_ratio
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.base.text import Document, show
-from granphon.base.validation import Rule, block, truth, unknown_key
+from granphon.base.validation import Rule, block, refuse_unknown_key, truth
 from granphon.phonons.paths import read_labels, read_paths
 from granphon.scene import fields
 
@@ -84,7 +84,7 @@ def _require_known(data: Any, rules: Mapping[str, Rule | dict[str, Rule]]) -> No
             if key not in keys:
                 home = next((home for home in known if key in known[home]), name)
                 mend = "" if home == name else f"It belongs under '{home}'." if home else "It belongs at the top level."
-                refused = unknown_key(key, keys, mend)
+                refused = refuse_unknown_key(key, keys, mend)
                 raise refused.under(name) if name else refused
 
 

@@ -89,14 +89,14 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
 def _digest_numbers(dataset: Dataset) -> str:
     """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they are stored."""
     variables = {
-        str(name): [list(variable.dims), list(variable.shape), *_content(variable.values), variable.attrs]
+        str(name): [list(variable.dims), list(variable.shape), *_read_content(variable.values), variable.attrs]
         for name, variable in dataset.variables.items()
     }
     attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, *_HISTORY)}
     return digest({"variables": variables, "attributes": attributes})
 
 
-def _content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
+def _read_content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
     """Return type and content of an array; they depend neither on its byte order nor on the stored length of texts."""
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
@@ -137,14 +137,14 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         _try_elsewhere(path, body)
     dataset = _open_checked(path, body)
     if dataset.attrs.get("format") != FORMAT:
-        raise InputError(message(f"{path} is no sweep", "granphon did not write it", "Give a sweep.nc"))
+        raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
     schema: Any = dataset.attrs.get("schema")
     number = int(schema) if isinstance(schema, int | np.integer) else 0
     if number > SWEEP_SCHEMA:
-        what = f"{path} is of schema {number}, newer than this granphon knows ({SWEEP_SCHEMA})"
+        what = f"{path} has the schema {number}, newer than this granphon knows ({SWEEP_SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
     if number < 1 or _REQUIRED - set(dataset.variables):
-        raise InputError(message(f"{path} is damaged: it lacks a part of what a sweep holds", mend="Run the sweep again"))
+        raise InputError(message(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"))
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
@@ -158,7 +158,7 @@ def _open_checked(path: str | os.PathLike[str], data: bytes) -> Dataset:
         # open the bytes that were checked: the file itself may have changed since
         return open_bytes(data)
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
-        raise _unreadable(path, str(error)) from None
+        raise _explain_unreadable(path, str(error)) from None
 
 
 def open_bytes(data: bytes) -> Dataset:
@@ -187,14 +187,14 @@ def open_bytes(data: bytes) -> Dataset:
         return dataset.load()
 
 
-def _unreadable(path: str | os.PathLike[str], why: str) -> InputError:
+def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
     return InputError(message(f"{path} cannot be read", why, "Is this the right file?"))
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a damaged file."""
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
-        raise _unreadable(path, "It is no netCDF file of version 4")
+        raise _explain_unreadable(path, "It is not a netCDF-4 file")
     # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run when Python starts. It
     # imports the granphon of this process, and searches the rest of this process's path last
     found = [str(Path(str(sys.modules["granphon"].__file__)).parent.parent), *(place for place in sys.path if place)]
@@ -203,9 +203,11 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
             [sys.executable, "-I", "-c", _TRIAL, *found], input=data, capture_output=True, timeout=TRIAL_SECONDS, check=False
         )
     except subprocess.TimeoutExpired:
-        raise _unreadable(path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged") from None
+        raise _explain_unreadable(path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged") from None
     except OSError as error:
-        raise _unreadable(path, f"It carries no digest, and no process could be started to try it: {error}") from None
+        raise _explain_unreadable(
+            path, f"It carries no digest, and no process could be started to test it: {error}"
+        ) from None
     if done.returncode != 0 or done.stdout.strip() != b"good":
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-        raise _unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")
+        raise _explain_unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")

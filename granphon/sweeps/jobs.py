@@ -24,11 +24,11 @@ from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice
 from granphon.media.cases import Case
 from granphon.media.choice import MediumChoice, Rung
-from granphon.media.equilibria import in_order
+from granphon.media.equilibria import sort_by_load
 from granphon.media.medium import Medium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import Analysis, find_all, missing_error
+from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Tally, validity
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
@@ -182,9 +182,9 @@ class Job:
         """Return the variables of a state, and its "warnings"."""
         out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
-        notes += missing_error(out)
+        notes += warn_of_missing_error(out)
         if self.qpoints is not None:
-            out["frequencies"] = _frequencies(state, self.qpoints)
+            out["frequencies"] = _compute_frequencies(state, self.qpoints)
             notes += [LATTICE_BANDS] if state.n_samples else []
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
 
@@ -247,11 +247,11 @@ def _name_task(where: str, error: GranphonError) -> GranphonError:
     return type(error)(f"{where}: {error}")
 
 
-def _frequencies(state: ContactState, qpoints: Array) -> Array:
-    """Frequencies along the path, (n_loads, s, p, n_branches), Hz: those of phonopy, but computed from C(q).
+def _compute_frequencies(state: ContactState, qpoints: Array) -> Array:
+    """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz.
 
-    phonopy's threads do not survive the fork of a worker process. In the paper's limit one dispersion relation serves all
-    loads.
+    They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
+    dispersion relation serves all loads.
     """
     loads = [state[i] for i in range(len(state.force))]
     lattices = [contact_lattice(one) for one in (loads if state.finite_overlap else loads[:1])]
@@ -286,7 +286,7 @@ class _SampleJob(Job):
         try:
             simulation: Any = self.medium
             loads = simulation.prescribed(self.load)
-            order = in_order(loads)
+            order = sort_by_load(loads)
             so_far = dict(begun or {})
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]

@@ -29,7 +29,7 @@ from granphon.base.quantities import LOADS
 from granphon.base.staging import ResultFiles
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
-from granphon.base.written_files import files_written, is_written
+from granphon.base.written_files import is_written, read_written_files
 from granphon.media.cases import Grid
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE
@@ -120,7 +120,7 @@ def sweep(
         of that load. No result is written then.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
-    choices = _media(media)
+    choices = _parse_media(media)
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
@@ -149,9 +149,9 @@ def sweep_grid(
     """
     cases = grid.cases
     way = None if bands is None else _Way.of([case.packing for case in cases], bands, npoints, labels)
-    frame = _frame(grid, way)
-    target = _target(path, resume)
-    if target is not None and resume and not overwrite and (there := _complete(target, frame)) is not None:
+    frame = _make_frame(grid, way)
+    target = _choose_target(path, resume)
+    if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
     works = [Work(case, qpoints) for case in cases]
@@ -159,7 +159,7 @@ def sweep_grid(
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
-        place.claim(_identity(frame), lambda: [piece.name for several in pieces for piece in several])
+        place.claim(_collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
@@ -170,7 +170,7 @@ def sweep_grid(
     return dataset
 
 
-def _media(given: Any) -> list[MediumChoice]:
+def _parse_media(given: Any) -> list[MediumChoice]:
     """Parse the media; :class:`InputError` if there is none, or one is given twice."""
     choices = [MediumChoice.parse(one) for one in (given if isinstance(given, list | tuple) else [given])]
     if not choices:
@@ -201,7 +201,7 @@ class _Way:
             raise InputError(
                 message(
                     "bands cannot be swept over friction or lattices",
-                    "The number of branches, or the Brillouin zone, differs, and they would make no one array",
+                    "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array",
                     "Make a sweep of each",
                 )
             )
@@ -213,10 +213,14 @@ class _Way:
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
 
 
-def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
+def _choose_target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     if path is None:
         if resume:
-            raise InputError(message("there is nothing to resume", "Parts of a sweep are kept beside its file", "Give path"))
+            raise InputError(
+                message(
+                    "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file", "Give path"
+                )
+            )
         return None
     target = Path(path)
     if target.suffix != ".nc":
@@ -224,30 +228,30 @@ def _target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     return target
 
 
-def _complete(target: Path, frame: Dataset) -> Dataset | None:
+def _load_complete(target: Path, frame: Dataset) -> Dataset | None:
     """Return the sweep in ``target`` if it is complete and is the one that ``frame`` describes; otherwise None."""
-    written = files_written(target.parent)
+    written = read_written_files(target.parent)
     if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
         return None
     there = load_sweep(target)
-    return there if _identity(there) == json.loads(to_json(_identity(frame))) else None
+    return there if _collect_identity(there) == json.loads(to_json(_collect_identity(frame))) else None
 
 
 # -- the data set ---------------------------------------------------------------------------------------------------
 
 
-def _frame(grid: Grid, way: _Way | None) -> Dataset:
+def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
     load, finite = grid.load, grid.finite_overlap
-    loads = ("load", load.array, _attributes(load.kind, load.array))
+    loads = ("load", load.array, _list_attributes(load.kind, load.array))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
-        coordinates[axis.name] = (axis.name, labels, _attributes(axis.name, labels) | whole)
+        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels) | whole)
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in grid.media]), "finite_overlap": int(finite),
@@ -255,11 +259,11 @@ def _frame(grid: Grid, way: _Way | None) -> Dataset:
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
-    variables = {} if way is None else _path_variables(way, finite)
+    variables = {} if way is None else _list_path_variables(way, finite)
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
 
-def _identity(frame: Dataset) -> dict[str, Any]:
+def _collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
@@ -288,7 +292,7 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
         stack = np.array([part[name] for part in parts])
         stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _attributes(name, stack))
+        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _list_attributes(name, stack))
     if "tensor" in names:
         frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
     labels = [case.label for case in grid.cases]
@@ -297,13 +301,13 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 
 
-def _attributes(name: str, values: Array) -> dict[str, str]:
+def _list_attributes(name: str, values: Array) -> dict[str, str]:
     """Return the attributes of a variable: its meaning, and the unit of its numbers."""
     unit = CATALOGUE[name].unit
     return {"long_name": CATALOGUE[name].title} | ({"units": unit} if unit and values.dtype.kind != "b" else {})
 
 
-def _path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
+def _list_path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
     # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
     unit = "1/a" if finite_overlap else "1/d"
     return {

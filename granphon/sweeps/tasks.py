@@ -95,13 +95,13 @@ class Store:
         self._home = _identify_folder(self.folder.parent)
         text = json.dumps(identity, sort_keys=True)
         mine, before, self._names = json.loads(text), self._read_identity(), set(names())
-        if (identity is None or before != mine) and self._others():
+        if (identity is None or before != mine) and self._list_others():
             if not self.force:
                 raise FileExistsInRunError(
                     message(
-                        f"{self.folder} holds what another sweep has finished, which was cut off",
-                        _why(before, mine),
-                        "Run that one again to go on with it, use --force (force=True, overwrite=True) to discard what it "
+                        f"{self.folder} holds the finished part of another sweep, which was interrupted",
+                        _explain_difference(before, mine),
+                        "Run that sweep again to continue it, use --force (force=True, overwrite=True) to discard what it "
                         "has finished, or choose another folder",
                     )
                 )
@@ -122,7 +122,7 @@ class Store:
             raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
         if not stat.S_ISDIR(found.st_mode):
             what = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "a file"
-            why = "What a sweep has finished is kept in a folder of that name"
+            why = "The finished parts of a sweep are kept in a folder of that name"
             raise OutputError(message(f"{self.folder} is {what}", why, "Move it away, or choose another folder"))
 
     def _read_identity(self) -> Any:
@@ -133,14 +133,14 @@ class Store:
                 return data["sweep"]
         return None
 
-    def _others(self) -> set[str]:
+    def _list_others(self) -> set[str]:
         """Return the names of the results that are there and are not this work's."""
         with suppress(OSError):
             there = set(os.listdir(self.folder)) if self.folder else set()
-            return {name for name in there - self._names if self._data(name) is not None}
+            return {name for name in there - self._names if self._read_data(name) is not None}
         return set()
 
-    def _data(self, name: str) -> memoryview | None:
+    def _read_data(self, name: str) -> memoryview | None:
         """Return the content of the result of that name; None if there is none, or it is damaged."""
         if self.folder is None:
             return None
@@ -152,7 +152,7 @@ class Store:
 
     def read(self, task: Task) -> TaskResult | None:
         """Return the result of ``task`` or of its first steps; None if there is none, or it is damaged or another task's."""
-        data = self._data(task.name)
+        data = self._read_data(task.name)
         if data is None:
             return None
         try:
@@ -194,8 +194,11 @@ class Store:
                 raise FileNotFoundError
             self.folder.mkdir(exist_ok=True)
         except FileNotFoundError:
-            what, why = f"{home} has been removed while a sweep was writing into it", "What it had finished there is gone"
-            raise OutputError(message(what, why, "The same command begins again")) from None
+            what, why = (
+                f"{home} has been removed while a sweep was writing into it",
+                "The parts that it had finished are gone",
+            )
+            raise OutputError(message(what, why, "Run the same command again: it starts from the beginning")) from None
         except OSError as error:
             raise OutputError(message(f"{self.folder} cannot be written: {error.strerror or error}")) from None
 
@@ -203,7 +206,7 @@ class Store:
         """Delete every result, and the folder if nothing else is in it."""
         if self.folder is None or self.folder.is_symlink():
             return
-        for name in self._names | self._others():
+        for name in self._names | self._list_others():
             _remove(self.folder / name)
         for left in self.folder.glob(".granphon-*/"):  # of a process that was killed while it wrote
             shutil.rmtree(left, ignore_errors=True)
@@ -240,35 +243,35 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def _why(there: Any, here: Any) -> str:
+def _explain_difference(there: Any, here: Any) -> str:
     """Say how the work there differs from the one here."""
     if here is None:
-        return "A result of one state would stand beside it"
-    differences = "; ".join(_differences(there, here))
-    return f"They differ: {differences}" if there else "What it belongs to is not said there"
+        return "The result of a single state would stand beside it"
+    differences = "; ".join(_describe_differences(there, here))
+    return f"They differ: {differences}" if there else "The folder does not say which sweep it belongs to"
 
 
-def _differences(there: Any, here: Any) -> list[str]:
+def _describe_differences(there: Any, here: Any) -> list[str]:
     """Describe the first few places where plain data differ."""
-    found = list(_different(there, here, ""))
+    found = list(_find_differences(there, here, ""))
     more = len(found) - _MOST_NAMED
     return found[:_MOST_NAMED] + ([f"and {more} more"] if more > 0 else [])
 
 
-def _different(there: Any, here: Any, where: str) -> Iterator[str]:
+def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(here, dict):
         for key in [*there, *(key for key in here if key not in there)]:
             name = f"{where}.{key}" if where else str(key)
             if key not in here or key not in there:
                 yield f"{name} is {'given' if key in there else 'not given'} there, and {'' if key in here else 'not '}here"
             else:
-                yield from _different(there[key], here[key], name)
+                yield from _find_differences(there[key], here[key], name)
     elif isinstance(there, list) and isinstance(here, list):
         if len(there) != len(here):
             yield f"{where} has {len(there)} values there, and {len(here)} here"
         else:
             for index, (one, other) in enumerate(zip(there, here, strict=True)):
-                yield from _different(one, other, f"{where}[{index}]")
+                yield from _find_differences(one, other, f"{where}[{index}]")
     elif there != here:
         yield f"{where} is {show(there)} there, and {show(here)} here"
 
@@ -302,9 +305,9 @@ def solve_all(
         step.advance(sum(tasks[i].done(part) for i, part in parts.items()))
         work = _Work(tasks, parts, known, step)
         if executor is None:
-            work.in_turn()
+            work.run_in_turn()
         else:
-            work.spread_out(executor)
+            work.run_side_by_side(executor)
     return [parts[i] for i in range(len(tasks))]
 
 
@@ -327,7 +330,7 @@ class _Work:
         with suppress(OutputError):  # this may be the very error that is being raised
             self.store.write(self.tasks[index], part)
 
-    def in_turn(self) -> None:
+    def run_in_turn(self) -> None:
         """Do one task after the other, here."""
         for index, task in enumerate(self.tasks):
             while self._is_left(index):
@@ -338,7 +341,7 @@ class _Work:
                     self._rescue(index, part)
                     raise
 
-    def spread_out(self, executor: Executor) -> None:
+    def run_side_by_side(self, executor: Executor) -> None:
         """Have the tasks done side by side; the next step of a task is submitted once the one before is kept."""
         running: dict[Future[TaskResult], int] = {}
         ready: SimpleQueue[Future[TaskResult]] = SimpleQueue()

@@ -76,7 +76,7 @@ _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def _held_back() -> Iterator[None]:
+def _hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block."""
     if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
         yield
@@ -118,7 +118,7 @@ class _Workers(Executor):
         """Start ``count`` worker processes."""
         context = multiprocessing.get_context("spawn")
         atexit.register(self.shutdown)  # runs before multiprocessing waits for them, if an interruption skips the shutdown
-        with _held_back(), _mask_interrupts():
+        with _hold_back_signals(), _mask_interrupts():
             if os.name == "posix":
                 # otherwise the first start of a process starts the tracker, which unblocks the signals
                 from multiprocessing import resource_tracker
@@ -162,7 +162,7 @@ class _Workers(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes at once, even in the middle of their work."""
-        with _held_back():
+        with _hold_back_signals():
             for process in self._processes:
                 process.kill()
             for process in self._processes:
@@ -188,6 +188,6 @@ def worker_processes(count: int) -> Iterator[Executor | None]:
         yield workers
     except BrokenExecutor:
         what, why = "a worker process has ended", "It was killed, or ran out of memory"
-        raise GranphonError(message(what, why, "Take fewer --workers; the same command again goes on")) from None
+        raise GranphonError(message(what, why, "Take fewer --workers; run the same command again to continue")) from None
     finally:
         workers.shutdown()

@@ -53,7 +53,7 @@ class GridStudy(DisorderStudy):
             k.append(np.asarray(other.stiffness(overlap)))
         return np.asarray(0.5 * (k[1] - k[0]) / (k[1] + k[0]) / _XI_STEP)
 
-    def points(self) -> list[Point]:
+    def make_points(self) -> list[Point]:
         """Return the points: for each method, the cheapest setting of its knob first."""
         eta = self.disorder.packing.mindlin_ratio
 
@@ -66,21 +66,23 @@ class GridStudy(DisorderStudy):
         graded = [make_point("graded triangles", number, True) for number in self.graded]
         return graded + [make_point("uniform grid", number, False) for number in self.uniform]
 
-    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Integrate the Green's function by adaptive quadrature."""
         from granphon.tradeoffs.references import integrate_local_field
 
         if (least := _SOLUTIONS * self.disorder.solving) > deadline.left:
-            raise GranphonError(f"its {_SOLUTIONS} effective media, some {least:.2g} s, do not fit into the budget.")
+            raise GranphonError(
+                f"its {_SOLUTIONS} effective media do not fit into the budget: they take about {least:.2g} s."
+            )
         xi, error = integrate_local_field(self.disorder.packing.mindlin_ratio)
         errors = self.disorder.repeat(self._sensitivity * error / xi)
         return Reference(xi, errors, f"adaptive quadrature of the Green's function, Xi = {xi:.12g} to {error:.0e}")
 
-    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
         """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return self.disorder.repeat(self._sensitivity * (outcomes[0] / reference.values - 1.0))
 
-    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """Return the least relative error that the point can have."""
         # Xi = 1/u_1 - 1 loses digits where it is small; the last term is the rounding of the velocity itself
         return float(np.max(np.abs(self._sensitivity)) * EPSILON * (1.0 + 1.0 / outcomes[0])) + EPSILON

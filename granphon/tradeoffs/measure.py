@@ -109,7 +109,7 @@ class MeasuredPoint(Result):
         if self.resolved:
             return ""
         if self.error <= self.reference_error:
-            return "no worse than the reference is known"
+            return "the error is not above that of the reference"
         return f"the reference is {self.error / self.reference_error:.2g} times better"
 
 
@@ -272,7 +272,7 @@ def _carry_out_one(
 
     How the reference was made is added to ``references``.
     """
-    points = study.points()
+    points = study.make_points()
     failures: dict[Point, str] = {}
     done: list[_Runs] = []
     now = deadline.stopwatch.now()
@@ -292,14 +292,14 @@ def _carry_out_one(
 
     def better(reference: Reference) -> bool:
         """Return whether the reference is good enough for every point."""
-        found = [(study.errors(one.outcomes, reference), reference.errors) for one in done]
+        found = [(study.compute_errors(one.outcomes, reference), reference.errors) for one in done]
         return all(np.max(e) >= BETTER * r.flat[int(np.argmax(e))] for e, r in found)
 
     reference, problem = None, "no point was run"
     if done:
         with progress.step(f"{study.name}: reference") as step:
             try:
-                reference = study.reference(deadline, better, step)
+                reference = study.find_reference(deadline, better, step)
                 references[study.name] = reference.made
             except GranphonError as error:
                 problem = f"there is no reference: {error}"
@@ -314,7 +314,7 @@ def _carry_out_one(
             continue
         errors, known_errors, floor = nothing, nothing, 0.0
         if reference is not None:
-            errors, floor = study.errors(one.outcomes, reference), study.floor(point, one.outcomes)
+            errors, floor = study.compute_errors(one.outcomes, reference), study.find_floor(point, one.outcomes)
             known_errors = np.broadcast_to(reference.errors, errors.shape).copy()
         low, middle, high = statistics.quantiles(one.seconds, n=4)
         measured.append(MeasuredPoint(
@@ -335,7 +335,7 @@ def _time(point: Point, runs: int, deadline: Deadline, about: float) -> _Runs:
 
     def require_time(seconds: float) -> None:
         if (runs + _MORE_RUNS) * seconds > deadline.left:
-            long = f": {runs} runs of some {seconds:.2g} s" if 1e-3 < seconds < math.inf else ""
+            long = f": {runs} runs of about {seconds:.2g} s" if 1e-3 < seconds < math.inf else ""
             raise _BudgetError(f"not run, beyond the budget{long}")
 
     require_time(about)

@@ -46,7 +46,7 @@ class MediaStudy(DisorderStudy):
     counts: tuple[int, ...] = (1, 4)
     reference_side: int = 64
 
-    def points(self) -> list[Point]:
+    def make_points(self) -> list[Point]:
         """Return the points, in the order of their predicted times."""
         disorder, packing, solving = self.disorder, self.disorder.packing, self.disorder.solving
 
@@ -81,7 +81,7 @@ class MediaStudy(DisorderStudy):
                 found.append(Point(method, f"{side} x {side}", prepare, solve, seconds, random=True))
         return sorted(found, key=lambda point: point.seconds)
 
-    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Simulate samples until the reference is good enough or the time is up.
 
         Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check.
@@ -102,7 +102,7 @@ class MediaStudy(DisorderStudy):
                 break
         if count < _LEAST_SAMPLES:
             taken = deadline.stopwatch.now() - begun
-            raise GranphonError(f"the budget holds {count} of its samples only ({taken:.2g} s), and it takes many.")
+            raise GranphonError(f"the budget allows only {count} of its samples ({taken:.2g} s), which are too few.")
         return self._summarize(moments, apart)
 
     def _summarize(self, moments: Moments, apart: Array) -> Reference:
@@ -128,7 +128,7 @@ class MediaStudy(DisorderStudy):
         simulation = DirectSimulation(disorder.packing, (self.reference_side, self.reference_side), _REFERENCE_SEED)
         least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
         if least > deadline.left:
-            raise GranphonError(f"the budget does not hold its samples: {_LEAST_SAMPLES} take some {least:.2g} s.")
+            raise GranphonError(f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {least:.2g} s.")
         state = disorder.state(DirectSimulation(disorder.packing, (_CHECKED_SIDE, _CHECKED_SIDE), _REFERENCE_SEED))
         apart = []
         for sample in state.samples:
@@ -141,11 +141,11 @@ class MediaStudy(DisorderStudy):
             apart.append(max(abs(np.mean(forces) / sample.equilibrium.force - 1.0), 0.5 * off))
         return np.array(apart)
 
-    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
         """Return the rms over runs of the relative errors of a point, (n_loads, n_observed)."""
         return np.asarray(np.sqrt(np.mean([(outcome / reference.values - 1.0) ** 2 for outcome in outcomes], axis=0)))
 
-    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """Return the least relative error that the point can have."""
         if not point.random:
             return EPSILON * self.disorder.condition

@@ -73,7 +73,7 @@ class MeshStudy(Study):
         inner = 0.5 * (at[1:] + at[:-1])[_POINTS_OF_INTERVAL - 1 :: _POINTS_OF_INTERVAL]
         return np.concatenate([at[:1], inner, at[-1:]])
 
-    def points(self) -> list[Point]:
+    def make_points(self) -> list[Point]:
         """Return the points: for each method, the cheapest setting of its knob first."""
 
         def prepare(run: int) -> Any:
@@ -98,7 +98,7 @@ class MeshStudy(Study):
         total = np.concatenate([[0.0], np.cumsum(dos.total * self.state.scales.frequency * np.diff(ends))])
         return np.asarray(np.interp(self.edges, ends, total))
 
-    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Count modes between the roots of determinants, on two numbers of lines."""
         from granphon.tradeoffs.references import count_modes
 
@@ -107,14 +107,14 @@ class MeshStudy(Study):
             for lines in (self.reference_lines // 2, self.reference_lines)
         )
         error = compare_counts(rough, fine)
-        made = f"counting between the roots of determinants, on twice the lines {error:.0e} away"
+        made = f"counting between the roots of determinants; with twice the lines it differs by {error:.0e}"
         return Reference(fine, np.array([[max(error, EPSILON)]]), made)
 
-    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
         """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return np.array([[compare_counts(outcomes[0], reference.values)]])
 
-    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """Return the least relative error that the point can have."""
         return EPSILON * self.lattice.n_branches
 

@@ -37,7 +37,7 @@ def choose_studies(
     if packing.width:
         if packing.structure != TRIANGULAR or finite_overlap:
             what = "with finite overlap" if finite_overlap else f"on the {packing.structure.name} lattice"
-            why = "Their reference is the simulated array, which is there on the triangular lattice in the paper's limit"
+            why = "Their reference is the simulated array, which needs the triangular lattice and the paper's limit"
             raise InputError(message(f"media are not compared {what}", why, "Change that, or leave the spread out"))
         spectra = bool({"bands", "dos"} & set(observe))
         asked = {"frequency": spectra, "longitudinal": "velocities" in observe, "transverse": "velocities" in observe}
@@ -48,5 +48,7 @@ def choose_studies(
         found.append(MeshStudy(packing, load, finite_overlap))
     if not found:
         mend = "Give the packing a spread, or observe dos, whose mesh can be chosen"
-        raise InputError(message("there is nothing to trade for equal balls", "All media are exact then, and as fast", mend))
+        raise InputError(
+            message("equal balls leave nothing to compare", "All media are exact for them, and equally fast", mend)
+        )
     return found

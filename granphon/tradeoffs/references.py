@@ -311,7 +311,7 @@ class _Lines:
         m = self.degree
         self.powers = np.array([(up ** (m + k) * down ** (m - k)).coef for k in range(-m, m + 1)])
 
-    def matrices(self, along: Array, across: Array) -> NDArray[np.complex128]:
+    def compute_matrices(self, along: Array, across: Array) -> NDArray[np.complex128]:
         """Return D, (..., n_branches, n_branches), at these fractions of the reciprocal vectors, which broadcast."""
         fractions = np.stack(np.broadcast_arrays(*((along, across) if self.axis == 0 else (across, along))), axis=-1)
         matrices = self.lattice.dynamical_matrix(self.lattice.wavevectors(fractions.reshape(-1, 2)))
@@ -323,7 +323,8 @@ class _Lines:
             self.check()
         m, n = self.degree, len(across)
         ticks = np.arange(2 * m + 1) / (2 * m + 1)
-        shifted = self.matrices(ticks, across[:, None]) - squared[:, None, None, None] * np.eye(self.lattice.n_branches)
+        unit = np.eye(self.lattice.n_branches)
+        shifted = self.compute_matrices(ticks, across[:, None]) - squared[:, None, None, None] * unit
         samples = np.linalg.det(shifted).real
         # t is infinite where the determinant is largest, so that the leading coefficient is not small
         turn = ticks[np.argmax(np.abs(samples), axis=1)] + 0.5
@@ -342,7 +343,7 @@ class _Lines:
         line, place = np.nonzero(length > 0.0)
         length = length[line, place]
         middle = cuts[line, place] + 0.5 * length + turn[line]
-        below = np.sum(np.linalg.eigvalsh(self.matrices(middle, across[line])) < squared[line, None], axis=1)
+        below = np.sum(np.linalg.eigvalsh(self.compute_matrices(middle, across[line])) < squared[line, None], axis=1)
         crossings = np.sum(np.abs(roots.imag) < _REAL_ROOT * (1.0 + np.abs(roots) ** 2), axis=1)
         fewest, most = np.full(n, self.lattice.n_branches), np.zeros(n, int)
         seen = length > _REAL_ROOT

@@ -16,7 +16,7 @@ from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import local_field
 from granphon.laws.collocation import solve_curve
-from granphon.laws.effective import EffectiveLaw, averages_of
+from granphon.laws.effective import EffectiveLaw, make_averages
 from granphon.laws.effective_curve import EffectiveCurve
 from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
@@ -50,7 +50,7 @@ class SolutionStudy(DisorderStudy):
         """Local-field factor Xi of the lattice."""
         return local_field(TRIANGULAR, self.disorder.packing.mindlin_ratio).xi
 
-    def points(self) -> list[Point]:
+    def make_points(self) -> list[Point]:
         """Return the points: for each method, the cheapest setting of its knob first."""
         shape, xi = self.disorder.shape, self._xi
 
@@ -60,34 +60,36 @@ class SolutionStudy(DisorderStudy):
                 return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
 
             return Point(
-                f"{stages} stages", f"{tolerance:.0e}", lambda run: averages_of(shape, xi), solve, self.disorder.solving
+                f"{stages} stages", f"{tolerance:.0e}", lambda run: make_averages(shape, xi), solve, self.disorder.solving
             )
 
         return [make_point(stages, tolerance) for stages, several in self.tolerances.items() for tolerance in several]
 
-    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Follow the curve by scipy's integrator, at two tolerances."""
         from granphon.tradeoffs.references import integrate_curve
 
         shape: Shape = self.disorder.shape
         if shape.openings.size > MOST_OPENINGS:
-            raise GranphonError(f"the diameters have {shape.openings.size} openings, at each of which it would start anew.")
+            raise GranphonError(
+                f"the diameters have {shape.openings.size} openings, at each of which the integration would start again."
+            )
         coarse, fine = (
             integrate_curve(shape, self._xi, self.disorder.forces, tolerance, check=deadline.check)[1]
             for tolerance in (_COARSER * _REFERENCE_TOLERANCE, _REFERENCE_TOLERANCE)
         )
         errors = self.disorder.repeat(0.5 * (coarse / fine - 1.0))
         made = (
-            f"a general integrator of differential equations, with a tolerance {_COARSER:g} times larger"
-            f" {np.max(errors):.0e} away"
+            f"a general integrator of differential equations; with a tolerance {_COARSER:g} times larger"
+            f" it differs by {np.max(errors):.0e}"
         )
         return Reference(fine, np.maximum(errors, EPSILON), made)
 
-    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
         """Return the relative errors of a point, (n_loads, n_observed), from the outcomes of its runs."""
         return self.disorder.repeat(0.5 * (outcomes[0] / reference.values - 1.0))
 
-    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """Return the least relative error that the point can have."""
         return EPSILON * self.disorder.condition
 

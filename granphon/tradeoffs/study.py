@@ -109,20 +109,20 @@ class Study(ABC):
         """Loads at which errors are measured, SI."""
 
     @abstractmethod
-    def points(self) -> list[Point]:
+    def make_points(self) -> list[Point]:
         """Return the points: for each method, the cheapest setting of its knob first."""
 
     @abstractmethod
-    def reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Find the reference before the deadline, and stop improving it once ``better`` accepts it.
 
         Raises :class:`~granphon.base.errors.GranphonError` if it cannot be found.
         """
 
     @abstractmethod
-    def errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
+    def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
         """Return the errors of a point from the outcomes of its runs: their rms if the runs are random."""
 
     @abstractmethod
-    def floor(self, point: Point, outcomes: Sequence[Any]) -> float:
+    def find_floor(self, point: Point, outcomes: Sequence[Any]) -> float:
         """Return the least error that the point can have: condition number times rounding, or the scatter of random runs."""

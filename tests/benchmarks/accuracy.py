@@ -30,7 +30,7 @@ from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.loads import Load
-from granphon.media.accuracy import coefficients_of_form
+from granphon.media.accuracy import compute_form_coefficients
 from granphon.media.simulation import SimulatedState
 from granphon.tradeoffs.ensemble import observe
 
@@ -217,7 +217,7 @@ def table(shape: tuple[int, int], samples: int) -> dict[str, Any]:
             for family in {label.partition(",")[0], "any"} & set(FAMILIES):
                 kept = worst[family][kind][name]
                 kept[row] = np.maximum(kept[row], here)
-    forms = np.abs([coefficients_of_form(spread.shape) for spread in shapes().values()]).max(axis=0)
+    forms = np.abs([compute_form_coefficients(spread.shape) for spread in shapes().values()]).max(axis=0)
     return {
         "schema": 1,
         "made_by": "tests/benchmarks/accuracy.py",

@@ -146,7 +146,7 @@ def bands(repeats: int) -> list[Row]:
         _images = None
 
         def _solve(self, wavevectors: Any, waves: Any = None) -> Any:
-            return rotate_all(self._waves(wavevectors) if waves is None else waves)
+            return rotate_all(self._compute_real_rows(wavevectors) if waves is None else waves)
 
     kagome, rotated = gp.ContactLattice.of("kagome", eta), Rotated.of("kagome", eta)
     balls = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="kagome")).at_force(18.446)
