@@ -143,7 +143,7 @@ class ResultFiles:
             yield place
             made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
             self.require_free()
-            _exchange(place, target, made, [*self._find_stale, *(name for name in self.names if name not in made)])
+            _exchange(place, target, made, [*self._stale, *(name for name in self.names if name not in made)])
         except OSError as error:
             raise _explain_failure(target, error) from None
         finally:
@@ -195,7 +195,7 @@ class ResultFiles:
                     "Use --force (force=True) to replace it, or choose another folder",
                 )
             )
-        for name in self._find_stale:
+        for name in self._stale:
             read = self._is_read(name)
             if read or not is_written(target / name, written[name]):
                 what = f"{target} holds {name} of an earlier run, and "
@@ -204,7 +204,7 @@ class ResultFiles:
                 raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
 
     @property
-    def _find_stale(self) -> list[str]:
+    def _stale(self) -> list[str]:
         """Files of an earlier result, written by granphon, that the new result does not have."""
         target, written = self._target, read_written_files(self.folder)
         return [one for one in self.earlier if one in written and one not in self.names and os.path.lexists(target / one)]
