@@ -287,7 +287,8 @@ def _parameter(one: Parameter, annotation: Any) -> list[str]:
     if not options:
         names = [(info.metavar or one.name).strip("[]")]
     value = "" if plain is bool or not options else info.metavar or "TEXT"
-    value += "" if info.min is None else f", {info.min} or more"
+    if info.min is not None:
+        value += f", {info.min} or more" if info.max is None else f", {info.min} to {info.max}"
     if one.default is one.empty:
         default = "required"
     elif plain is bool:

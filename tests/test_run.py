@@ -1,5 +1,6 @@
 """Scenes of many states, carried out: the data set, the files, workers, interruptions."""
 
+import errno
 import json
 import math
 import multiprocessing
@@ -555,8 +556,35 @@ def test_workers_give_the_same_numbers(work, capsys):
     assert load_sweep("two/sweep.nc").identical(load_sweep("one/sweep.nc"))
     assert (work / "two" / "sweep.csv").read_bytes() == (work / "one" / "sweep.csv").read_bytes()
     capsys.readouterr()
-    assert main(["run", "scene.yaml", "-o", "three", "--workers", "0"]) == 2
-    assert "--workers" in capsys.readouterr().err
+    for count, limit in (("0", "1"), ("1000000", "1024")):
+        assert main(["run", "scene.yaml", "-o", "three", "--workers", count]) == 2
+        err = capsys.readouterr().err
+        assert "--workers" in err
+        assert limit in err
+    assert not (work / "three").exists()
+
+
+def test_there_are_no_more_workers_than_tasks():
+    with worker_processes(1024) as executor:
+        assert not multiprocessing.active_children()
+        assert [executor.submit(abs, number).result() for number in (-1, -2, -3)] == [1, 2, 3]
+        assert len(multiprocessing.active_children()) == 1  # it was free each time
+        both = [executor.submit(abs, number) for number in (-4, -5)]
+        assert [future.result() for future in both] == [4, 5]
+        assert len(multiprocessing.active_children()) == 2
+    assert not multiprocessing.active_children()
+
+
+def test_a_worker_that_cannot_be_started_is_an_error(work, monkeypatch, capsys):
+    def start(process):
+        raise BlockingIOError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", start)
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
+    out, err = capsys.readouterr()
+    told = "worker process 1 cannot be started: no more processes. Take fewer --workers."
+    assert (out, err) == ("", f"granphon: error: {told}\n")
+    assert listed(work) == {"scene.yaml"}
 
 
 #: a module whose import in a worker process kills that process

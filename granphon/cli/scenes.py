@@ -18,6 +18,8 @@ __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
+#: the greatest number of processes of a run: each takes some 100 MB
+MOST_WORKERS = 1024
 #: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
 #: what the message of an interruption adds if a part of a sweep has been finished
@@ -97,7 +99,12 @@ def run_scene(
     resume: Annotated[
         bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.")
     ] = False,
-    workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the work of a sweep.")] = 1,
+    workers: Annotated[
+        int,
+        typer.Option(
+            min=1, max=MOST_WORKERS, metavar="N", help="Processes that share the work of a sweep; no more than it has tasks."
+        ),
+    ] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
 ) -> None:

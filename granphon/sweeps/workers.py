@@ -108,24 +108,30 @@ def _mask_interrupts() -> Iterator[None]:
 
 
 class _Workers(Executor):
-    """An executor of processes. They are spawned, not forked, as numerical libraries may have started threads by now."""
+    """An executor of ``most`` processes, each of which is started when there is work that no other is free to do.
 
-    def __init__(self) -> None:
+    So there are never more than tasks. They are spawned, not forked, as numerical libraries may have started threads by now.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
         self._orders: SimpleQueue[_Order | None] = SimpleQueue()
         self._processes: list[Any] = []
-
-    def start(self, count: int) -> None:
-        """Start ``count`` worker processes."""
-        context = multiprocessing.get_context("spawn")
+        #: number of orders that are not carried out yet, and the lock of that number
+        self._open, self._counting = 0, threading.Lock()
         atexit.register(self.shutdown)  # runs before multiprocessing waits for them, if an interruption skips the shutdown
-        with _hold_back_signals(), _mask_interrupts():
-            if os.name == "posix":
-                # otherwise the first start of a process starts the tracker, which unblocks the signals
-                from multiprocessing import resource_tracker
 
-                resource_tracker.ensure_running()
-                signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
-            for _ in range(count):
+    def _start(self) -> None:
+        """Start one worker process; GranphonError if the system refuses it."""
+        context = multiprocessing.get_context("spawn")
+        try:
+            with _hold_back_signals(), _mask_interrupts():
+                if os.name == "posix":
+                    # otherwise the first start of a process starts the tracker, which unblocks the signals
+                    from multiprocessing import resource_tracker
+
+                    resource_tracker.ensure_running()
+                    signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
                 ours, theirs = context.Pipe()
                 process = context.Process(target=_serve, args=(theirs,), daemon=True)
                 process.start()
@@ -133,30 +139,43 @@ class _Workers(Executor):
                 self._processes.append(process)
                 # the interpreter does not wait for a daemon thread when it ends
                 threading.Thread(target=self._lead, args=(ours,), daemon=True).start()
+        except (OSError, RuntimeError) as error:  # too many processes, open files or threads
+            why = getattr(error, "strerror", None) or error
+            what = f"worker process {len(self._processes) + 1} cannot be started: {why}"
+            raise GranphonError(message(what, mend="Take fewer --workers")) from None
 
     def _lead(self, pipe: Connection) -> None:
         """Send one worker the next order, and set the result in the order's future; repeat until the order is None."""
         while (given := self._orders.get()) is not None:
             future, order = given
             if not future.set_running_or_notify_cancel():
+                self._count(-1)
                 continue
             try:
                 pipe.send(order)
                 done, answer = pipe.recv()
             except (OSError, EOFError):
-                future.set_exception(BrokenExecutor("a worker process has ended"))
+                done, answer = False, BrokenExecutor("a worker process has ended")
             except BaseException as error:  # the order or the answer cannot be pickled
-                future.set_exception(error)
+                done, answer = False, error
+            self._count(-1)  # before the result is known, so that what is submitted then is left to this worker
+            if done:
+                future.set_result(answer)
             else:
-                if done:
-                    future.set_result(answer)
-                else:
-                    future.set_exception(answer)
+                future.set_exception(answer)
         pipe.close()
+
+    def _count(self, change: int) -> int:
+        """Change the number of orders that are not carried out yet, and return it."""
+        with self._counting:
+            self._open += change
+            return self._open
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue ``fn`` for the next worker that is free, and return the future of its result."""
         future: Future[Any] = Future()
+        if self._count(1) > len(self._processes) < self._most:
+            self._start()
         self._orders.put((future, (fn, args, kwargs)))
         return future
 
@@ -173,18 +192,18 @@ class _Workers(Executor):
 
 
 @contextmanager
-def worker_processes(count: int) -> Iterator[Executor | None]:
-    """Start ``count`` worker processes and yield their executor; None if ``count`` is 1, as this process does the work then.
+def worker_processes(most: int) -> Iterator[Executor | None]:
+    """Yield an executor of ``most`` worker processes; None if ``most`` is 1, as this process does the work then.
 
-    At the end of the block the processes are killed at once, even in the middle of their work. They end too when this
-    process ends. Raises :class:`~granphon.base.errors.GranphonError` if one has been killed by others.
+    They are started as work is submitted: never more than there are tasks under way or waiting. At the end of the block they
+    are killed at once, even in the middle of their work. They end too when this process ends. Raises
+    :class:`~granphon.base.errors.GranphonError` if one cannot be started, or has been killed by others.
     """
-    if count == 1:
+    if most == 1:
         yield None
         return
-    workers = _Workers()
+    workers = _Workers(most)
     try:
-        workers.start(count)
         yield workers
     except BrokenExecutor:
         what, why = "a worker process has ended", "It was killed, or ran out of memory"
