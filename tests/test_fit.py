@@ -780,6 +780,21 @@ def test_the_command_fits_a_simulated_medium(folder, capsys):
     assert (folder / "out" / "fit.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_what_a_fit_does_not_take_from_the_scene_is_said(folder, capsys):
+    scene = (folder / "frame.yaml").read_text(encoding="utf-8")
+    replaced = "granphon: warning: equal.yaml has the medium ala, which knows no width: the fit takes ema."
+    unused = "granphon: warning: the 3 loads of equal.yaml are not used: a fit takes the loads of data.csv\n"
+    loads = ("load: {side_force: 990 N, balls_per_side: 31}", "load: {force: [10 N, 20 N, 30 N]}")
+    for medium, several in (("ala", False), ("ema", True), ("ala", True)):
+        text = scene.replace(*loads) if several else scene
+        (folder / "equal.yaml").write_text(f"{text}medium: {medium}\n", encoding="utf-8")
+        assert command("equal.yaml", "data.csv", "--sigma", "2 m/s") == 0
+        captured = capsys.readouterr()
+        assert "medium                ema\n" in captured.out
+        assert (replaced in captured.err) == (medium == "ala")
+        assert (unused in captured.err) == several
+
+
 def test_side_forces_and_times_of_flight(folder, capsys):
     columns = ("--column", "side_force=F", "--column", "time=t")
     assert command("frame.yaml", "flight.csv", *columns, "--distance", "43 cm", "--parameter", "young_modulus") == 0

@@ -45,7 +45,8 @@ def fit_measurements(
 ) -> None:
     """Find the width of the distribution of diameters from measured sound velocities.
 
-    The scene gives the balls and the medium; the fit replaces the width of its spread. Each column of the table is headed by
+    The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
+    fitted in ema, and several loads in the scene are left aside; a warning says so. Each column of the table is headed by
     a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side); 'velocity
     (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency
     (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
@@ -75,7 +76,8 @@ def fit_measurements(
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema"
-    medium = read.media[0] if read.balls_differ or read.media[0].name != "ala" else "ema"
+    replaced = read.media[0].name == "ala" and not read.balls_differ
+    medium = "ema" if replaced else read.media[0]
     balls = read.load.balls_per_side
     measured = Measurements.read(
         data,
@@ -97,9 +99,12 @@ def fit_measurements(
 
         return fit_figure(found)
 
+    notes = [f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or ema in it"] * replaced
+    if (count := len(read.load.values)) > 1:
+        notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
     failures = _write_study(files, found.write, figure)
     with _tell_study(out, FIT_FILES, failures, quiet=False):
-        warn((*found.warnings, *failures.values()))
+        warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
 
 
