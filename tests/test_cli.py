@@ -505,9 +505,39 @@ def test_run_and_plot_draw_figures(work, capsys):
 
 
 def test_plot_of_nothing(work, capsys):
-    for folder in (".", "missing", "scene.yaml"):
+    for folder, told in (
+        (".", ". holds neither sweep.nc nor band.yaml nor dos.csv"), ("missing", "there is no folder missing."),
+        ("scene.yaml", "scene.yaml is no folder."),
+    ):  # fmt: skip
         assert main(["plot", folder]) == 2
-        assert "holds neither sweep.nc nor band.yaml nor dos.csv" in one_error(capsys)
+        assert told in one_error(capsys)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
+def test_plot_leaves_out_nothing_that_the_run_wrote(work, capsys):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
+    bands, told = work / "out" / "band.yaml", "band.yaml cannot be read: "
+    whole = bands.read_bytes()
+    for make, why in (
+        (lambda: None, "out holds no band.yaml, though a run wrote it there."),
+        (bands.mkdir, told + "it is a folder"),
+        (lambda: os.mkfifo(bands), told + "it is a device or a pipe"),
+        (lambda: bands.symlink_to("nowhere"), told + "there is no such file"),
+        (lambda: bands.symlink_to("band.yaml"), told + "Too many levels of symbolic links"),
+    ):
+        bands.rmdir() if bands.is_dir() else bands.unlink(missing_ok=True)
+        make()
+        assert main(["plot", "out"]) == 2
+        assert why in one_error(capsys)
+    (work / "copy").mkdir()
+    for name in ("summary.yaml", "dos.csv"):  # as a copy without hidden files
+        (work / "copy" / name).write_bytes((work / "out" / name).read_bytes())
+    assert main(["plot", "copy"]) == 2
+    assert "copy holds no band.yaml, though a run wrote it there." in one_error(capsys)
+    (work / "copy" / "band.yaml").write_bytes(whole)
+    assert main(["plot", "copy"]) == 0
+    assert tree(work / "copy") == {"summary.yaml", "dos.csv", "band.yaml", "bands.png"}
 
 
 def test_an_existing_result_is_not_overwritten(work, capsys):

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
+from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
 from granphon.scene.result_files import figure_name
 
 __all__ = ["redraw"]
 
 _FORMATS = (".pdf", ".png", ".svg")
+#: the files that are drawn
+_DRAWN = ("sweep.nc", "band.yaml", "dos.csv")
 
 
 def redraw(
@@ -38,13 +42,22 @@ def redraw(
 
     Raises
     ------
+    MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
     InputError : the folder holds nothing to draw, its files are damaged, the format or the variable is unknown, or what is
         asked for belongs to another kind of result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
-    have = {name: source / name for name in ("sweep.nc", "band.yaml", "dos.csv") if (source / name).is_file()}
+    if not source.is_dir():
+        what = f"{source} is no folder" if os.path.lexists(source) else f"there is no folder {source}"
+        raise MissingFileError(message(what, mend="Give the folder of a run"))
+    # whatever has the name is read, and a folder or a link to nothing is then an error
+    have = {name: source / name for name in _DRAWN if os.path.lexists(source / name)}
+    if lost := [name for name in _DRAWN if name not in have and name in _list_results(source)]:
+        what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
+        mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
+        raise MissingFileError(message(what, "The figure would leave it out", mend))
     if not have:
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
@@ -74,6 +87,14 @@ def redraw(
         with locked.staging() as place:
             save_figure(figure, place / name, backend=backend)
     return target / name
+
+
+def _list_results(folder: Path) -> set[str]:
+    """Return the names of the files of the run in ``folder``, as granphon's hidden list or summary.yaml tells them."""
+    names = set(read_written_files(folder))
+    with suppress(InputError, AttributeError, TypeError):  # without a summary that can be read, the list alone counts
+        names |= set(parse_yaml(read_text(folder / "summary.yaml"), "summary.yaml").data.get("files", ()))
+    return names
 
 
 def _draw_sweep(path: Path, variable: str | None) -> Any:
