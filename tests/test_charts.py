@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.array.sample import STEP
 from granphon.balls.lattices import TRIANGULAR
-from granphon.base.errors import InputError
+from granphon.base.errors import FigureError, InputError
 from granphon.figures import scales
 from granphon.figures.fits import fit_figure, plot_fit
 from granphon.figures.forces import forces_figure, plot_force_distribution, plot_forces
@@ -206,6 +206,13 @@ def test_what_is_infinite_everywhere_is_refused(ax):
     equal = sweep(gp.Packing(STEEL, 8e-3), force=FORCE)
     with pytest.raises(InputError, match="has no finite value"):
         plot_sweep(equal, ax, "reduced_force")
+
+
+def test_what_matplotlib_cannot_draw_is_refused(ax):
+    far = sweep(gp.Packing(STEEL, 8e-3), force=FORCE)
+    far["pressure"] = far["pressure"] * 1e302
+    with pytest.raises(FigureError, match=r"'pressure' has the value .*e\+30"):
+        plot_sweep(far, ax, "pressure")
 
 
 def test_the_figure_has_velocities_above_and_exponents_below(media):

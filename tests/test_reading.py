@@ -495,6 +495,44 @@ def test_a_sweep_is_known_by_two_digests(written, tmp_path):
         assert gp.load_sweep(path).identical(expected)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        *(("longitudinal", value, "longitudinal, of which one is") for value in (math.nan, math.inf, -1.0, 0.0, 1e305)),
+        *(("force", value, "force, of which one is") for value in (math.nan, math.inf, -1.0, 0.0)),
+        ("contact_fraction", -0.1, "contact_fraction, of which one is -0.1; allowed: zero or above"),
+        ("overlap", math.nan, "overlap, of which one is nan; allowed: finite"),
+        ("transverse", "fast", "transverse, which are no numbers"),
+        ("media", "[[[", "its attribute media is '[[[', which is no JSON list"),
+        ("packing", "[]", "its attribute packing is '[]', which is no JSON mapping"),
+        ("schema", "one", "its attribute schema is 'one', where a whole number is needed"),
+        ("exponent_error", math.nan, None),
+        ("reduced_force", math.inf, None),
+        ("overlap", -1e-7, None),
+    ],
+)
+def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, monkeypatch, name, value, told):
+    monkeypatch.setattr(archive, "_try_elsewhere", lambda *_: None)  # the file is sound: only its numbers are not
+    path, sweep = tmp_path / "sweep.nc", xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
+    del sweep.attrs[archive.DIGEST]
+    if name in sweep.attrs:
+        sweep.attrs[name] = value
+    elif isinstance(value, str):
+        sweep[name] = sweep[name].dims, np.full(sweep[name].shape, value)
+    else:
+        values = sweep[name].values.copy()
+        values[-1] = value
+        sweep[name] = sweep[name].dims, values
+    path.write_bytes(archive.netcdf_bytes(sweep))
+    if told is None:
+        assert outcome(gp.load_sweep, path)[0] == "unverified"
+    else:
+        with pytest.raises(InputError) as caught:
+            gp.load_sweep(path)
+        assert str(caught.value).startswith(f"{path} is damaged: ")
+        assert told in str(caught.value)
+
+
 def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(written, tmp_path, monkeypatch):
     (tmp_path / "sweep.nc").write_bytes((written / "sweep.nc").read_bytes()[:-101])  # without what ends it
     code = f"import pathlib; pathlib.Path({str(tmp_path / 'ran')!r}).touch()"
@@ -546,6 +584,64 @@ def test_the_command_line_tells_it_in_a_line(written, tmp_path, capsys, monkeypa
     Path("dos.csv").write_text("".join(text).replace("0.0,", "0.1,", 1))
     assert main(["plot", ".", "--force"]) == 2
     assert capsys.readouterr().err.startswith("granphon: error: dos.csv was damaged")
+
+
+def edit_bands(change):
+    """A change of the data of band.yaml, made in its text without a digest."""
+
+    def edit(text):
+        data = plain_yaml(text, "band.yaml")
+        change(data)
+        return json.dumps(data)
+
+    return edit
+
+
+def swap_rows(text):
+    lines = text.splitlines()
+    return "\n".join([*lines[:-2], lines[-1], lines[-2], ""])
+
+
+def mode(data):
+    return data["phonon"][2]["band"][1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "edit", "told"),
+    [
+        ("bands", edit_bands(lambda data: mode(data).update(frequency=-1.0)), "a frequency is below zero"),
+        ("bands", edit_bands(lambda data: mode(data).update(frequency=1e300)), "do not ascend"),
+        ("bands", edit_bands(lambda data: data["phonon"][2]["band"][-1].update(frequency=1e300)), "far above those of the"),
+        ("bands", edit_bands(lambda data: mode(data).update(frequency="hello")), "It has 'hello' under frequency, where a"),
+        ("bands", edit_bands(lambda data: mode(data)["eigenvector"][0][0].__setitem__(0, 7.0)), "has not the length one"),
+        ("bands", edit_bands(lambda data: mode(data)["eigenvector"].pop()), "of eigenvector are not equally many"),
+        ("bands", edit_bands(lambda data: data.update(nqpoint=99999999999)), "nqpoint (99999999999)"),
+        ("bands", edit_bands(lambda data: data.update(segment_nqpoint=[-7, 4])), "segment_nqpoint"),
+        ("bands", edit_bands(lambda data: data.update(segment_nqpoint=[0, 8])), "segment_nqpoint"),
+        ("bands", edit_bands(lambda data: data.update(npath=0)), "npath: found 0"),
+        ("bands", edit_bands(lambda data: data["phonon"][3].update(distance=9.0)), "the distances along the path do not"),
+        ("bands", edit_bands(lambda data: data["reciprocal_lattice"][0].__setitem__(0, math.nan)), "reciprocal_lattice"),
+        ("bands", edit_bands(lambda data: data["granphon"].update(coordinates=["x"])), "its coordinates of a ball"),
+        ("bands", edit_bands(lambda data: data["points"][0].update(coordinates=["x"])), "It has 'x' under coordinates"),
+        ("bands", edit_bands(lambda data: data.update(natom=2)), "Its key natom is 2, and it has 1 points"),
+        ("bands", edit_bands(lambda data: data.pop("granphon")), "It lacks the key 'granphon'"),
+        ("bands", edit_bands(lambda data: data.update(phonon=3)), "A part of it has another form"),
+        ("density of states", swap_rows, "the frequencies do not ascend"),
+        ("density of states", lambda text: text.replace("\n0.0,", "\n-1.0,", 1), "a frequency is below zero"),
+        ("density of states", lambda text: text.replace("\n0.0,", "\nhello,", 1), "found 'hello', where a number is needed"),
+        ("phonopy file", lambda text: text.replace("granphon:", "granphone:", 1), "It lacks the key 'granphon'"),
+    ],
+)
+def test_a_text_without_a_digest_makes_sense(written, tmp_path, kind, edit, told):
+    name, read = LOADERS[kind]
+    whole, path = read_sealed(written / name)[0], tmp_path / name
+    path.write_text(edit(whole).replace("NaN", ".nan"))
+    with pytest.raises(InputError) as caught:
+        read(path)
+    assert str(caught.value).startswith(
+        f"{path} is not a {name if kind != 'density of states' else kind} written by granphon."
+    )
+    assert told in str(caught.value)
 
 
 # -- damage ---------------------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ import numpy as np
 
 from granphon.base.errors import TOO_LARGE, GranphonError, InputError, UnverifiedFileWarning, message
 from granphon.base.reading import read_utf8
+from granphon.base.text import show
 
 __all__ = ["canonical", "damage_error", "digest", "require_own_file", "read_sealed", "seal", "warn_unverified"]
 
@@ -79,8 +80,17 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
-        why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
-        raise InputError(message(f"{path} is not a {kind} written by granphon", why)) from None
+        what = f"{path} is not a {kind} written by granphon"
+        raise InputError(message(what, _explain_form(error), "Make it again, or give the right file")) from None
+
+
+def _explain_form(error: Exception) -> str:
+    """Say in words why a file has not the form that was expected, whatever the error that this has led to."""
+    if isinstance(error, GranphonError):
+        return str(error)
+    if isinstance(error, KeyError):
+        return f"It lacks the key {show(error.args[0])}"
+    return "A part of it has another form: a number, a list or a block of keys stands where another of them is needed"
 
 
 def digest(data: Any) -> str:

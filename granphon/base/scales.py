@@ -207,6 +207,10 @@ class WidthUnits:
         return overlap / self.width + 0.5
 
 
+#: coordinates of a ball, as the files for phonopy name them
+_COORDINATES = ("x", "y", "w = R_g phi")
+
+
 def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
     """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit, coordinates, scales in SI."""
     return [
@@ -214,7 +218,7 @@ def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
         "  schema: 1",
         f"  frequency_unit: {unit.name}",
         f"  hertz: {unit.hertz!r}",
-        "  coordinates: [x, y, w = R_g phi]",
+        f"  coordinates: [{', '.join(_COORDINATES)}]",
         *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
     ]
 
@@ -226,6 +230,8 @@ def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
     """
     if own["schema"] != 1:
         raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
+    if own["coordinates"] != list(_COORDINATES):
+        raise InputError(f"its coordinates of a ball are not {', '.join(_COORDINATES)}")
     hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
     if own["hertz"] != hertz:
         raise InputError("its unit of frequency and the size of it contradict each other")

@@ -22,7 +22,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, brief, message
 from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.reading import read_bytes
 from granphon.base.text import closest
@@ -152,10 +152,15 @@ class Table:
     def numbers(self, name: str) -> NDArray[np.float64]:
         """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and inf are taken.
 
-        Raises KeyError if there is no such column, ValueError if a cell is not a number.
+        Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a cell is not a number.
         """
         for place in self._find_places(name):
-            return np.array([float(cell) for cell in self.columns[place]])
+            try:
+                return np.array([float(cell) for cell in self.columns[place]])
+            except ValueError:
+                cells = zip(self.lines, self.columns[place], strict=True)
+                line, cell = next((line, cell) for line, cell in cells if not _is_float(cell))
+                raise InputError(f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed") from None
         raise KeyError(name)
 
     def unit(self, name: str) -> str:
@@ -178,6 +183,14 @@ class Table:
             return kind.read(f"{cell} {unit}")
         except ValueError as refused:
             raise InputError(f"{self.name}:{line}: {column}: {refused}") from None
+
+
+def _is_float(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def write_table(

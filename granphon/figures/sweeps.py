@@ -22,7 +22,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import FigureError, InputError, message
 from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, readable_unit
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 __all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
+
+#: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
+_LARGEST = 1e280
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
@@ -97,7 +100,7 @@ def _read_errors(dataset: Dataset, variable: str) -> Any:
 
 
 def _read_values(dataset: Dataset, name: str) -> Any:
-    """Return a variable over the load; :class:`InputError` if it cannot be drawn."""
+    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
         raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
@@ -107,6 +110,13 @@ def _read_values(dataset: Dataset, name: str) -> Any:
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
         raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
+    sizes = np.abs(np.asarray(values, float))
+    far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
+    if np.any(far):
+        what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
+        raise FigureError(
+            message(what, f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}", "Draw another variable")
+        )
     return values
 
 

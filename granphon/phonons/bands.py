@@ -6,7 +6,7 @@ import itertools
 import json
 import os
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,20 @@ from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, file_header, read_header
 from granphon.base.staging import write_text
+from granphon.base.text import show
+from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.modes import Modes
 
 __all__ = ["Bands", "PhononModes"]
 
 Array = NDArray[np.float64]
+#: share of the top frequency by which frequencies at one point may be out of order
+_ROUNDING = 1e-6
+#: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
+_HIGHEST = 1e3
+#: largest deviation of the length of an eigenvector from one
+_LENGTH_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,13 +91,32 @@ class Bands(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Check shapes, that eigenvectors have two or three components for each ball, and that all numbers are finite."""
+        """Check shapes, and that all numbers are finite and can be those of bands.
+
+        Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, and eigenvectors, of
+        two or three components for each ball, have the length one.
+        """
         super().check()
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
             raise InputError(message(what, mend="Give two or three for each ball"))
         self.check_finite()
+        lengths = np.linalg.norm(self.eigenvectors, axis=2)
+        # the lowest frequencies are roots of rounding errors, so that neighbours may be out of order by as much
+        falls = -np.diff(self.frequencies, axis=2) > _ROUNDING * self.frequencies.max(initial=0.0)
+        for holds, what in (
+            (self.frequencies.size > 0, "there is no frequency"),
+            (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
+            (not np.any(falls), "the frequencies at a point do not ascend"),
+            (np.all(self.frequencies <= _HIGHEST * self.scales.frequency), "a frequency is far above those of the scales"),
+            (np.all(np.diff(self.distances.ravel()) >= 0.0), "the distances along the path do not ascend"),
+            (np.all(self.masses > 0.0), "a mass is not above zero"),
+            (abs(np.linalg.det(self.cell)) > 0.0, "the cell has no volume"),
+            (np.all(np.abs(lengths - 1.0) <= _LENGTH_ERROR), "an eigenvector has not the length one"),
+        ):
+            if not holds:
+                raise InputError(message(what, mend="Make the bands again"))
 
     @property
     def n_branches(self) -> int:
@@ -213,34 +240,67 @@ class Bands(Result):
             data = plain_yaml(text, path)
             own, phonon = data["granphon"], data["phonon"]
             hertz, scales = read_header(own)
-            s = int(data["npath"])
-            p = len(phonon) // s
-            masses = np.array([point["mass"] for point in data["points"]], float)
+            s, p = _read_sizes(data)
+            masses = _numbers("mass", [point["mass"] for point in data["points"]])
             n = len(masses)
+            if _whole(data, "natom") != n:
+                raise InputError(f"Its key natom is {data['natom']}, and it has {n} points")
             still = int(own.get("still_branches", 0))
             bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
-            vectors = np.array([[mode["eigenvector"] for mode in q] for q in bands], float)
+            vectors = _numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
             vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., list(_select_motions(b, n).slots)]
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            velocities = np.array([[mode["group_velocity"][:2] for mode in q] for q in bands], float)
+            velocities = _numbers("group_velocity", [[mode["group_velocity"][:2] for mode in q] for q in bands])
+            cell = _numbers("lattice", data["lattice"])
             found = cls(
-                np.array([q["q-position"] for q in phonon], float).reshape(s, p, 3),
-                np.array([q["distance"] for q in phonon], float).reshape(s, p),
-                np.array([[mode["frequency"] for mode in q] for q in bands], float).reshape(s, p, b) * hertz,
+                _numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3),
+                _numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
+                _numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
                 velocities.reshape(s, p, b, 2) * scales.length * hertz,
-                np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3),
-                tuple(labels), np.array(data["lattice"], float),
-                np.array([point["coordinates"] for point in data["points"]], float), masses, scales, tuple(own["warnings"]),
+                np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
+                _numbers("coordinates", [point["coordinates"] for point in data["points"]]), masses, scales,
+                tuple(own["warnings"]),
             )  # fmt: skip
             found.check()
+            if not np.allclose(_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):
+                raise InputError("Its reciprocal_lattice is not that of its lattice")
         if not verified:
             warn_unverified(path)
         return found
+
+
+def _read_sizes(data: Any) -> tuple[int, int]:
+    """Numbers of segments and of points in each; InputError if the keys that tell them contradict the list of points."""
+    s, count, there = _whole(data, "npath"), _whole(data, "nqpoint"), len(data["phonon"])
+    p = there // s if s > 0 else 0
+    if count != there or s * p != there or p == 0 or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
+        raise InputError(
+            f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit the {there} points of phonon"
+        )
+    return s, p
+
+
+def _numbers(name: str, values: Any) -> Array:
+    """Read the values of a key of the file as an array of floats; InputError, with that key, if they are something else."""
+    try:
+        found = np.array(values)
+    except (TypeError, ValueError):  # lists of different lengths
+        raise InputError(f"Its values of {name} are not equally many everywhere") from None
+    if found.dtype.kind not in "if":
+        leaves = np.array(values, object).ravel().tolist()
+        wrong = next(one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float))
+        raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
+    return found.astype(float)
+
+
+def _whole(data: Any, key: str) -> int:
+    found: int = require(key, partial(whole, low=1), data[key])
+    return found
 
 
 def _select_motions(components: int, balls: int) -> Motions:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
@@ -19,6 +19,8 @@ __all__ = ["DensityOfStates"]
 
 Array = NDArray[np.float64]
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
+#: share of the largest density by which a density may be below zero
+_ROUNDING = 1e-9
 #: first comment of dos.csv, where the braces take the number of the schema
 _DOS_SCHEMA = "granphon density of states, schema {}, per ball"
 
@@ -50,9 +52,19 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Check the shapes, and that all numbers are finite."""
+        """Check the shapes, that numbers are finite, that frequencies ascend from zero, and that no density is below it."""
         super().check()
         self.check_finite()
+        parts = np.stack([self.translational, self.rotational])
+        for holds, what in (
+            (self.frequencies.size > 0, "there is no frequency"),
+            (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
+            (np.all(np.diff(self.frequencies) > 0.0), "the frequencies do not ascend"),
+            (np.all(parts >= -_ROUNDING * parts.max(initial=0.0)), "a density is below zero"),
+            (min(self.mesh) > 0, "the mesh has no point"),
+        ):
+            if not holds:
+                raise InputError(message(what, mend="Compute the density of states again"))
 
     @property
     def total(self) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 import subprocess
 import sys
@@ -17,6 +18,8 @@ from granphon.base.errors import InputError, message
 from granphon.base.quantities import LOADS
 from granphon.base.reading import read_bytes
 from granphon.base.tables import Heading, write_table
+from granphon.base.text import show
+from granphon.observables.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -52,6 +55,24 @@ _TRAILER = b"\ngranphon sha256 of all bytes before: "
 _TRAILER_BYTES = len(_TRAILER) + 64
 #: variables without which a sweep is damaged: figures draw them
 _REQUIRED = {"force", "longitudinal", "transverse", "valid", "medium"}
+#: variables above zero, and those that may also be zero; all are finite, but for the next two
+_ABOVE_ZERO = {
+    "force", "pressure", "normal_stiffness", "effective_density", "stiffness_ratio", "longitudinal", "transverse", "bulk",
+    "shear", "young_modulus", "density", "diameter",
+}  # fmt: skip
+_ZERO_OR_ABOVE = {
+    "shear_stiffness", "reduced_force", "force_fluctuation", "contact_fraction", "contact_force_fluctuation", "width",
+    "expected_error", "frequencies",
+}  # fmt: skip
+#: variables that are infinite for equal balls, or where no error is known
+_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error"}
+#: standard errors, nan where they are not known
+_ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
+#: velocity of light, m/s, which no sound reaches
+_LIGHT = 299_792_458.0
+#: attributes that hold a JSON text, and its type
+_JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
+_WORDS = {dict: "mapping", list: "list"}
 
 
 def file_names(path: Path) -> list[str]:
@@ -139,7 +160,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if dataset.attrs.get("format") != FORMAT:
         raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
     schema: Any = dataset.attrs.get("schema")
-    number = int(schema) if isinstance(schema, int | np.integer) else 0
+    if not isinstance(schema, int | np.integer):
+        what = f"{path} is damaged: its attribute schema is {show(schema)}, where a whole number is needed"
+        raise InputError(message(what, mend="Run the sweep again"))
+    number = int(schema)
     if number > SWEEP_SCHEMA:
         what = f"{path} has the schema {number}, newer than this granphon knows ({SWEEP_SCHEMA})"
         raise InputError(message(what, mend="Update granphon"))
@@ -149,8 +173,47 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if told is not None and told != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
     if told is None and not sound:
+        _require_sense(path, dataset)
         warn_unverified(path)
     return dataset
+
+
+def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
+    """Raise InputError if a variable or an attribute of a file without a digest cannot be of a sweep."""
+    for name, kind in _JSON.items():
+        try:
+            if name in dataset.attrs and not isinstance(json.loads(dataset.attrs[name]), kind):
+                raise ValueError
+        except (TypeError, ValueError, RecursionError):
+            what = f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which is no JSON {_WORDS[kind]}"
+            raise InputError(message(what, mend="Run the sweep again")) from None
+    for name in map(str, dataset.variables):
+        values = dataset[name].values
+        if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
+            continue
+        wrong = None if values.dtype.kind in "iuf" else "which are no numbers"
+        if wrong is None and (told := _find_nonsense(name, values)) is not None:
+            wrong = "of which one is " + told
+        if wrong is not None:
+            what = f"{path} is damaged: it holds values of {name}, {wrong}"
+            raise InputError(message(what, mend="Run the sweep again"))
+
+
+def _find_nonsense(name: str, values: np.ndarray[Any, Any]) -> str | None:
+    """Describe a value that the quantity ``name`` cannot have; None if there is none."""
+    good = np.isfinite(values)
+    if name in _MAY_BE_INFINITE:
+        good |= values == np.inf
+    allowed = "finite"
+    if name in _ABOVE_ZERO:
+        good, allowed = good & (values > 0.0), "above zero"
+    elif name in _ZERO_OR_ABOVE or name in _ERRORS:
+        good, allowed = good & (values >= 0.0), "zero or above"
+    if name in ("longitudinal", "transverse"):
+        good, allowed = good & (values < _LIGHT), "above zero, and below the velocity of light"
+    if name in _ERRORS:
+        good |= np.isnan(values)
+    return None if np.all(good) else f"{values[~good].flat[0]:g}; allowed: {allowed}"
 
 
 def _open_checked(path: str | os.PathLike[str], data: bytes) -> Dataset:
