@@ -129,6 +129,13 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "negative size": ("8 mm", "-8 mm", 8, "packing.diameter", "'-8 mm', which is negative", LENGTHS, ""),
     "negative modulus": ("211.65 GPa", "-1 GPa", 3, "material.young_modulus", "'-1 GPa', which is negative", "GPa", ""),
     "zero density": ("7840 kg/m^3", "0 kg/m^3", 5, "material.density", "'0 kg/m^3', which is zero", "kg/m^3, g/cm^3", ""),
+    "a modulus beyond double precision": (
+        "211.65 GPa", "1e300 Pa", 3, "material.young_modulus", "'1e300 Pa'", "a ball that double precision can hold",
+        "balls of 0.008 m of 1e+300 Pa and 7840 kg/m^3 are beyond double precision",
+    ),
+    "a density beyond double precision": (
+        "7840 kg/m^3", "1e300 kg/m^3", 5, "material.density", "'1e300 kg/m^3'", "a ball that double precision can hold", "",
+    ),
     "a ball beyond double precision": ("8 mm", "1e-150 m", 8, "packing.diameter", "'1e-150 m'", "double precision", ""),
     "list of sizes": ("8 mm", "[8 mm]", 8, "packing.diameter", "['8 mm']", LENGTHS, ""),
     # numbers

@@ -60,7 +60,8 @@ class Packing:
             self.spread.check_sizes(self.diameter)
         if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in self._scales):
             why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
-            raise InputError(message(f"balls of {self.diameter:g} m of this material are beyond double precision", why))
+            made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
+            raise InputError(message(f"balls of {self.diameter:g} m of {made} are beyond double precision", why))
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -19,6 +20,9 @@ from granphon.scene.fields import table_named
 from granphon.scene.schema import read_blocks
 
 __all__ = ["Origin"]
+
+#: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
+_ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 
 
 @dataclass(frozen=True)
@@ -127,14 +131,18 @@ class Origin:
             return Load(kind, given[kind], balls)
 
     def _packing(self, material: dict[str, Any], given: dict[str, Any]) -> Packing:
-        written: Any = self.document.data["packing"] if self.document else {}
-        size = f"found {show(written['diameter'])}; allowed: a ball that double precision can hold. "
-        with self.at("packing", "diameter", before=size):
+        data: Any = self.document.data if self.document else {}
+        # the scales of the ball are made of all three: the one that is farthest from the ordinary is probably wrong
+        made = {**material, "diameter": given["diameter"]}
+        key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
+        block = "packing" if key == "diameter" else "material"
+        size = f"found {show(data[block][key])}; allowed: a ball that double precision can hold. "
+        with self.at(block, key, before=size):
             names = [name for name in ("diameter", "lattice", "friction") if name in given]
             packing = Packing(Material(**material), **{name: given[name] for name in names})
         if "spread" not in given:
             return packing
-        ((kind, value),) = written["spread"].items()
+        ((kind, value),) = data["packing"]["spread"].items()
         found = f"found {show(value)}; allowed: diameters about the packing's, all above zero. "
         with self.at("packing", "spread", kind, before=found):
             return replace(packing, spread=given["spread"])
