@@ -664,6 +664,19 @@ def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error):
     assert (work / "out" / "sweep.csv").read_bytes() == (whole / "sweep.csv").read_bytes()
 
 
+def test_a_file_that_is_missing_is_named(work, capsys):
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    (work / "out" / "sweep.csv").unlink()
+    for option in ([], ["--resume"]):
+        assert main(["run", "scene.yaml", "-o", "out", *option]) == 1
+        err = capsys.readouterr().err
+        assert "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result" in err
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q"]) == 0
+    assert listed(work / "out") == ALL
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "but not" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("options", only([["--resume", "--force"]], [[], ["--force"], ["--resume", "--force"]]))
 def test_the_same_command_again_goes_on(work, monkeypatch, options):
     with monkeypatch.context() as patch:

@@ -188,9 +188,11 @@ class ResultFiles:
                 what = f"{target} already holds {name}: {what}"
                 raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
         if there and not self.force:
+            lost = [name for name in self.names if name in written and name not in there]
+            missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
             raise FileExistsInRunError(
                 message(
-                    f"{target} already holds {', '.join(there)}",
+                    f"{target} already holds {', '.join(there)}{missing}",
                     "An existing result is not overwritten unless asked for",
                     "Use --force (force=True) to replace it, or choose another folder",
                 )
