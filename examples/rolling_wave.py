@@ -77,4 +77,5 @@ animation = FuncAnimation(figure, draw, frames=16, interval=90)
 if "-o" in sys.argv:
     animation.save(sys.argv[-1], writer="pillow")
 else:
+    figure.canvas.draw()  # the animation begins, also where no window can show it
     plt.show()

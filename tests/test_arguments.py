@@ -327,3 +327,6 @@ def test_a_message_is_one_line():
         assert len(brief(wrong)) <= 80
         assert message(f"x is {wrong!r}", f"It\nis\r\n{wrong!r}", "No\x0bway\u2028out").count("\n") == 0
     assert message("a  b", "c\n   d") == "a  b. c d."  # spaces of a path stay
+    assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"  # and the dots of what was cut off
+    with pytest.raises(InputError, match=r"Give a granphon\.Uniform, Normal, Discrete or Measured"):
+        gp.Packing(gp.Material(1e9, 0.2, 1e3), 1e-3, spread=2e-6)

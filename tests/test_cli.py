@@ -117,6 +117,13 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "misspelt unit": ("GPa", "Gpa", 3, "material.young_modulus", "'211.65 Gpa', whose unit", "GPa", "Did you mean '211.65 GPa'?"),
     "two units": ("8 mm", "8 m m", 8, "packing.diameter", "'8 m m', which is not one number and one unit", LENGTHS, ""),
     "expression": ("8 mm", "8*9 mm", 8, "packing.diameter", "'8*9 mm', which is not one number and one unit", LENGTHS, ""),
+    "many digits": (
+        "18.446 N", f"{'1' * 5000} N", 11, "load.force", "a text of 5002 letters", "in 100 letters at most", "",
+    ),
+    "far point of the band": (
+        "0 0 0 1/3", "0 0 0 1e9", 15, "phonopy.band", "'1e9' in '0 0 0 1e9 1/3 0",
+        "numbers from -1000 to 1000", "",
+    ),
     "no number": ("8 mm", "mm", 8, "packing.diameter", "'mm', which does not start with a number", LENGTHS, ""),
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
     "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),

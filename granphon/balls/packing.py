@@ -55,7 +55,9 @@ class Packing:
         find_lattice(self.lattice)
         if self.spread is not None:
             if not isinstance(self.spread, Spread):
-                raise InputError(message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, ..."))
+                raise InputError(
+                    message(f"spread is {self.spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured")
+                )
             self.spread.check_mean(self.diameter)
             self.spread.check_sizes(self.diameter)
         if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in self._scales):

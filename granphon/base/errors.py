@@ -124,8 +124,9 @@ class UnverifiedFileWarning(UserWarning):
 
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line."""
-    sentences = [_join_lines(part).rstrip(". ") for part in (what, why, mend) if part]
-    return " ".join(one if one.endswith("?") else f"{one}." for one in sentences)
+    sentences = [_join_lines(part).rstrip() for part in (what, why, mend) if part]
+    # three dots stay: they say that something has been cut off
+    return " ".join(one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences)
 
 
 def brief(value: object, most: int = 80) -> str:

@@ -32,6 +32,8 @@ __all__ = [
 Array = NDArray[np.float64]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake
 LARGEST_COUNT = 1_000_000_000
+#: greatest size of a coordinate of a path in a scene
+_LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and their coordinates as fractions of the reciprocal cell,
 #: for a hexagonal cell of 120 degrees and for a square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
@@ -192,7 +194,9 @@ def _fraction(word: str, value: str, allowed: str) -> float:
     if re.fullmatch(r"[-+]?[0-9]{1,9}/0*[1-9][0-9]{0,8}", word):
         return float(Fraction(word))
     number = float(word) if re.fullmatch(NUMBER, word) else math.nan
-    if not abs(number) <= 1e3:
+    if abs(number) > _LARGEST_FRACTION:
+        raise Refused(f"{show(word)} in {show(value)}", f"numbers from {-_LARGEST_FRACTION:g} to {_LARGEST_FRACTION:g}")
+    if math.isnan(number):
         raise Refused(f"{show(word)} in {show(value)}", allowed)
     return number + 0.0
 
