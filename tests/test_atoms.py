@@ -373,6 +373,21 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
 
 
 @pytest.mark.claim("extxyz-every-digit", "files-all-digits")
+def test_folders_are_made_by_all_that_writes(tmp_path):
+    from matplotlib.figure import Figure
+
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(1.0)
+    phonons = gp.Phonons(state)
+    for name, write in (
+        ("phonopy_params.yaml", phonons.save), ("band.yaml", phonons.bands("GK", npoints=2).write),
+        ("dos.csv", phonons.dos(mesh=(4, 4), points=12).write_csv),
+        ("balls.xyz", lambda path: gp.write_extxyz(path, gp.atoms(state))),
+        ("figure.png", lambda path: gp.plot.save_figure(Figure(), path)),
+    ):  # fmt: skip
+        write(tmp_path / name / "made" / name)
+        assert (tmp_path / name / "made" / name).is_file()
+
+
 def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))

@@ -182,8 +182,8 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
-    forces depend on differences of these. Results of the calculator are not written. Raises :class:`InputError` if
-    ``atoms`` is not an Atoms or ``path`` is not a path.
+    forces depend on differences of these. Results of the calculator are not written. The folder is made if need be. Raises
+    :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path.
     """
     from ase import Atoms
     from ase.io.extxyz import output_column_format
@@ -196,6 +196,7 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     with Path(path).open("w", encoding="utf-8") as file:
         file.write(f"{len(atoms)}\n{header}\n")
         file.writelines(row % numbers for numbers in zip(*(column.tolist() for column in columns), strict=True))

@@ -75,6 +75,8 @@ def print_hertz(unit: HertzPrefix) -> str:
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
     """Save a figure, in the format that the ending of ``path`` names; ``options`` are those of ``Figure.savefig``.
 
+    The folder is made if need be.
+
     Raises
     ------
     FigureError : matplotlib cannot draw it: a label with broken mathtext, ``text.usetex`` without LaTeX, a format or a
@@ -83,6 +85,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
     """
     target = Path(path)
     new = not target.exists()
+    target.parent.mkdir(parents=True, exist_ok=True)
     try:
         figure.savefig(target, **options)
     except Exception as error:

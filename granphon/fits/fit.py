@@ -22,6 +22,7 @@ from granphon.balls.parameters import PARAMETERS
 from granphon.base.arguments import real_array, texts
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
+from granphon.base.staging import write_text
 from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
 from granphon.fits.goodness import Goodness, compute_leverages, compute_probability
@@ -170,10 +171,10 @@ class WidthFit(Result):
             raise InputError(message(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE)))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fitted velocities, into an existing folder."""
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
         numbers = {name: getattr(self, name) for name in _HEAD[2:]}
         head = {"versions": versions("numpy", "scipy"), "medium": self.medium, **numbers}
-        (Path(folder) / "fit.yaml").write_text(dump_yaml(head | self.to_dict()), encoding="utf-8")
+        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
         columns = {
             "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
             "fit (m/s)": self.velocities, "residual (m/s)": self.residuals,
@@ -181,7 +182,7 @@ class WidthFit(Result):
         if self.waves.frequency is not None:
             columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
         text = table_text(columns, np.stack(list(columns.values()), axis=1).tolist())
-        (Path(folder) / "fit.csv").write_text(text, encoding="utf-8")
+        write_text(Path(folder) / "fit.csv", text)
 
 
 #: files of a fit: those of :meth:`WidthFit.write`, and its figure

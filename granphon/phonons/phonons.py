@@ -343,7 +343,7 @@ class Phonons:
         kHz, MHz or another such unit, in which the top frequency lies between 1 and 1000. The file names this unit under
         ``granphon``, with the scales.
 
-        :func:`load_phonopy` reads the file back without the auxiliary atom.
+        :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
         """
         flat = 3 + len(self.atoms) * len(self.lattice.motions.still_slots)
         write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
