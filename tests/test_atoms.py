@@ -376,13 +376,15 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
 def test_folders_are_made_by_all_that_writes(tmp_path):
     from matplotlib.figure import Figure
 
+    from granphon.figures.style import save_figure
+
     state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(1.0)
     phonons = gp.Phonons(state)
     for name, write in (
         ("phonopy_params.yaml", phonons.save), ("band.yaml", phonons.bands("GK", npoints=2).write),
         ("dos.csv", phonons.dos(mesh=(4, 4), points=12).write_csv),
         ("balls.xyz", lambda path: gp.write_extxyz(path, gp.atoms(state))),
-        ("figure.png", lambda path: gp.plot.save_figure(Figure(), path)),
+        ("figure.png", lambda path: save_figure(Figure(), path)),
     ):  # fmt: skip
         write(tmp_path / name / "made" / name)
         assert (tmp_path / name / "made" / name).is_file()

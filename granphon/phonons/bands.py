@@ -248,8 +248,8 @@ class Bands(Result):
             still = int(own.get("still_branches", 0))
             bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
-            vectors = _numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
-            vectors = (vectors[..., 0] + 1j * vectors[..., 1]).reshape(s, p, b, n, 3)[..., list(_select_motions(b, n).slots)]
+            parts = _numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
+            vectors = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3)[..., list(_select_motions(b, n).slots)]
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
