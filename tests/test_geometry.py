@@ -31,7 +31,7 @@ HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2
 )
 def test_named_lattices(twin, lattice, coordination, area):
     assert lattice.coordination == coordination
-    assert_allclose(lattice.area_per_ball, area, rtol=1e-15)
+    assert_allclose(lattice.measure_per_ball, area, rtol=1e-15)
     table = lattice.contacts
     assert len(table) == coordination * lattice.n_balls // 2
     # the twin sees every contact from both ends
@@ -76,7 +76,7 @@ def test_hexagonal_cell_has_k_at_one_third_one_third():
 @pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE, KAGOME, HONEYCOMB])
 def test_pressure_is_minus_energy_over_area(lattice):
     # E(a) = n_c V(a), V' = -f, area = A a^2: P = -dE/dA
-    contacts, area = len(lattice.contacts), mpmath.mpf(lattice.area)
+    contacts, area = len(lattice.contacts), mpmath.mpf(lattice.measure)
     with mpmath.workdps(30):
 
         def energy(a):
@@ -111,7 +111,7 @@ def test_lattice_keeps_no_hold_of_what_it_was_given():
     cell = np.array([[1.0, 0.0], [0.0, 1.0]])
     lattice = gp.Lattice("mine", cell)
     cell[:] = 0.0
-    assert lattice.area == 1.0
+    assert lattice.measure == 1.0
     assert hash(lattice) == hash(gp.Lattice("mine", [[1, 0], [0, 1]]))
     assert lattice == gp.Lattice("mine", [[1, 0], [0, 1]])
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -128,10 +128,12 @@ def test_lattice_keeps_no_hold_of_what_it_was_given():
         (((3, 0), (0, 3)), ((0, 0), (1 / 3, 0), (0.5, 0.5)), "touches no other"),
         (((1, 0), (0, math.nan)), ((0, 0),), "not finite"),
         (((1, 0), (0, 1)), ((0, math.inf),), "not finite"),
-        (((1, 0), (0, 1)), (), "no site"),
-        (((1, 0, 0), (0, 1, 0)), ((0, 0),), "two vectors"),
-        (((1, 0), (0, 1)), ((0, 0, 0),), "two fractions"),
-        ("hexagon", ((0, 0),), "two vectors"),
+        (((1, 0), (0, 1)), (), "sites"),
+        (((1, 0, 0), (0, 1, 1)), ((0, 0),), "does not lie in the xy plane"),
+        (((0, 1),), ((0,),), "does not lie along x"),
+        (((1, 0), (0, 1), (1, 1)), ((0, 0),), "one to three vectors"),
+        (((1, 0), (0, 1)), ((0, 0, 0),), "as many fractions"),
+        ("hexagon", ((0, 0),), "one to three vectors"),
     ],
 )
 def test_impossible_lattices(cell, sites, text):
@@ -143,7 +145,7 @@ def test_impossible_lattices(cell, sites, text):
 
 
 def test_unknown_lattice_names_those_known():
-    with pytest.raises(InputError, match="triangular, square, kagome"):
+    with pytest.raises(InputError, match="chain, triangular, square, honeycomb, kagome, sc, bcc, fcc, hcp, diamond"):
         find_lattice("hexagonl")
     assert find_lattice("kagome") is KAGOME
     assert find_lattice(HONEYCOMB) is HONEYCOMB

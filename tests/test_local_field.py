@@ -240,7 +240,7 @@ def test_far_field_ratio():
     assert field.beta == pytest.approx(1.0 / ROOT3, abs=0.04)
 
 
-@pytest.mark.parametrize("name", LATTICES)
+@pytest.mark.parametrize("name", [name for name, one in LATTICES.items() if one.periods == 2])
 def test_quadrature_sum_rules(name):
     medium = ContactLattice.of(name, 0.84)
     places = np.array([[0, 0], [1, 0], [0, 1], [2, -1]]) @ medium.cell

@@ -320,10 +320,18 @@ def test_atoms_of_another_state_are_refused():
         gp.Phonons(state, balls)
 
 
-def test_mechanisms_have_no_phonons():
-    for lattice in ("square", "kagome"):
-        with pytest.raises(MechanismError, match="is a mechanism"):
-            gp.Phonons(at_overlap(friction=False, lattice=lattice))
+@pytest.mark.parametrize("lattice", ["square", "kagome", "honeycomb"])
+def test_mechanisms_have_bands_and_no_sound(lattice):
+    state = at_overlap(friction=False, lattice=lattice)
+    ph = gp.Phonons(state)
+    q = np.random.default_rng(3).uniform(-0.5, 0.5, (8, 3)) * [1.0, 1.0, 0.0]
+    found = ph.frequencies(q) / ph.scales.frequency
+    np.testing.assert_allclose(
+        found, np.sort(np.abs(ph.phonopy.run_qpoints(q).frequencies[:, -found.shape[1] :]), axis=1), atol=1e-7
+    )
+    for find in (gp.sound_velocities, gp.moduli):
+        with pytest.raises(MechanismError, match=f"the lattice {lattice} is a mechanism"):
+            find(state, *[(1.0, 0.0)] * (find is gp.sound_velocities))
 
 
 def test_a_buckled_state_is_an_error():

@@ -281,10 +281,10 @@ def test_a_chain_in_closed_form(dimension):
     cell = np.eye(dimension)[:1]
     table = find_contacts(cell, np.zeros((1, dimension)), "chain")
     x = np.array([1e-9, 0.3, 1.7, 3.0])
-    q, sine, cosine = x[:, None] * cell, np.sin(0.5 * x), np.cos(0.5 * x)
+    q, sine, cosine = x[:, None], np.sin(0.5 * x), np.cos(0.5 * x)
     along = ContactLattice(cell, np.zeros((1, dimension)), table, 0.0, motions=LONGITUDINAL)
-    assert_allclose(along.area, 1.0, rtol=0)
-    assert_allclose(along.wavevectors([[0.25]]), 0.5 * math.pi * cell, rtol=1e-15)
+    assert_allclose(along.measure, 1.0, rtol=0)
+    assert_allclose(along.wavevectors([[0.25]]), [[0.5 * math.pi]], rtol=1e-15)
     assert_allclose(along.frequencies(q)[:, 0], 2.0 * sine, rtol=1e-14)
     # across the chain displacement and rotation share the one slip, kappa (4 sin^2 + 10 cos^2), and a motion costs nothing
     every = ContactLattice(cell, np.zeros((1, dimension)), table, SLIP, torsion=TWIST, motions=ALL)
@@ -303,7 +303,7 @@ def test_moduli_of_fcc_are_those_of_duffy_and_mindlin(eta):
     # C11 = sqrt(2) (k + kappa)/d = 2 C44, C12 = (k - kappa)/(sqrt(2) d) (J. Appl. Mech. 24, 585, 1957)
     lattice = ContactLattice(FCC, np.zeros((1, 3)), find_contacts(FCC, np.zeros((1, 3)), "fcc"), eta, motions=ALL)
     assert lattice.motions.count == (6 if eta else 3)
-    c = lattice.gradient_stiffness() / lattice.area
+    c = lattice.gradient_stiffness() / lattice.measure
     root = math.sqrt(2.0)
     expected = np.zeros((3, 3, 3, 3))
     for i, j in itertools.product(range(3), repeat=2):

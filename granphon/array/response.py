@@ -44,7 +44,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
     motions = [find_linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
     state.stencils.forget()  # many samples may be kept, each with a large Green's function
-    area = TRIANGULAR.area * state.deviations.size
+    area = TRIANGULAR.measure * state.deviations.size
     return np.array([[dot(stiffness * a, b) for b in strains] for a in strains]) / area
 
 

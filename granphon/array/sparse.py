@@ -192,7 +192,7 @@ class SparseArray:
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
-        return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.area * math.prod(self.shape)))
+        return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.measure * math.prod(self.shape)))
 
     def _strain_contacts(self) -> Array:
         """Return (6 L1 L2, 3) elongations n.e.n, then slips t.e.n, of every contact under each unit strain."""

@@ -65,12 +65,13 @@ class ContactTable:
 def contact_frames(normal: Array) -> list[list[Array]]:
     """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
 
-    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). In the plane, where
-    ``normal`` is (n_c, 2), and for every normal in space that is not nearly along z, t is along z x n. The tangents of -n
-    are -t and n x t.
+    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). On a line and in the plane,
+    where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space that is not nearly along z, t is along z x n. The
+    tangents of -n are -t and n x t.
     """
-    if normal.shape[1] == 2:
-        (x, y), zero = normal.T, np.zeros(len(normal))
+    if normal.shape[1] < 3:
+        zero = np.zeros(len(normal))
+        x, y = normal.T if normal.shape[1] == 2 else (normal[:, 0], zero)
         return [[x, y, zero], [-y, x, zero], [zero, zero, np.ones(len(normal))]]
     axis = np.where((np.abs(normal[:, 2]) > _UPRIGHT)[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     across = np.cross(axis, normal)

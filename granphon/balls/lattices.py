@@ -1,4 +1,4 @@
-"""Lattices of equal balls in the plane, and directions in the plane.
+"""Lattices of equal balls in one, two and three dimensions, and directions in them.
 
 A lattice is data: a cell, in units of the distance between touching balls, and the sites in it. Its
 :class:`~granphon.balls.contact_table.ContactTable` says which of its balls touch, and in what direction.
@@ -6,6 +6,8 @@ A lattice is data: a cell, in units of the distance between touching balls, and 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,53 +21,77 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import read_only
 
 __all__ = [
-    "BALL", "KAGOME", "LATTICES", "SQUARE", "TRIANGULAR", "Lattice", "as_direction", "find_lattice", "one_direction",
+    "BALL", "BCC", "CHAIN", "DIAMOND", "FCC", "HCP", "HONEYCOMB", "KAGOME", "LATTICES", "SC", "SQUARE", "TRIANGULAR",
+    "Lattice", "as_direction", "find_lattice", "one_direction",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
 BALL = "Fe"
+#: least length, area or volume of a cell, in spacings; smaller ones hold no ball, and their inverse has no digits
+_LEAST_MEASURE = 0.1
+#: what a direction is on a line, in the plane and in space, and how it is given
+_DIRECTIONS = (
+    ("one finite number, x, not zero", "(1,) or (-1,)"),
+    ("two finite numbers, x and y, not both zero", "(x, y)"),
+    ("three finite numbers, x, y and z, not all zero", "(x, y, z)"),
+)
+#: SI units on a line, in the plane and in space; moduli and density of a plane are those of a layer one diameter thick
+_UNITS = {
+    "pressure": ("N", "N/m", "Pa"), "effective_density": ("kg/m", "kg/m^3", "kg/m^3"), "modulus": ("N", "Pa", "Pa"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice of equal balls in the plane.
+    """A lattice of equal balls with p periods in d dimensions, p <= d <= 3.
 
     Parameters
     ----------
     name : the name of the lattice in messages and files.
-    cell : the two lattice vectors as rows, in units of the distance between the centres of touching balls (the spacing).
-    sites : the positions of the balls, in fractions of the lattice vectors.
+    cell : (p, d) the lattice vectors as rows, in units of the distance between the centres of touching balls (the spacing).
+        With fewer periods than dimensions, a single period lies along x, and two lie in the xy plane.
+    sites : (n, p) the positions of the balls, in fractions of the lattice vectors; or (n, d), where the last d - p numbers
+        are coordinates across the periods, in spacings. One ball at the origin if left out.
 
     Raises
     ------
-    InputError : the name is not a text, the cell has almost no area, balls overlap, a ball touches no other, or equal
-        contact forces leave a ball out of balance.
+    InputError : the name is not a text, the cell is not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a
+        ball touches no other, or equal contact forces leave a ball out of balance.
     """
 
     name: str
-    cell: tuple[tuple[float, float], tuple[float, float]]
-    sites: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
+    cell: tuple[tuple[float, ...], ...]
+    sites: tuple[tuple[float, ...], ...] = ((),)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text"))
         # lists and arrays become tuples, so that a Lattice is hashable and cannot change
         try:
-            cell = real_array("cell", self.cell).reshape(2, 2)
-            sites = real_array("sites", self.sites).reshape(-1, 2)
+            cell = real_array("cell", self.cell)
+            periods, dimension = cell.shape
+            sites = np.zeros((1, periods)) if self.sites == ((),) else real_array("sites", self.sites)
+            if not 1 <= periods <= dimension <= 3 or sites.ndim != 2 or sites.shape[1] not in (periods, dimension):
+                raise ValueError
         except ValueError as error:
-            why = str(error) if isinstance(error, InputError) else ""
-            what = f"lattice {self.name!r}: the cell must be two vectors and each site two fractions"
-            raise InputError(message(what, why)) from None
-        if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites)) and len(sites)):
-            raise InputError(message(f"lattice {self.name!r} has a number that is not finite, or no site"))
-        (ax, ay), (bx, by) = cell.tolist()
-        object.__setattr__(self, "cell", ((ax, ay), (bx, by)))
-        object.__setattr__(self, "sites", tuple((float(x), float(y)) for x, y in sites))
-        if abs(np.linalg.det(cell)) < 0.1:
+            raise InputError(
+                message(
+                    f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many fractions",
+                    str(error) if isinstance(error, InputError) else "",
+                    "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p)",
+                )
+            ) from None
+        if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
+            raise InputError(message(f"lattice {self.name!r} has a number that is not finite"))
+        if np.any(cell[:, periods:]):
+            where = "along x" if periods == 1 else "in the xy plane"
+            raise InputError(message(f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice"))
+        object.__setattr__(self, "cell", tuple(map(tuple, cell.tolist())))
+        object.__setattr__(self, "sites", tuple(map(tuple, sites.tolist())))
+        if self.measure < _LEAST_MEASURE:
             raise InputError(message(f"the cell of lattice {self.name!r} is too small for a ball of diameter one"))
-        table, pull = self.contacts, np.zeros((self.n_balls, 2))
+        table, pull = self.contacts, np.zeros((self.n_balls, self.dimension))
         np.add.at(pull, table.j, table.normal)
         np.add.at(pull, table.i, -table.normal)
         if np.max(np.abs(pull)) > TOUCH:
@@ -83,20 +109,34 @@ class Lattice:
         """Number of balls in the cell."""
         return len(self.sites)
 
+    @property
+    def periods(self) -> int:
+        """Number p of lattice vectors."""
+        return len(self.cell)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of the space that holds the balls."""
+        return len(self.cell[0])
+
     @cached_property
     def vectors(self) -> Array:
-        """(2, 2) lattice vectors as rows, in units of the spacing."""
+        """(p, d) lattice vectors as rows, in units of the spacing."""
         return read_only(self.cell)
 
     @cached_property
     def positions(self) -> Array:
-        """(n, 2) centres of the balls, in units of the spacing."""
-        return read_only(np.asarray(self.sites) @ self.vectors)
+        """(n, d) centres of the balls, in units of the spacing."""
+        sites, p = np.asarray(self.sites), self.periods
+        positions = sites[:, :p] @ self.vectors
+        if sites.shape[1] > p:
+            positions[:, p:] = sites[:, p:]
+        return read_only(positions)
 
     @cached_property
-    def area(self) -> float:
-        """Area of the cell, in units of the spacing squared."""
-        return float(abs(np.linalg.det(self.vectors)))
+    def measure(self) -> float:
+        """Length, area or volume of the cell, in units of the spacing to the power p."""
+        return float(abs(np.linalg.det(self.vectors[:, : self.periods])))
 
     @cached_property
     def contacts(self) -> ContactTable:
@@ -108,35 +148,67 @@ class Lattice:
         """Mean number of contacts of a ball."""
         return 2.0 * len(self.contacts) / self.n_balls
 
-    @property
+    @cached_property
     def pressure_factor(self) -> float:
-        """Reduced pressure P d / f: sqrt(3) for the triangular lattice (equation 20), 1 for the square one.
+        """Reduced pressure P d^(p-1) / f: sqrt(3) for the triangular lattice (equation 20), 2 sqrt(2) for fcc.
 
         Raises :class:`InputError` if equal contact forces make a stress that is not an isotropic pressure.
         """
-        stress = self.contacts.normal.T @ self.contacts.normal / self.area
-        if abs(stress[0, 0] - stress[1, 1]) + 2.0 * abs(stress[0, 1]) > TOUCH:
+        p, normal = self.periods, self.contacts.normal
+        stress = normal[:, :p].T @ normal[:, :p] / self.measure
+        pressure = float(np.trace(stress)) / p
+        if np.max(np.abs(stress - pressure * np.eye(p))) > 0.5 * TOUCH:
             raise InputError(
                 message(
                     f"the stress of lattice {self.name!r} is not a pressure",
-                    f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d",
+                    f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d{'' if p == 2 else '^2'}",
                     "Load it by force or overlap",
                 )
             )
-        return float(np.trace(stress)) / 2.0
+        return pressure
+
+    def units_of(self, names: Iterable[str]) -> dict[str, str]:
+        """The SI units of quantities of an array of balls: "pressure", "effective_density", "modulus"."""
+        return {name: _UNITS[name][self.periods - 1] for name in names}
 
     @property
-    def area_per_ball(self) -> float:
-        """Area of the cell per ball, in units of the spacing squared."""
-        return self.area / self.n_balls
+    def measure_per_ball(self) -> float:
+        """Length, area or volume of the cell per ball, in units of the spacing to the power p."""
+        return self.measure / self.n_balls
 
 
 _HALF_SQRT3 = float(np.sqrt(3.0) / 2.0)
+#: balls in a row along x
+CHAIN = Lattice("chain", ((1.0,),))
 #: ASE's HEX2D cell, 120 degrees: K = (1/3, 1/3, 0), M = (1/2, 0, 0)
 TRIANGULAR = Lattice("triangular", ((1.0, 0.0), (-0.5, _HALF_SQRT3)))
 SQUARE = Lattice("square", ((1.0, 0.0), (0.0, 1.0)))
+#: two balls; the origin is the centre of a hexagon
+HONEYCOMB = Lattice(
+    "honeycomb", ((2.0 * _HALF_SQRT3, 0.0), (-_HALF_SQRT3, 1.5)), ((1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0 / 3.0))
+)
 KAGOME = Lattice("kagome", ((2.0, 0.0), (-1.0, 2.0 * _HALF_SQRT3)), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)))
-LATTICES: dict[str, Lattice] = {lattice.name: lattice for lattice in (TRIANGULAR, SQUARE, KAGOME)}
+
+
+def _cubic(name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)) -> Lattice:
+    """Make a lattice of primitive vectors ``steps``, in halves of the ``edge`` (in spacings) of the cube along x, y, z."""
+    return Lattice(name, tuple(map(tuple, (0.5 * edge * np.asarray(steps)).tolist())), sites)
+
+
+# primitive cells with ASE's vectors
+_FACES = ((0, 1, 1), (1, 0, 1), (1, 1, 0))
+SC = _cubic("sc", 1.0, ((2, 0, 0), (0, 2, 0), (0, 0, 2)))
+BCC = _cubic("bcc", 2.0 / math.sqrt(3.0), ((-1, 1, 1), (1, -1, 1), (1, 1, -1)))
+FCC = _cubic("fcc", math.sqrt(2.0), _FACES)
+#: close-packed layers across z, the ideal c = sqrt(8/3)
+HCP = Lattice(
+    "hcp", ((1.0, 0.0, 0.0), (-0.5, _HALF_SQRT3, 0.0), (0.0, 0.0, math.sqrt(8.0 / 3.0))),
+    ((1.0 / 3.0, 2.0 / 3.0, 0.25), (2.0 / 3.0, 1.0 / 3.0, 0.75)),
+)  # fmt: skip
+DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
+LATTICES: dict[str, Lattice] = {
+    lattice.name: lattice for lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND)
+}
 
 
 def find_lattice(lattice: str | Lattice) -> Lattice:
@@ -150,35 +222,35 @@ def find_lattice(lattice: str | Lattice) -> Lattice:
     )
 
 
-def as_direction(direction: ArrayLike) -> Array:
-    """``direction`` as a Cartesian unit vector (2,), or as (n, 2) unit vectors for (n, 2) directions.
+def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
+    """``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d) directions, d the ``dimension``.
 
-    Raises :class:`InputError` for another shape, a number that is not finite, or a direction (0, 0).
+    Raises :class:`InputError` for another shape, a number that is not finite, or a direction of length zero.
     """
     vector: Any = real_array("direction", direction)
     largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
-    if vector.shape[-1:] != (2,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
+    if vector.shape[-1:] != (dimension,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
+        what, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
             message(
                 f"direction is {brief(direction)}",
-                "A direction is two finite numbers, x and y, not both zero",
-                "Give (x, y), or an array (n, 2) of directions",
+                f"A direction is {what}",
+                f"Give {shown}, or an array (n, {dimension}) of directions",
             )
         )
     vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
-def one_direction(direction: ArrayLike) -> Array:
-    """``direction`` as one Cartesian unit vector (2,).
+def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
+    """``direction`` as one Cartesian unit vector (d,).
 
     Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one direction.
     """
-    along = as_direction(direction)
+    along = as_direction(direction, dimension)
     if along.ndim > 1:
+        mend = f"Give {_DIRECTIONS[dimension - 1][1]}"
         raise InputError(
-            message(
-                f"direction is {brief(direction)}", "This quantity is found along one direction at a time", "Give (x, y)"
-            )
+            message(f"direction is {brief(direction)}", "This quantity is found along one direction at a time", mend)
         )
     return along

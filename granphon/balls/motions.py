@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.results import read_only
 
-__all__ = ["ALL", "IN_PLANE", "LONGITUDINAL", "OUT_OF_PLANE", "TRANSLATIONS_IN_PLANE", "Motions", "select_motions"]
+__all__ = [
+    "ALL",
+    "IN_PLANE",
+    "LONGITUDINAL",
+    "OUT_OF_PLANE",
+    "TRANSLATIONS_IN_PLANE",
+    "Motions",
+    "allowed_motions",
+    "select_motions",
+]
 
 
 @dataclass(frozen=True)
@@ -102,6 +111,15 @@ OUT_OF_PLANE = Motions("out_of_plane", (2,), (0, 1))
 LONGITUDINAL = Motions("longitudinal", (0,))
 #: all six motions
 ALL = Motions("all", (0, 1, 2), (0, 1, 2))
+
+
+def allowed_motions(dimension: int) -> dict[str, Motions]:
+    """Return the motions that balls on a line, in a plane or in space (1, 2, 3) may have, by name, the default first.
+
+    Each of them is left by itself by all contacts: it moves no ball in another way.
+    """
+    among = {1: (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL), 2: (IN_PLANE, OUT_OF_PLANE, ALL), 3: (ALL,)}
+    return {one.name: one for one in among[dimension]}
 
 
 def select_motions(

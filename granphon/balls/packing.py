@@ -11,13 +11,16 @@ from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import Material
-from granphon.base.arguments import positive
-from granphon.base.errors import InputError, message
+from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arguments import not_negative, positive
+from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import require, truth
 
-__all__ = ["Packing"]
+__all__ = ["MINDLIN", "Packing"]
 
+#: the word for the torsional stiffness of a Hertz contact that does not slip
+MINDLIN = "mindlin"
 #: the scales of a packing, SI, must lie between this and its inverse: what is computed from them stays in the floating range
 _LEAST_SCALE = 1e-280
 
@@ -33,13 +36,20 @@ class Packing:
     spread : the distribution of diameters: :class:`~granphon.balls.diameters.Uniform`,
         :class:`~granphon.balls.diameters.Normal`, :class:`~granphon.balls.diameters.Discrete` or
         :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the limit of width zero.
-    lattice : "triangular", "square", "kagome", or a :class:`~granphon.balls.lattices.Lattice`.
-    friction : whether contacts resist shear; without friction the balls have no rotational degree of freedom.
+    lattice : "chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond", or a
+        :class:`~granphon.balls.lattices.Lattice`.
+    friction : whether contacts resist shear; without friction, torsion and bending the balls do not rotate.
+    motions : the motions of each ball: "longitudinal" (u_x, on a line), "in_plane" (u_x, u_y, phi_z), "out_of_plane"
+        (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a line, "in_plane" in a plane, "all" in space.
+    torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin" for that of a Hertz contact
+        that does not slip, which depends on the load: (1 - nu)/3 times overlap over diameter for equal balls.
+    bending : stiffness of a contact against rolling, over k d^2.
 
     Raises
     ------
-    InputError : a diameter that is not a finite number above zero, an unknown lattice, a spread with another mean than the
-        diameter or with a ball of size zero or below, or scales beyond double precision.
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, motions that the lattice does not
+        have, a negative torsion or bending, either of them where the motions have no rotation, a spread with another mean
+        than the diameter or with a ball of size zero or below, or scales beyond double precision.
     """
 
     material: Material
@@ -47,6 +57,9 @@ class Packing:
     spread: Uniform | Normal | Discrete | Measured | None = None
     lattice: str | Lattice = "triangular"
     friction: bool = True
+    motions: str | None = None
+    torsion: float | str = 0.0
+    bending: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
@@ -65,6 +78,46 @@ class Packing:
             made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
             raise InputError(message(f"balls of {self.diameter:g} m of {made} are beyond double precision", why))
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
+        self._check_motions()
+
+    def _check_motions(self) -> None:
+        """Raise InputError for motions that the lattice does not have, and for a torsion or bending that is not allowed."""
+        allowed = allowed_motions(self.structure.dimension)
+        if self.motions is not None and self.motions not in allowed:
+            raise InputError(
+                message(
+                    f"the {self.structure.name} lattice has no motions {brief(self.motions)}",
+                    f"It lies {('on a line', 'in a plane', 'in space')[self.structure.dimension - 1]}",
+                    "Use " + ", ".join(allowed),
+                )
+            )
+        if isinstance(self.torsion, str):
+            if self.torsion != MINDLIN:
+                raise InputError(message(f"torsion is {brief(self.torsion)}", mend=f"Give a number, or {MINDLIN}"))
+        else:
+            object.__setattr__(self, "torsion", not_negative("torsion", self.torsion))
+        object.__setattr__(self, "bending", not_negative("bending", self.bending))
+        named = [name for name in ("torsion", "bending") if getattr(self, name)]
+        if named and not self._named_motions.rotate:
+            word = self._named_motions.name
+            raise InputError(
+                message(
+                    f"{' and '.join(named)} without rotations",
+                    f"The motions {word!r} of the {self.structure.name} lattice have no rotation that could be resisted",
+                    f"Use motions {', '.join(one for one in allowed if allowed[one].rotate)}, or leave it out",
+                )
+            )
+
+    @property
+    def _named_motions(self) -> Motions:
+        """The motions that are named, or those that the lattice has by default."""
+        allowed = allowed_motions(self.structure.dimension)
+        return next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
+
+    @property
+    def ball_motions(self) -> Motions:
+        """The motions of each ball: those that are named, without rotations if no contact resists them."""
+        return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self._named_motions)
 
     @property
     def structure(self) -> Lattice:
@@ -107,5 +160,12 @@ class Packing:
 
     @property
     def effective_density(self) -> float:
-        """Mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17: pi rho / 3 sqrt(3))."""
-        return math.pi / 6.0 * self.material.density / self.structure.area_per_ball
+        """Density of the array, the one that belongs to its moduli.
+
+        In the plane mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17: pi rho / 3 sqrt(3)); in
+        space kg/m^3 of the crystal; of a chain its mass per length, kg/m.
+        """
+        per_ball = self.structure.measure_per_ball
+        if self.structure.periods == 1:
+            return self.mass / (self.diameter * per_ball)
+        return math.pi / 6.0 * self.material.density / per_ball

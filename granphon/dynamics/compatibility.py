@@ -29,18 +29,18 @@ GYRATION = float(1.0 / np.sqrt(10.0))
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
 
-def as_wavevectors(wavevectors: ArrayLike, dimension: int) -> Array:
-    """Wave vectors as (n_q, dimension), from any (..., dimension); :class:`~granphon.base.errors.InputError` otherwise."""
+def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
+    """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p is not ``periods``."""
     q = real_array("wavevectors", wavevectors)
-    if q.shape[-1:] != (dimension,):
-        raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {dimension})"))
-    return q.reshape(-1, dimension)
+    if q.shape[-1:] != (periods,):
+        raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"))
+    return q.reshape(-1, periods)
 
 
 class _Waves(NamedTuple):
     """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j - r_i)/2 of a contact.
 
-    ``odd`` and ``even`` are (kinds, n_c, n_branches); ``half`` (n_c, d) holds (r_j - r_i)/2.
+    ``odd`` and ``even`` are (kinds, n_c, n_branches); ``half`` (n_c, p) holds (r_j - r_i)/2 along the periods.
     """
 
     odd: NDArray[Any]
@@ -60,7 +60,7 @@ class _Waves(NamedTuple):
         return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, branches)
 
     def repeat_half_vectors(self) -> Array:
-        """Return (kinds * n_c, d) gradients of each row's half angle with respect to q."""
+        """Return (kinds * n_c, p) gradients of each row's half angle with respect to q."""
         return np.tile(self.half, (len(self.odd), 1))
 
 
@@ -69,7 +69,7 @@ class Compatibility:
 
     Parameters
     ----------
-    cell : (p, d) lattice vectors as rows: p periods in d dimensions, two or three.
+    cell : (p, d) lattice vectors as rows: p periods in d dimensions. One period lies along x, two lie in the xy plane.
     positions : (n, d) centres.
     contacts : the table of contacts, in the same unit of length.
     mindlin_ratio : eta, stiffness of slip over that of elongation.
@@ -79,6 +79,7 @@ class Compatibility:
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
     torsion, bending : stiffness of twist and of rolling, over that of elongation times d^2.
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
+    name : of the lattice, in messages.
 
     Raises
     ------
@@ -99,7 +100,9 @@ class Compatibility:
         torsion: float = 0.0,
         bending: float = 0.0,
         motions: Motions = IN_PLANE,
+        name: str = "of these contacts",
     ) -> None:
+        self.name = name
         self.cell: Array = read_only(real_array("cell", cell))
         self.positions: Array = read_only(real_array("positions", positions))
         self.contacts = contacts
@@ -127,7 +130,7 @@ class Compatibility:
 
     @property
     def dofs_per_ball(self) -> int:
-        """Number of motions of a ball: in the plane 3 with friction, 2 without."""
+        """Number of motions of a ball: 6 in space with friction, 3 without; in the plane 3 and 2."""
         return self.motions.count
 
     @property
@@ -140,18 +143,20 @@ class Compatibility:
         """Dimension d of the space in which the balls lie."""
         return int(self.positions.shape[1])
 
+    @property
+    def periods(self) -> int:
+        """Number p of lattice vectors."""
+        return len(self.cell)
+
     @cached_property
-    def area(self) -> float:
-        """Area of the cell, d^2; for a chain its length, d; in three dimensions its volume, d^3."""
-        if len(self.cell) == self.dimension:
-            return float(abs(np.linalg.det(self.cell)))
-        return float(np.sqrt(np.linalg.det(self.cell @ self.cell.T)))
+    def measure(self) -> float:
+        """Length, area or volume of the cell, in units of d to the power p."""
+        return float(abs(np.linalg.det(self.cell[:, : self.periods])))
 
     @cached_property
     def reciprocal(self) -> Array:
-        """(p, d) reciprocal vectors as rows, 1/d, with the factor 2 pi."""
-        inverse = np.linalg.inv(self.cell) if len(self.cell) == self.dimension else np.linalg.pinv(self.cell)
-        return read_only(2.0 * np.pi * inverse.T)
+        """(p, p) reciprocal vectors as rows, 1/d, with the factor 2 pi."""
+        return read_only(2.0 * np.pi * np.linalg.inv(self.cell[:, : self.periods]).T)
 
     @property
     def is_prestressed(self) -> bool:
@@ -159,10 +164,19 @@ class Compatibility:
         return bool(np.any(self.prestress != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Return Cartesian wave vectors (..., d), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
-        q, count = real_array("fractions", fractions), len(self.cell)
+        """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
+        q, count = real_array("fractions", fractions), self.periods
         if q.shape[-1:] not in ((count,), (3,)):
-            raise InputError(message(f"the fractions have the shape {q.shape}", mend="Give an array (..., 2) or (..., 3)"))
+            wanted = f"(..., {count})" + " or (..., 3)" * (count < 3)
+            raise InputError(message(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}"))
+        if np.any(q[..., count:]):
+            raise InputError(
+                message(
+                    "a wave vector has a component across the lattice",
+                    f"The lattice has {count} period{'s' * (count > 1)}",
+                    "Give 0 for the rest",
+                )
+            )
         return np.asarray(q[..., :count] @ self.reciprocal)
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
@@ -183,17 +197,17 @@ class Compatibility:
         """Return K^1/2 C(q) M^-1/2 at each wave vector.
 
         Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the mass-weighted motions
-        (x, y, w) in the frame whose first vector is the centre of mass, w divided by i. With one ball in the cell the matrix
-        is real.
+        ((x, y, w) in the plane) in the frame whose first vector is the centre of mass, rotations divided by i. With one ball
+        in the cell the matrix is real.
 
         Parameters
         ----------
-        wavevectors : (n_q, 2), 1/d.
+        wavevectors : (n_q, p), 1/d.
         derivative : return the gradient with respect to q instead.
 
         Returns
         -------
-        (n_q, n_rows, n_branches), or (n_q, 2, n_rows, n_branches) for the gradient.
+        (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
         """
         rows = self._compute_rows(wavevectors, derivative)
         if derivative:
@@ -245,7 +259,7 @@ class Compatibility:
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
         phase = of_rows * np.tile(self.motions.phases, self.n_balls)
         odd, even = 1j * phase * total, phase * gap
-        half = 0.5 * self.contacts.vector
+        half = 0.5 * self.contacts.vector[:, : self.periods]
         return _Waves(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else _Waves(odd, even, half)
 
     def _compute_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
@@ -253,7 +267,7 @@ class Compatibility:
 
         With ``prestress``, they are the rows of transverse displacement times |f/a|^1/2 instead.
         """
-        q = as_wavevectors(wavevectors, self.dimension)
+        q = as_wavevectors(wavevectors, self.periods)
         return (self._make_waves(prestress) if prestress else self._own_waves).compute_rows(q, derivative)
 
     @cached_property
@@ -323,11 +337,11 @@ class Compatibility:
 
     def _compute_real_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
         """Return rows as :meth:`_compute_rows` does, with the same C^H C, but real if each contact has an image."""
-        q = as_wavevectors(wavevectors, self.dimension)
+        q = as_wavevectors(wavevectors, self.periods)
         return (self._pushing if prestress else self._deforming).compute_rows(q, derivative)
 
     def _find_half_vectors(self, waves: NDArray[Any]) -> Array:
-        """Return (n_rows, d) gradients, with respect to q, of the half angle in each row of :meth:`_compute_real_rows`."""
+        """Return (n_rows, p) gradients, with respect to q, of the half angle in each row of :meth:`_compute_real_rows`."""
         return np.tile(self._deforming.half, (waves.shape[1] // len(self.contacts), 1))
 
     def _find_push_signs(self, across: NDArray[Any]) -> Array:
@@ -346,13 +360,14 @@ class Compatibility:
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
-        """(n_branches, n_branches) transformation from the frame, where w is divided by i, to each ball's (x, y, w)."""
+        """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to each ball's motions."""
         return np.asarray(np.kron(self._frame, np.diag(self.motions.phases)), complex)
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
         """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in units of k/M.
 
-        Degrees of freedom run (x, y, w) over the balls; phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, 2) are in 1/d.
+        Degrees of freedom run over the motions, (x, y, w) in the plane, of ball after ball; phases are taken at the
+        positions of the balls, as in phonopy.
+        ``wavevectors`` (n_q, p) are in 1/d.
         """
         return np.asarray(self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T)

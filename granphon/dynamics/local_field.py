@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arguments import not_negative, whole_number
-from granphon.base.errors import PrecisionError, message
+from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import Result
 from granphon.dynamics.modes import ContactLattice
 
@@ -111,7 +111,11 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
 
 @lru_cache(maxsize=256)
 def _compute_local_field(structure: Lattice, eta: float) -> LocalField:
+    if structure.periods != 2:
+        what = f"the local field of the {structure.name} lattice is not known"
+        raise InputError(message(what, "That of lattices in the plane is", "Use 'ala' or 'afa', or equal balls"))
     medium = ContactLattice.of(structure, eta)
+    medium.require_rigid()
     star, *second = _find_elongations(medium, structure.name)
     xi = 1.0 / star - 1.0
     if not second:

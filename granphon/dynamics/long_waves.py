@@ -28,8 +28,8 @@ _COUPLED = 1e-9
 #: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
 #: for rounding
 _ISOTROPIC = 1e-10
-#: (4, 3) matrix from strains (xx, yy, xy sqrt 2) to displacement gradients (u_x,x u_x,y u_y,x u_y,y)
-_STRAINS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5)], [0.0, 0.0, np.sqrt(0.5)], [0.0, 1.0, 0.0]])
+#: pairs of axes in Voigt order, for one, two and three periods
+_VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
 class LongWaves(Compatibility):
@@ -38,12 +38,17 @@ class LongWaves(Compatibility):
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
         """Return the deformations at q = 0, times ``root``, under displacement gradients and under inner motions.
 
-        Their shapes are (n_rows, 4), for the gradients (u_x,x u_x,y u_y,x u_y,y), and (n_rows, n_inner). Inner motions are
-        rotations, and the shifts of several balls in the cell.
+        Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x u_y,y), and (n_rows,
+        n_inner). Inner motions are rotations, and the shifts of several balls in the cell.
         """
-        gradient = [strain_rows(row, self.contacts.vector, self.motions) for row in rows]
-        affine = root[..., None] * np.reshape(gradient, (*root.shape, -1))
-        return affine.reshape(root.size, -1), self._select_inner(self._combine_ends(rows, root)[0])
+        gradient = [strain_rows(row, self.contacts.vector[:, : self.periods], self.motions) for row in rows]
+        affine = root[..., None] * np.reshape(gradient, (*root.shape, self._n_gradients))
+        return affine.reshape(root.size, self._n_gradients), self._select_inner(self._combine_ends(rows, root)[0])
+
+    @property
+    def _n_gradients(self) -> int:
+        """Number of displacement gradients u_a,b: a any displacement of a ball, b along the periods."""
+        return len(self.motions.translations) * self.periods
 
     def _select_inner(self, columns: Array) -> Array:
         """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c, n_branches)."""
@@ -84,7 +89,7 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _relaxed_rows(self) -> Array:
-        """(n_rows, 4) deformations under each displacement gradient, with the inner motions relaxed."""
+        """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions relaxed."""
         return self._relax(self._strain_rows[0])
 
     @cached_property
@@ -99,43 +104,58 @@ class LongWaves(Compatibility):
             return False
         # to first order in q the deformations of both sound and inner motions are i times real numbers
         _, total = self._combine_ends(*self._weight_rows())
-        half = 0.5 * np.tile(self.contacts.vector, (len(total), 1))
+        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
         change = self._select_inner(total) @ free
         waves = self._relax(half[:, :, None] * change[:, None, :])
-        sound = self._relaxed_rows.reshape(-1, 2, 2)
+        sound = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
         coupling = np.einsum("rij,rlm->ijlm", sound, waves)
         coupling = coupling + coupling.swapaxes(1, 2)
         return bool(np.max(np.abs(coupling)) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
 
-    def require_rigid(self, name: str = "of these contacts") -> None:
-        """Raise :class:`~granphon.base.errors.MechanismError` if long waves meet a motion that costs no energy.
+    def require_rigid(self) -> None:
+        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`."""
+        if self.mechanism:
+            mend = "Use a lattice with more contacts"
+            if not self.motions.rotate:
+                mend = "Use friction, or a lattice with more contacts"
+            raise MechanismError(message(f"the lattice {self.name} is a mechanism", self.mechanism, mend))
 
-        Such a motion is a uniform strain, or a motion inside the cell that couples with sound. A motion that does not
-        couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to another wave
-        vector of the smaller cell.
+    @cached_property
+    def mechanism(self) -> str:
+        """The motion that costs no energy and that long waves meet, in words; empty if there is none.
+
+        Such a motion is a uniform strain along the periods, or a motion inside the cell that couples with sound. A motion
+        that does not couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to
+        another wave vector of the smaller cell.
         """
-        mend = "Use a lattice with more contacts" if self.motions.rotate else "Use friction, or a lattice with more contacts"
         if self._free_motions_couple:
-            raise MechanismError(
-                message(
-                    f"the lattice {name} is a mechanism",
-                    "The balls of a cell can shift or turn against each other without a cost in energy"
-                    + (" (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""),
-                    mend,
-                )
-            )
-        values, right = jacobi_svd(self._relaxed_rows @ _STRAINS)
-        if values[0] <= _SOFT * values[-1]:
-            strain = right[:, 0] * [1.0, 1.0, np.sqrt(2.0)]
-            xx, yy, xy = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
-            raise MechanismError(
-                message(
-                    f"the lattice {name} is a mechanism",
-                    f"The strain (xx, yy, 2xy) = ({xx:g}, {yy:g}, {xy:g}) costs no energy"
-                    + ("" if self.motions.rotate else "; without friction contacts resist compression only"),
-                    mend,
-                )
-            )
+            how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
+            return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
+        values, right = jacobi_svd(self._relaxed_rows @ self._strains)
+        if values.size and values[0] <= _SOFT * values[-1]:
+            pairs = _VOIGT[self.periods]
+            strain = right[:, 0] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
+            shown = ", ".join(f"{one:g}" for one in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
+            names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
+            why = "" if self.motions.rotate else "; without friction contacts resist compression only"
+            return f"The strain ({names}) = ({shown}) costs no energy{why}"
+        return ""
+
+    @cached_property
+    def _strains(self) -> Array:
+        """(n_u p, n_strains) matrix to displacement gradients from the strains xx, yy, xy sqrt 2, ... along the periods.
+
+        There are none where the motions lack a displacement along a period.
+        """
+        if not set(range(self.periods)) <= set(self.motions.translations):
+            return np.zeros((self._n_gradients, 0))
+        found = []
+        for a, b in _VOIGT[self.periods]:
+            gradient = np.zeros((len(self.motions.translations), self.periods))
+            for one, other in ((a, b), (b, a)):
+                gradient[self.motions.translations.index(one), other] = 1.0 if a == b else np.sqrt(0.5)
+            found.append(gradient.ravel())
+        return np.stack(found, axis=1)
 
     def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
         """Return the second derivative of a cell's energy with respect to the displacement gradient, inner motions relaxed.
@@ -146,9 +166,9 @@ class LongWaves(Compatibility):
 
         Returns
         -------
-        (..., 2, 2, 2, 2), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
         """
-        shape = (len(self.motions.translations), self.dimension) * 2
+        shape = (len(self.motions.translations), self.periods) * 2
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
@@ -166,31 +186,34 @@ class LongWaves(Compatibility):
         return np.asarray(relaxed.reshape(*relaxed.shape[:-2], *shape))
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
-        """Return the acoustic tensor A(q^), (..., 2, 2), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
+        """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
 
-        Its eigenvalues are the squared sound velocities. ``direction`` is (2,), or (n, 2) for an axis of directions after
+        Its eigenvalues are the squared sound velocities. ``direction`` is (p,), or (n, p) for an axis of directions after
         the axes of ``prestress``, which is as in :meth:`gradient_stiffness`.
         """
-        along = as_direction(direction)
-        many = along.reshape(-1, 2)
+        along = as_direction(direction, self.periods)
+        many = along.reshape(-1, self.periods)
         tensor = np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many) / self.masses.sum()
         return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
     def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Find the velocities of long waves along ``direction`` (2,) or (n, 2): (quasi-)longitudinal first, then transverse.
+        """Find the velocities of long waves along ``direction`` (p,) or (n, p), in the order of :attr:`wave_names`.
 
         Returns
         -------
-        velocities : (..., 2), d (k/M)^1/2; (..., n, 2) for directions (n, 2).
-        polarisations : (..., 2, 2), or (..., n, 2, 2), unit vectors as columns.
+        velocities : (..., n_u), d (k/M)^1/2; (..., n, n_u) for directions (n, p).
+        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns.
 
         Raises
         ------
+        MechanismError : the lattice is a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
-        along = as_direction(direction)
+        self.require_rigid()
+        along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
-            factor = np.einsum("rij,...j->...ri", self._relaxed_rows.reshape(-1, 2, 2), along) / np.sqrt(self.masses.sum())
+            rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
+            factor = np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum())
         else:
             try:
                 factor = cholesky_factor(self.acoustic_tensor(along, prestress))
@@ -199,22 +222,62 @@ class LongWaves(Compatibility):
                     message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
                 ) from None
         values, right = jacobi_svd(factor)
-        ahead = np.abs(np.einsum("...i,...ib->...b", along, right))
-        first = np.where(ahead[..., 0] > ahead[..., 1], 0, 1)[..., None]
-        order = np.concatenate([first, 1 - first], axis=-1)
+        order = self._order_waves(along, right)
         return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
 
+    @cached_property
+    def wave_names(self) -> tuple[str, ...]:
+        """Names of the long waves: "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast".
+
+        On a plane of balls that also move across it, "out_of_plane" is the last.
+        """
+        axes = self.motions.translations
+        ahead = ("longitudinal",) * (set(range(self.periods)) <= set(axes))
+        across = ("out_of_plane",) * (self.periods == 2 and 2 in axes)
+        rest = len(axes) - len(ahead) - len(across)
+        return (*ahead, *(("transverse",) if rest == 1 else ("transverse_slow", "transverse_fast")[:rest]), *across)
+
+    def _order_waves(self, along: Array, polarisations: Array) -> NDArray[np.intp]:
+        """Return the columns (..., n_u) of ``polarisations``, ascending in velocity, in the order of :attr:`wave_names`."""
+        axes, names = self.motions.translations, self.wave_names
+        toward = np.zeros((*along.shape[:-1], len(axes)))
+        for axis in set(range(self.periods)) & set(axes):
+            toward[..., axes.index(axis)] = along[..., axis]
+        rank = np.zeros(polarisations.shape[:-2] + polarisations.shape[-1:])
+        if names[0] == "longitudinal":
+            ahead = np.argmax(np.abs(np.einsum("...i,...ib->...b", toward, polarisations)), axis=-1)
+            np.put_along_axis(rank, ahead[..., None], -1.0, -1)
+        if names[-1] == "out_of_plane":
+            across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(polarisations[..., axes.index(2), :])), axis=-1)
+            np.put_along_axis(rank, across[..., None], 1.0, -1)
+        return np.argsort(rank, axis=-1, kind="stable")
+
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
-        """Return the layer's stiffness, change of stress over strain, (..., 3, 3) in Voigt order xx, yy, xy; units of k.
+        """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in the plane.
+
+        Its rows and columns are in Voigt order: xx, yy, xy in the plane; xx, yy, zz, yz, xz, xy in space, (..., 6, 6); xx on
+        a line, (..., 1, 1).
 
         Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
         D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
+
+        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods, and
+        :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
         """
-        h = self.gradient_stiffness(prestress) / self.area
+        self.require_rigid()
+        p, axes = self.periods, self.motions.translations
+        if not set(range(p)) <= set(axes):
+            raise InputError(
+                message(
+                    f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
+                )
+            )
+        own = [axes.index(axis) for axis in range(p)]
+        h = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
         load: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
-        table = self.contacts
-        stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(table)), table.vector, table.vector) / self.area
-        one = np.eye(2)
+        vector = self.contacts.vector[:, :p]
+        stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(vector)), vector, vector) / self.measure
+        one = np.eye(p)
         c = (
             h
             - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
@@ -228,24 +291,25 @@ class LongWaves(Compatibility):
         )
         c = 0.5 * (c + c.swapaxes(-4, -3))
         c = 0.5 * (c + c.swapaxes(-2, -1))
-        i, j = np.array([0, 1, 0]), np.array([0, 1, 1])
+        i, j = np.transpose(_VOIGT[p])
         return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
     @cached_property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        c = self.elastic_tensor()
-        off = [c[0, 0] - c[1, 1], c[0, 2], c[1, 2], c[2, 2] - (c[0, 0] - c[0, 1]) / 2.0]
-        return bool(np.max(np.abs(off)) <= _ISOTROPIC * c[0, 0])
+        c, p = self.elastic_tensor(), self.periods
+        alike = np.diag([c[0, 0]] * p + [(c[0, 0] - c[0, -1 if p == 1 else 1]) / 2.0] * (len(c) - p))
+        alike[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1] if p > 1 else 0.0
+        return bool(np.max(np.abs(c - alike)) <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
         """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
 
         On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
-        if self.n_balls != 1 or not self.motions.rotate:
+        if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(message("there is no single rotational branch", "It needs friction, and a cell of one ball"))
-        ahead = self.contacts.vector @ one_direction(direction)
+        ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()
         gap, total = self._combine_ends(rows, root)
         # effect on the contacts of the rotation (times cos of the half angle) and of the displacements (times sin)

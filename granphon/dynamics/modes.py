@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
+from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
@@ -41,11 +42,12 @@ class Modes(Result):
 
     Attributes
     ----------
-    wavevectors : (n_q, 2), 1/d.
+    wavevectors : (n_q, p), 1/d.
     frequencies : (n_q, n_branches), angular, (k/M)^1/2.
-    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom run (x, y, w) over the
-        balls, or (x, y) without friction; the displacement of a ball at r is its eigenvector times exp(i q.r).
-    group_velocities : (n_q, n_branches, 2), d (k/M)^1/2.
+    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom run over the motions of
+        ball after ball: (x, y, w) in the plane, or (x, y) without friction; (x, y, z, w_x, w_y, w_z) in space. The
+        displacement of a ball at r is its eigenvector times exp(i q.r).
+    group_velocities : (n_q, n_branches, p), d (k/M)^1/2.
     rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
     longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at Gamma, along the given
         direction); the transverse part is the rest.
@@ -53,7 +55,7 @@ class Modes(Result):
 
     units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
     shapes = {
-        "wavevectors": "q 2", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b 2",
+        "wavevectors": "q p", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b p",
         "rotational_fraction": "q b", "longitudinal_fraction": "q b",
     }  # fmt: skip
 
@@ -78,15 +80,24 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def of(
-        cls, lattice: str | Lattice, mindlin_ratio: float, spacing: float = 1.0, prestress: float = 0.0
+        cls,
+        lattice: str | Lattice,
+        mindlin_ratio: float,
+        spacing: float = 1.0,
+        prestress: float = 0.0,
+        *,
+        torsion: float = 0.0,
+        bending: float = 0.0,
+        motions: Motions | None = None,
     ) -> ContactLattice:
         """Make the contact lattice of equal balls on ``lattice``.
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
         itself, the lever arm a/2 and the sideways push of the static force. With the default values these terms are dropped.
+        ``torsion`` and ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions`` are
+        those of each ball, by default the first that the lattice has.
 
-        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range, and
-        :class:`~granphon.base.errors.MechanismError` if a strain of the lattice costs no energy.
+        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range.
         """
         apart = positive("spacing", spacing)
         if apart >= 2.0:
@@ -94,20 +105,29 @@ class ContactLattice(LongWaves):
                 message(f"spacing is {apart:g}", "The distance of touching balls, in diameters, must be below 2")
             )
         eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
-        return cls._make_of_equal_balls(find_lattice(lattice), eta, apart, load)
+        structure = find_lattice(lattice)
+        moving = next(iter(allowed_motions(structure.dimension).values())) if motions is None else motions
+        twist, roll = not_negative("torsion", torsion), not_negative("bending", bending)
+        return cls._make_of_equal_balls(structure, eta, apart, load, twist, roll, moving)
 
     @classmethod
     @lru_cache(maxsize=128)
     def _make_of_equal_balls(
-        cls, structure: Lattice, mindlin_ratio: float, spacing: float, prestress: float
+        cls,
+        structure: Lattice,
+        mindlin_ratio: float,
+        spacing: float,
+        prestress: float,
+        torsion: float,
+        bending: float,
+        motions: Motions,
     ) -> ContactLattice:
         # cached, because velocities, moduli and validity of one state all start from it; it is never changed
-        built = cls(
+        return cls(
             structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
-            mindlin_ratio, prestress=prestress,
+            mindlin_ratio, prestress=prestress, torsion=torsion, bending=bending, motions=motions,
+            name=structure.name,
         )  # fmt: skip
-        built.require_rigid(structure.name)
-        return built
 
     # -- vibrations -------------------------------------------------------------------------------------------------
 
@@ -134,18 +154,18 @@ class ContactLattice(LongWaves):
         In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own.
         """
         fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
-        grid = np.stack(np.meshgrid(fractions, fractions), axis=-1).reshape(-1, 2)
+        grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
         return float(self.frequencies(self.wavevectors(grid)).max())
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
-        """Return the wave vectors (n_q, 2) moved near Gamma, and the reciprocal vectors that were subtracted.
+        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were subtracted.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
-        q = as_wavevectors(wavevectors, self.dimension)
+        q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
             raise InputError(message("a wave vector is not finite"))
-        taken = np.rint(q @ self.cell.T / (2.0 * np.pi)) @ self.reciprocal
+        taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
         # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
         rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
@@ -157,8 +177,8 @@ class ContactLattice(LongWaves):
 
         Parameters
         ----------
-        wavevectors : (n_q, 2), 1/d.
-        direction : (2,) or (n_q, 2). Where branches touch, the modes are those that a path in this direction follows; at
+        wavevectors : (n_q, p), 1/d.
+        direction : (p,) or (n_q, p). Where branches touch, the modes are those that a path in this direction follows; at
             Gamma, velocities are the limit along it. By default, the direction of q.
 
         Raises
@@ -166,11 +186,11 @@ class ContactLattice(LongWaves):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        asked = as_wavevectors(wavevectors, self.dimension)
+        asked = as_wavevectors(wavevectors, self.periods)
         if direction is not None:
-            along = np.broadcast_to(as_direction(direction), asked.shape)
+            along = np.broadcast_to(as_direction(direction, self.periods), asked.shape)
         elif np.all(np.any(asked != 0.0, axis=1)):
-            along = as_direction(asked)
+            along = as_direction(asked, self.periods)
         else:
             raise InputError(
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
@@ -181,19 +201,19 @@ class ContactLattice(LongWaves):
         limit = at_gamma | faint
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
-            near[faint] = _NEAR_GAMMA * as_direction(q[faint])
+            near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
         parts = [self._solve_with_velocities(near[part], along[part]) for part in self._split(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         if np.any(limit):
             values[limit] = self.frequencies(q[limit])
         # the phase of a displacement is that of the wave vector asked for
-        phase = np.exp(-1j * (taken @ self.positions.T))[:, :, None, None]
+        phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
         motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, -1) * phase
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
         toward = np.zeros((len(q), 3))
-        toward[:, : self.dimension] = as_direction(ahead)
+        toward[:, : self.periods] = as_direction(ahead, self.periods)
         displacement = motion[:, :, self.motions.translating]
         parallel = np.abs(np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])) ** 2
         physical = motion.reshape(len(q), self.n_branches, -1)

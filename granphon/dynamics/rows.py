@@ -61,7 +61,7 @@ def contact_rows(
 
     Parameters
     ----------
-    normal : (n_c, 2) or (n_c, 3) unit vectors from ball i to ball j.
+    normal : (n_c, d) unit vectors from ball i to ball j, d = 1, 2 or 3.
     arm_i, arm_j : (n_c,) distances from the centres to the contact.
     motions : of each ball. Deformations that none of them makes in any contact are left out.
     elongation, slip, twist, roll : relative stiffness, each a number or (n_c,); kinds without stiffness are left out.

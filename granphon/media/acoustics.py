@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.packing import Packing
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.dynamics.modes import ContactLattice
 
 if TYPE_CHECKING:
@@ -22,9 +22,17 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-def ideal_lattice(packing: Packing) -> ContactLattice:
-    """Return the lattice of contacts in the paper's limit, in reduced units, where it is the same under every load."""
-    return ContactLattice.of(packing.structure, packing.mindlin_ratio)
+def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float | None = None) -> ContactLattice:
+    """Return the lattice of contacts in the paper's limit, in reduced units.
+
+    It is the same under every load, except for the torsion of a Hertz contact, which is left out. ``torsion`` and
+    ``bending`` replace those of the packing, over k d^2.
+    """
+    twist = (0.0 if packing.torsion == MINDLIN else float(packing.torsion)) if torsion is None else torsion
+    return ContactLattice.of(
+        packing.structure, packing.mindlin_ratio, torsion=twist,
+        bending=packing.bending if bending is None else bending, motions=packing.ball_motions,
+    )  # fmt: skip
 
 
 def contact_lattice(state: ContactState) -> ContactLattice:
@@ -33,11 +41,15 @@ def contact_lattice(state: ContactState) -> ContactLattice:
     With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a; the state must then be at one load
     (:class:`~granphon.base.errors.InputError`).
     """
-    if not state.finite_overlap:
-        return ideal_lattice(state.packing)
+    packing = state.packing
+    if not state.finite_overlap and packing.torsion != MINDLIN:
+        return ideal_lattice(packing)
     _ = state.scales  # raises InputError for several loads
-    packing, spacing = state.packing, 1.0 - state.relative_overlap
-    return ContactLattice.of(packing.structure, packing.mindlin_ratio, spacing, float(prestress(state)))
+    spacing, load = (1.0 - state.relative_overlap, float(prestress(state))) if state.finite_overlap else (1.0, 0.0)
+    return ContactLattice.of(
+        packing.structure, packing.mindlin_ratio, spacing, load,
+        torsion=float(state.torsion), bending=packing.bending, motions=packing.ball_motions,
+    )  # fmt: skip
 
 
 def prestress(state: ContactState) -> Array:
@@ -51,36 +63,74 @@ def velocity_scale(state: ContactState) -> Array:
     return np.asarray(state.packing.diameter * (np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)))
 
 
+def modulus_scale(state: ContactState) -> Array:
+    """Return the unit of the elastic tensor at each load: k/d, Pa, in the plane and in space; k d, N, on a line."""
+    d = state.packing.diameter
+    return np.asarray(state.normal_stiffness * d if state.packing.structure.periods == 1 else state.normal_stiffness / d)
+
+
 def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
     """Return, for each named branch, the velocity (m/s) by which to multiply the reduced velocities of the ideal lattice.
 
     It takes the place of d (k/M)^1/2: the long waves of the branch then have the velocity that they have in the state. Each
     array has the shape of the load followed by that of the directions.
     """
-    found = state.long_waves(direction)
-    ideal, _ = ideal_lattice(state.packing).sound_velocities(direction)
-    return [np.asarray(found[..., i] / ideal[..., i]) for i in (("longitudinal", "transverse").index(n) for n in names)]
+    found, lattice = state.long_waves(direction), ideal_lattice(state.packing)
+    ideal, _ = lattice.sound_velocities(direction)
+    return [np.asarray(found[..., i] / ideal[..., i]) for i in (lattice.wave_names.index(n) for n in names)]
 
 
 def lattice_tensor(state: ContactState) -> Array:
-    """Return the elastic tensor of the lattice of contacts, (..., 3, 3), Pa, Voigt order xx, yy, xy, one diameter thick."""
-    terms = prestress(state) if state.finite_overlap else None
-    scale = np.asarray(state.normal_stiffness / state.packing.diameter)
-    return scale[..., None, None] * ideal_lattice(state.packing).elastic_tensor(terms)
+    """Return the elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane.
 
-
-def lattice_waves(state: ContactState, direction: ArrayLike) -> Array:
-    """Return longitudinal and transverse velocity of the lattice of contacts, m/s.
-
-    The shape is (..., 2), or (..., n, 2) for directions (n, 2).
+    It is in Pa, in the plane for a layer one diameter thick; of a chain in N. Raises
+    :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
     """
-    lattice, scale = ideal_lattice(state.packing), velocity_scale(state)
-    if not state.finite_overlap:
-        velocities, _ = lattice.sound_velocities(direction)
-        return _add_axes(scale, direction) * velocities
-    # all lengths scale with the spacing; of the load, only the prestress changes the ratios of elastic constants
-    velocities, _ = lattice.sound_velocities(direction, prestress(state))
-    return _add_axes(scale * (1.0 - np.asarray(state.relative_overlap)), direction) * velocities
+
+    def find(lattice: ContactLattice, push: Array | None) -> Array:
+        return lattice.elastic_tensor(push)
+
+    return modulus_scale(state)[..., None, None] * _at_each_load(state, find)
+
+
+def lattice_waves(state: ContactState, direction: ArrayLike) -> tuple[Array, Array]:
+    """Return velocities, m/s, and polarisations of long waves of the lattice, in the order of its ``wave_names``.
+
+    The velocities are (..., n_u), or (..., n, n_u) for directions (n, p); the polarisations are (..., n_u, n_u), with unit
+    vectors as columns. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+    """
+
+    def find(lattice: ContactLattice, push: Array | None) -> Array:
+        velocities, polarisations = lattice.sound_velocities(direction, push)
+        return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
+
+    scale = velocity_scale(state)
+    if state.finite_overlap:  # all lengths scale with the spacing
+        scale = scale * (1.0 - np.asarray(state.relative_overlap))
+    found = _at_each_load(state, find)
+    velocities = _add_axes(scale, direction) * found[..., 0, :]
+    shape = (*velocities.shape, velocities.shape[-1])
+    return velocities, np.broadcast_to(found[..., 1:, :], shape)
+
+
+def _at_each_load(state: ContactState, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
+    """Return ``find(lattice, prestress)`` for a state of many loads; of a lattice at spacing one.
+
+    With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
+    constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
+    """
+    packing, follows = state.packing, state.finite_overlap
+    lattice, push = ideal_lattice(packing), prestress(state) if follows else None
+    changes = packing.torsion == MINDLIN or (follows and bool(packing.torsion or packing.bending))
+    if packing.structure.n_balls == 1 or not changes:
+        return find(lattice, push)
+    squared = np.broadcast_to((1.0 - state.relative_overlap) ** 2 if follows else 1.0, state.shape)
+    twist, roll = np.broadcast_to(state.torsion, state.shape) / squared, packing.bending / squared
+    found = [
+        find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if push is None else push[at])
+        for at in np.ndindex(state.shape)
+    ]
+    return np.asarray(found).reshape(*state.shape, *found[0].shape)
 
 
 def lattice_scales(state: ContactState, direction: ArrayLike) -> Array:

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
-from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
 from granphon.media.simulation import DirectSimulation
 
@@ -215,7 +214,7 @@ def estimate(
     """
     balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
     packing = simulation.packing
-    turning = moduli and select_motions(packing.mindlin_ratio).rotate
+    turning = moduli and packing.ball_motions.rotate
     kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES * (count - 1)
     memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES) + kept)
     if not packing.width:

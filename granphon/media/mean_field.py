@@ -96,15 +96,18 @@ class _ByLaw(Loaded[ContactState]):
 
         If the boundary ``follows`` the balls, P a = sqrt(3) f on the triangular lattice; otherwise P d = sqrt(3) f.
         """
-        law, d = self.law, self.packing.diameter
-        slope = load.array / self.packing.structure.pressure_factor  # force over spacing, N/m
-        force = slope * d
+        law, d, power = self.law, self.packing.diameter, self.packing.structure.periods - 1
+        slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
+        force = slope * d**power
         delta = np.asarray(law.overlap(force))
-        if not follows:
+        if not follows or not power:
             return force, delta
-        # solve f(delta) = slope (d - delta): f rises and is convex, so that Newton's method descends from a larger overlap
+        # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that Newton's
+        # method descends from a larger overlap
         for _ in range(100):
-            step = (law.force(delta) - slope * (d - delta)) / (law.stiffness(delta) + slope)
+            spacing = d - delta
+            slide = power * slope * spacing ** (power - 1)
+            step = (law.force(delta) - slope * spacing**power) / (law.stiffness(delta) + slide)
             delta = delta - step
             if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
                 break

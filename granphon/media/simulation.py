@@ -255,6 +255,13 @@ class SimulatedState(ContactState):
         velocities = compute_velocities(bulk_and_shear(self.elastic_tensor), self.effective_density)
         return over_directions(velocities, as_direction(direction))
 
+    def polarisations(self, direction: ArrayLike) -> Array:
+        """Return the unit displacements of the longitudinal and the transverse wave as columns: along and across."""
+        along = as_direction(direction)
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        vectors = np.stack([along, across], axis=-1)
+        return np.broadcast_to(vectors, self.shape + vectors.shape)
+
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
         return sample_scales(self, direction, names)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
-from granphon.balls.packing import Packing
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
@@ -131,6 +131,35 @@ class ContactState(Result):
     def _found(self) -> dict[Any, Any]:
         return {}
 
+    def said_units(self) -> dict[str, str]:
+        """The SI unit of each attribute: those of pressure and density depend on the number of periods of the lattice."""
+        return {**self.units, **self.packing.structure.units_of({"pressure", "effective_density"})}
+
+    @property
+    def torsion(self) -> Values:
+        """Stiffness of a contact against twist about its normal, over k d^2.
+
+        With ``torsion="mindlin"`` in the packing it is that of a Hertz contact that does not slip, (8/3) G r^3 (R. D.
+        Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal balls that is (1 - nu)/3
+        times the overlap over the diameter.
+        """
+        packing = self.packing
+        if packing.torsion != MINDLIN:
+            return self._constant(packing.torsion)
+        # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
+        ratio = np.sqrt(packing.law.overlap(self.force) / packing.diameter)
+        return _scalars(packing.material.shear_modulus / 3.0 * packing.diameter * ratio**3 / self.normal_stiffness)
+
+    @property
+    def torsion_stiffness(self) -> Values:
+        """Stiffness of a contact against twist, N m: :attr:`torsion` times k d^2."""
+        return self.torsion * self.normal_stiffness * self.packing.diameter**2
+
+    @property
+    def bending_stiffness(self) -> Values:
+        """Stiffness of a contact against rolling, N m: the bending of the packing times k d^2."""
+        return self.packing.bending * self.normal_stiffness * self.packing.diameter**2
+
     @property
     def shear_stiffness(self) -> Values:
         """Shear stiffness kappa = eta k, N/m (equation 4); zero without friction."""
@@ -138,17 +167,19 @@ class ContactState(Result):
 
     @property
     def pressure(self) -> Values:
-        """Linear pressure P, force per length of boundary, N/m: sqrt(3) f / d on the triangular lattice (equation 20).
+        """Pressure P: in the plane force per length of boundary, N/m; in space per area, Pa; on a line the force, N.
 
-        With finite overlap it is sqrt(3) f / a. Raises :class:`~granphon.base.errors.InputError` if the stress of the
-        lattice is not a pressure.
+        It is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and hcp, f on a chain. With
+        finite overlap the spacing a stands in place of d. Raises :class:`~granphon.base.errors.InputError` if the stress of
+        the lattice is not a pressure.
         """
-        return self.packing.structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage)
+        structure = self.packing.structure
+        return structure.pressure_factor * self.force / (self.packing.diameter * self._shrinkage) ** (structure.periods - 1)
 
     @property
     def effective_density(self) -> Values:
-        """Density rho~ of the layer taken one diameter thick, kg/m^3; with finite overlap at the spacing a."""
-        return self.packing.effective_density / self._shrinkage**2
+        """Density that belongs to the moduli (:attr:`Packing.effective_density`), with finite overlap at the spacing a."""
+        return self.packing.effective_density / self._shrinkage**self.packing.structure.periods
 
     @property
     def _shrinkage(self) -> Values:
@@ -277,7 +308,9 @@ class ContactState(Result):
 
     @property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor of the lattice of contacts, (..., 3, 3), Pa, Voigt order xx, yy, xy, one diameter thick.
+        """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (..., 6, 6) in space.
+
+        It is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain, (..., 1, 1), in N.
 
         With finite overlap its entries are the coefficients between Cauchy stress and strain under the static pressure.
         """
@@ -286,7 +319,8 @@ class ContactState(Result):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        return ideal_lattice(self.packing).is_isotropic
+        lattice = ideal_lattice(self.packing)
+        return lattice.wave_names[0] != "longitudinal" or lattice.is_isotropic
 
     @property
     def sampled_moduli(self) -> Array | None:
@@ -302,9 +336,21 @@ class ContactState(Result):
         """
         return {}
 
+    @property
+    def wave_names(self) -> tuple[str, ...]:
+        """Names of the long waves, in the order of :meth:`long_waves`."""
+        return ideal_lattice(self.packing).wave_names
+
     def long_waves(self, direction: ArrayLike) -> Array:
-        """Return longitudinal and transverse velocity of long waves, m/s, (..., 2) or (..., n, 2) for directions (n, 2)."""
-        return lattice_waves(self, direction)
+        """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
+
+        For directions (n, p) the shape is (..., n, n_u). In the plane they are the longitudinal and the transverse one.
+        """
+        return lattice_waves(self, direction)[0]
+
+    def polarisations(self, direction: ArrayLike) -> Array:
+        """Return the unit displacements of :meth:`long_waves` as columns, (..., n_u, n_u), or (..., n, n_u, n_u)."""
+        return lattice_waves(self, direction)[1]
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""

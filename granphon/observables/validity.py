@@ -176,16 +176,18 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
 def _compute_validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
     lattice = ideal_lattice(state.packing)
-    v = state.long_waves((1.0, 0.0))
     # the overlap of equal balls at the mean force: where balls differ the mean overlap may be negative
     radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
     values = {
         "contact_radius": radius,
         # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
         "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
-        "velocity": np.maximum(v[..., 0] / material.longitudinal_velocity, v[..., 1] / material.transverse_velocity),
-        "resonance": lattice.top_frequency * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d),
     }
+    if not lattice.mechanism:  # a mechanism has no sound
+        v, names = state.long_waves(np.eye(lattice.periods)[0]), lattice.wave_names
+        bulk = [material.longitudinal_velocity if name == "longitudinal" else material.transverse_velocity for name in names]
+        values["velocity"] = np.max(v / bulk, axis=-1)
+    values["resonance"] = lattice.top_frequency * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if state.n_samples and state.packing.width and state.packing.mindlin_ratio:

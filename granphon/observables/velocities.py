@@ -50,15 +50,27 @@ def local_exponent(state: ContactState) -> Any:
 class SoundVelocities(Result):
     """Velocities of long waves, m/s, with the shape of the load followed by that of the directions.
 
-    ``longitudinal_error`` and ``transverse_error`` are standard errors over the samples of a simulation, m/s; None if there
-    are fewer than two samples. ``direction`` is the unit vector, (2,) or (n, 2). ``warnings`` has one sentence for each
-    limit of the model that the state exceeds.
+    Attributes
+    ----------
+    longitudinal : velocity of the (quasi-)longitudinal wave; None if the balls do not move along the lattice.
+    transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that moves both ways across
+        itself, (..., 2): the slow and the fast one. None if there is none.
+    direction : unit vector (p,), or (n, p).
+    warnings : one sentence for each limit of the model that the state exceeds.
+    longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s; None if there are fewer
+        than two samples.
+    out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero, because it is a flexural wave.
+    velocities : (..., n) of all these waves, ascending.
+    polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
-    units = {"longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s"}
+    units = {
+        "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
+        "out_of_plane": "m/s", "velocities": "m/s",
+    }  # fmt: skip
     shapes = {
-        "longitudinal": "...", "transverse": "...", "direction": "2|n 2", "longitudinal_error": "...?",
-        "transverse_error": "...?",
+        "longitudinal": "...?", "transverse": "...|... 2?", "direction": "p|n p", "longitudinal_error": "...?",
+        "transverse_error": "...?", "out_of_plane": "...?", "velocities": "... u?", "polarisations": "... u u?",
     }  # fmt: skip
 
     longitudinal: Any
@@ -67,46 +79,59 @@ class SoundVelocities(Result):
     warnings: tuple[str, ...]
     longitudinal_error: Any = None
     transverse_error: Any = None
+    out_of_plane: Any = None
+    velocities: Any = None
+    polarisations: Any = None
 
 
 def sound_velocities(
     state: ContactState, direction: ArrayLike | None = None, finite_overlap: bool | None = None
 ) -> SoundVelocities:
-    """Return the longitudinal and transverse sound velocity, m/s (equations 13, 14, 16).
+    """Return the sound velocities, m/s (equations 13, 14, 16): those of waves that are long against the balls.
 
     Parameters
     ----------
     state : the state of the contacts, at one load or many.
-    direction : direction of propagation, Cartesian, (2,), or (n, 2) for many at once, whose axis follows those of the load.
-        It may be left out where sound is isotropic, as on the triangular lattice. On other lattices the two velocities are
-        those of the quasi-longitudinal and the quasi-transverse wave. A simulation is isotropic on average: its velocities
-        follow from its mean bulk and shear modulus.
+    direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once, whose
+        axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
+        chain. On other lattices the velocities are those of the quasi-longitudinal and the quasi-transverse waves. A
+        simulation is isotropic on average: its velocities follow from its mean bulk and shear modulus.
     finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it; a direction is not two finite numbers, or has no length.
+    InputError : no direction is given and velocities depend on it; a direction is not p finite numbers, or has no length.
+    MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = with_keyword(state, finite_overlap)
+    periods = state.packing.structure.periods
     if direction is None:
         if not state.is_isotropic:
             raise InputError(
                 message(
                     f"the sound velocities of the {state.packing.structure.name} lattice depend on the direction",
-                    mend="Give direction=(x, y)",
+                    mend=f"Give direction=({', '.join('xyz'[:periods])})",
                 )
             )
-        direction = (1.0, 0.0)
-    along = as_direction(direction)
-    v, longitudinal_error, transverse_error = state.long_waves(along), None, None
+        direction = np.eye(periods)[0]
+    along = as_direction(direction, periods)
+    names, v = state.wave_names, state.long_waves(along)
+    order = np.argsort(v, axis=-1, kind="stable")
+    named = {name: v[..., place] for place, name in enumerate(names)}
+    if "transverse_slow" in names:
+        first = names.index("transverse_slow")
+        named["transverse"] = v[..., first : first + 2]
+    longitudinal_error, transverse_error = None, None
     if (every := state.sampled_moduli) is not None:
         velocities = compute_velocities(every, np.asarray(state.effective_density)[..., None])
         errors = over_directions(standard_error(velocities, -2), along)
         longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
     return SoundVelocities(
-        longitudinal=v[..., 0], transverse=v[..., 1], direction=along, warnings=validity(state).warnings,
-        longitudinal_error=longitudinal_error, transverse_error=transverse_error,
+        longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
+        warnings=validity(state).warnings, longitudinal_error=longitudinal_error, transverse_error=transverse_error,
+        out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
+        polarisations=np.take_along_axis(state.polarisations(along), order[..., None, :], -1),
     )  # fmt: skip
 
 

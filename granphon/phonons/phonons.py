@@ -88,7 +88,7 @@ class Phonons:
         self.lattice: ContactLattice = (
             contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
         )
-        if not self.lattice.area > 0.0:
+        if not self.lattice.measure > 0.0:
             raise InputError(
                 message(
                     "the Atoms have no cell",

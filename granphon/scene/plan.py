@@ -17,12 +17,10 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
-from granphon.balls.motions import select_motions
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.dynamics.modes import ContactLattice
 from granphon.media import cost as costs
-from granphon.media.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.media.cases import Case, Grid
 from granphon.media.choice import Rung
 from granphon.media.cost import Cost
@@ -185,7 +183,8 @@ class Plan:
             case, packing = one.case, one.case.packing
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
-                ContactLattice.of(packing.structure, packing.mindlin_ratio)
+                if "velocities" in self.scene.observe:
+                    ideal_lattice(packing).require_rigid()
             with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
                 case.medium.of(packing)
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
@@ -254,7 +253,7 @@ class Plan:
         out: list[CostPart] = [
             (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._estimate_simulations())
         ]
-        branches = structure.n_balls * select_motions(scene.packing.mindlin_ratio).count
+        branches = structure.n_balls * scene.packing.ball_motions.count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
         if scene.is_sweep:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)

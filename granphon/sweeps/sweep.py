@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.loads import Load
-from granphon.balls.motions import select_motions
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis
 from granphon.base.errors import InputError, message
@@ -197,7 +196,7 @@ class _Way:
     def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
         """Lay the path that all packings share; :class:`InputError` if there is no such path."""
         first = packings[0]
-        if len({(one.structure, select_motions(one.mindlin_ratio)) for one in packings}) > 1:
+        if len({(one.structure, one.ball_motions) for one in packings}) > 1:
             raise InputError(
                 message(
                     "bands cannot be swept over friction or lattices",
