@@ -145,10 +145,10 @@ class ContactState(Result):
         """
         packing = self.packing
         if packing.torsion != MINDLIN:
-            return self._constant(packing.torsion)
+            return self._fill_shape(packing.torsion)
         # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
         ratio = np.sqrt(packing.law.overlap(self.force) / packing.diameter)
-        return _scalars(packing.material.shear_modulus / 3.0 * packing.diameter * ratio**3 / self.normal_stiffness)
+        return _unwrap_scalars(packing.material.shear_modulus / 3.0 * packing.diameter * ratio**3 / self.normal_stiffness)
 
     @property
     def torsion_stiffness(self) -> Values:
