@@ -71,7 +71,7 @@ class Lattice:
         try:
             cell = real_array("cell", self.cell)
             periods, dimension = cell.shape
-            sites = np.zeros((1, periods)) if self.sites == ((),) else real_array("sites", self.sites)
+            sites = np.zeros((1, periods)) if np.shape(self.sites) == (1, 0) else real_array("sites", self.sites)
             if not 1 <= periods <= dimension <= 3 or sites.ndim != 2 or sites.shape[1] not in (periods, dimension):
                 raise ValueError
         except ValueError as error:

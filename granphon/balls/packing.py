@@ -83,7 +83,7 @@ class Packing:
     def _check_motions(self) -> None:
         """Raise InputError for motions that the lattice does not have, and for a torsion or bending that is not allowed."""
         allowed = allowed_motions(self.structure.dimension)
-        if self.motions is not None and self.motions not in allowed:
+        if self.motions is not None and not (isinstance(self.motions, str) and self.motions in allowed):
             raise InputError(
                 message(
                     f"the {self.structure.name} lattice has no motions {brief(self.motions)}",
