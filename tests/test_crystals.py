@@ -317,6 +317,7 @@ def turned_surface(x, y, poisson_ratio, nodes=64):
     return total * (math.pi / nodes) / (2 * math.pi)
 
 
+@pytest.mark.claim("mindlin-torsion")
 def test_torsion_of_a_bonded_circle():
     # Mindlin's traction turns the circle as one piece by the angle 1, whatever Poisson's ratio; its torque is 16/3 G r^3.
     # Two balls turn by half the relative angle each: k_t = 8/3 G r^3
@@ -328,6 +329,7 @@ def test_torsion_of_a_bonded_circle():
     assert float(torque) == pytest.approx(16 / 3, rel=1e-9)
 
 
+@pytest.mark.claim("mindlin-torsion")
 @given(
     load=st.floats(-12, 3),
     diameter=st.floats(-6, 1),
