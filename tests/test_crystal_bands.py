@@ -141,6 +141,17 @@ def test_membranes_bend():
         assert_allclose(low, math.sqrt(3 * eta) / 48 * size**3 * abs(math.cos(3 * angle)), rtol=1e-4)
 
 
+@pytest.mark.claim("membranes-bend")
+@pytest.mark.parametrize("size", [1e-5, 1e-6, 1e-8])
+def test_bending_waves_keep_their_digits(size):
+    # the next order of omega is smaller by q^2
+    _, tau, beta = EVERY
+    for name, bend in (("chain", beta), ("triangular", (9 * beta + 3 * tau) / 8)):
+        q = size * np.array([[0.6, 0.8]])[:, : 1 if name == "chain" else 2]
+        low = lattice_of(name, EVERY, OUT_OF_PLANE).frequencies(q)[0, 0]
+        assert_allclose(low, math.sqrt(bend) * np.sum(q**2), rtol=size**2 + 5e-14)
+
+
 def paths_of_honeycomb(q):
     """|Sum exp(i q.n)| over the three contacts of a ball of the honeycomb."""
     angles = math.pi / 2 + 2 * math.pi / 3 * np.arange(3)
@@ -355,7 +366,8 @@ def test_hexagonal_close_packing_along_c_is_fcc_along_111_folded(ratios):
         ("diamond", ALL, ((0, 0, 0), (0.5, 0, 0.5)), [6, 2, 2, 2, 2]),
         ("diamond", ALL, ((0, 0, 0), (0.5, 0.5, 0.5)), [6, 3, 3, 3, 3]),
         ("diamond", ALL, ((0.1, 0.2, 0.2), (-0.4, 0.1, 0.1)), [1] * 5),
-        # rings of three
+        # rings of three; those of kagome touch at corners only
+        ("kagome", OUT_OF_PLANE, ((0, 0), (0.5, 0)), [4, 3, 3, 3, 3]),
         ("fcc", ALL, ((0, 0, 0), (0.5, 0, 0.5)), [3, 0, 0, 0, 0]),
         ("hcp", ALL, ((0, 0, 0), (0, 0, 0.5)), [3, 0, 0, 0, 0]),
     ],
@@ -365,10 +377,23 @@ def test_rolling_that_costs_nothing_at_points_and_lines(name, motions, ends, cou
     along = np.linspace(0, 1, 5)[:, None]
     q = lattice.wavevectors((1 - along) * ends[0] + along * np.array(ends[1]))
     assert np.sum(lattice.frequencies(q) < 1e-14, axis=1).tolist() == counts
-    # nothing is free beside these points, and with torsion and bending nothing on them
+    # nothing more is free beside these points, and with torsion and bending nothing on them
     beside = q + 0.01 * np.array([2.0, 1.0, -0.4])[: lattice.periods]
-    assert np.all(lattice.frequencies(beside) > 1e-7)
+    always = 3 if name == "kagome" else 0
+    assert np.sum(lattice.frequencies(beside) < 1e-7, axis=1).tolist() == [always] * 5
     assert np.all(lattice_of(name, EVERY, motions).frequencies(q[1:]) > 1e-3)
+
+
+@pytest.mark.claim("free-points")
+def test_linear_rotational_branch_of_kagome():
+    # At Gamma neighbours on each of three rows turn by psi_m and -psi_m, about the normal of the row in the plane. At q the
+    # three u undo these slips but for Sum theta_m psi_m around a triangle: the energy is eta (Sum theta psi)^2/12, the
+    # kinetic energy (1/15)(2 Sum psi^2 - Sum psi_m psi_n) of the rates, as each ball is in two rows. As Sum theta = 0,
+    # omega^2 = (eta/2) Sum theta^2 = (3/4) eta q^2
+    for angle in (0.0, 0.4, 1.1):
+        q = 1e-4 * np.array([[math.cos(angle), math.sin(angle)]])
+        found = lattice_of("kagome", SHEAR, OUT_OF_PLANE).frequencies(q)[0, 3]
+        assert_allclose(found, 1e-4 * math.sqrt(0.75 * SHEAR[0]), rtol=1e-7)
 
 
 # -- sums and curvatures ------------------------------------------------------------------------------------------------
@@ -709,3 +734,75 @@ def test_cubic_crystals_have_cubic_symmetry(q, ratios, order, signs):
     for name in ("sc", "bcc", "fcc", "diamond"):
         one, other = squares(name, ratios, [cartesian, image])
         assert_allclose(other, one, rtol=0, atol=1e-12)
+
+
+# -- modes --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+@pytest.mark.parametrize("name", NAMED)
+def test_modes_are_eigenvectors_that_travel_with_the_slope(name, ratios):
+    lattice = lattice_of(name, ratios)
+    q = np.array(GENERIC)[: lattice.periods]
+    modes = lattice.modes([q])
+    vectors, squares_of = modes.eigenvectors[0], modes.frequencies[0] ** 2
+    assert_allclose(vectors.conj().T @ vectors, np.eye(lattice.n_branches), atol=1e-13)
+    assert_allclose(lattice.dynamical_matrix([q])[0] @ vectors, vectors * squares_of, atol=2e-13)
+    fractions = modes.rotational_fraction + modes.longitudinal_fraction + modes.transverse_fraction
+    assert_allclose(fractions, 1.0, rtol=1e-13)
+    turned = np.abs(vectors.reshape(lattice.n_balls, 6, -1)[:, 3:]) ** 2
+    assert_allclose(modes.rotational_fraction[0], turned.sum(axis=(0, 1)), atol=1e-14)
+    # slopes of squares: those of branches that vanish, and that touch (the chain's pairs do at every q), are the same
+    h = 1e-5
+    for axis in range(lattice.periods):
+        step = h * np.eye(lattice.periods)[axis]
+        ends = lattice.frequencies([q + step, q - step]) ** 2
+        slope = 2 * modes.frequencies[0] * modes.group_velocities[0, :, axis]
+        assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), atol=3e-9)
+
+
+@pytest.mark.parametrize("name", ["sc", "bcc", "fcc", "hcp"])
+def test_modes_at_gamma_are_the_limits_of_sound(name):
+    lattice = lattice_of(name, EVERY)
+    for direction in ((1, 0, 0), (1, 2, 3), (0, 0, -1)):
+        modes = lattice.modes([[0.0, 0.0, 0.0]], direction)
+        along = np.array(direction) / np.linalg.norm(direction)
+        sound = np.sort(lattice.sound_velocities(direction)[0])
+        assert_allclose(modes.group_velocities[0, :3] @ along, sound, rtol=1e-12)
+        assert np.all(modes.frequencies[0, :3] == 0.0)
+        # inversion leaves optical modes their sign or turns it, in each set alike, so that none has a slope
+        assert_allclose(modes.group_velocities[0, 3:], 0.0, atol=1e-12)
+        if name != "hcp":
+            assert_allclose(modes.rotational_fraction[0], [0, 0, 0, 1, 1, 1], atol=1e-14)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+def test_share_of_rotation_along_an_axis_of_fcc(ratios):
+    # of the pair ((a, x), (x*, b)) the mode of the square z has |w|^2 = |x|^2 / (|x|^2 + (z - b)^2)
+    eta, tau, beta = ratios
+    s, c = half_angles(X / ROOT2)
+    a, b = 4 * (1 + 3 * eta) * s, 10 * (eta * (1 + 3 * c) + 4 * (tau + 3 * beta) * s)
+    coupling = 320 * eta**2 * s * c
+    shares = [(z - a) ** 2 / (coupling + (z - a) ** 2) for z in pair(a, b, coupling)]
+    lattice = lattice_of("fcc", ratios)
+    for x, *expected in zip(X[:-1], *shares, strict=False):
+        modes = lattice.modes([[x, 0, 0]])
+        both = np.array([expected[0]] * 2 + [expected[1]] * 2)
+        assert_allclose(np.sort(modes.rotational_fraction[0]), np.sort([0, 1, *both]), atol=1e-12)
+        # one branch is longitudinal, 8 (1 + eta) s^2, and one a spin about [100]
+        ahead = int(np.argmax(modes.longitudinal_fraction[0]))
+        assert modes.longitudinal_fraction[0, ahead] == pytest.approx(1.0, rel=1e-12)
+        assert modes.longitudinal_fraction[0].sum() == pytest.approx(1.0, rel=1e-12)
+        top = 8 * (1 + eta) * math.sin(x / math.sqrt(8)) ** 2
+        assert modes.frequencies[0, ahead] ** 2 == pytest.approx(top, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_modes_in_the_next_zone_have_the_phase_of_their_wave_vector(name):
+    lattice = lattice_of(name, EVERY)
+    q = np.array(GENERIC)[: lattice.periods]
+    shift = lattice.reciprocal.sum(axis=0)
+    matrix = lattice.dynamical_matrix([q + shift])[0]
+    modes = lattice.modes([q + shift])
+    vectors = modes.eigenvectors[0]
+    assert_allclose(matrix @ vectors, vectors * modes.frequencies[0] ** 2, atol=1e-12)
