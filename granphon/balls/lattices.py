@@ -79,7 +79,7 @@ class Lattice:
                 message(
                     f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many fractions",
                     str(error) if isinstance(error, InputError) else "",
-                    "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p)",
+                    "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or (n, d)",
                 )
             ) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
