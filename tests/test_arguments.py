@@ -258,7 +258,7 @@ TAKES_A_NAME = {
     "local_field": lambda name: gp.EffectiveMedium(BALLS, name),
     "branch": lambda name: gp.fit_width(BALLS, FORCE, SPEED, branch=name),
     "parameters": lambda names: gp.fit_width(BALLS, FORCE, SPEED, parameters=names),
-    "branches": lambda names: gp.pulse_velocities(STATE, 1e3, branches=names),
+    "branches": lambda names: gp.pulse_velocities(STATE, 1e3, branches=["one"] if names is None else names),
     "labels": lambda names: PHONONS.bands("GKM", 3, ["one"] if names is None else names),
     "path": lambda path: PHONONS.bands("GX" if path is None else path, 3),
     "method": lambda name: PHONONS.dos((4, 4), method=name),

@@ -19,7 +19,7 @@ from granphon.base.results import Result, read_only
 from granphon.dynamics.modes import Modes
 from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import Moduli, SoundVelocities
+from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
 
 
 def same(one, two):
@@ -102,8 +102,14 @@ def test_results_are_frozen_and_their_arrays_read_only(results, name):
 @pytest.mark.parametrize(
     ("cls", "units"),
     [
-        (SoundVelocities, dict.fromkeys(["longitudinal", "transverse", "longitudinal_error", "transverse_error"], "m/s")),
+        (
+            SoundVelocities,
+            dict.fromkeys(
+                ["longitudinal", "transverse", "longitudinal_error", "transverse_error", "out_of_plane", "velocities"], "m/s"
+            ),
+        ),
         (Moduli, dict.fromkeys(["tensor", "bulk", "shear", "shears", "bulk_error", "shear_error"], "Pa")),
+        (AveragedModuli, {"bulk": "Pa", "shear": "Pa"}),
         (PulseVelocities, {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}),
         (Modes, {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}),
     ],
@@ -150,12 +156,12 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
 
     good = results["state"].to_dict()["packing"]
     refused("velocities", "longitudinal of the SoundVelocities does not hold numbers", longitudinal="790")
-    refused("velocities", "does not hold numbers", longitudinal=None)
+    refused("velocities", "lack a wave", longitudinal=None)
     refused("velocities", "warnings: found a str, 'none', where", warnings="none")
     refused(
         "velocities",
-        r"direction .* has the shape \(3,\) instead of \(2\) or \(n 2\)",
-        direction=[1.0, 0.0, 0.0],
+        r"direction .* has the shape \(1, 1, 3\) instead of \(p\) or \(n p\)",
+        direction=[[[1.0, 0.0, 0.0]]],
     )
     refused("velocities over loads", r"transverse .* has the shape \(2,\) instead of \(...\)", transverse=[1.0, 2.0])
     refused("velocities", "have 'more', which the class does not have", more=1)
@@ -222,7 +228,7 @@ def every(packing, results):
     phonons = gp.Phonons(results["state"])
     point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     found = [
-        *results.values(), simulated, recorded, records[0], simulated.samples[0], simulated.samples[0].equilibrium,
+        *results.values(), results["moduli"].hill, simulated, recorded, records[0], simulated.samples[0], simulated.samples[0].equilibrium,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,6 +52,9 @@ class Packing:
         have, a negative torsion or bending, either of them where the motions have no rotation, a spread with another mean
         than the diameter or with a ball of size zero or below, or scales beyond double precision.
     """
+
+    #: fields that data written by an earlier version lack
+    added: ClassVar[tuple[str, ...]] = ("motions", "torsion", "bending")
 
     material: Material
     diameter: float

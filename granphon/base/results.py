@@ -31,8 +31,9 @@ class Result:
     """Base of the frozen result classes.
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (the shapes of its arrays,
-    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. Arrays are made read-only; scalars
-    stay floats. Two results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array
+    for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. Fields that came later within a schema
+    are named in ``added``: they take their defaults where older data lack them. Arrays are made read-only; scalars stay
+    floats. Two results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array
     by its shape.
 
     A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
@@ -41,6 +42,7 @@ class Result:
     """
 
     schema: ClassVar[int] = 1
+    added: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, str]] = {}
     shapes: ClassVar[Mapping[str, str]] = {}
 
@@ -112,7 +114,8 @@ class Result:
             units = plain(given.get("units", restored.said_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
             raise InputError(message(f"the {cls.__name__} data are nested too deeply, or contain themselves")) from None
-        if units != restored.said_units():
+        left_out = {name for name in cls.added if name not in given}
+        if units != {name: unit for name, unit in restored.said_units().items() if name not in left_out}:
             mend = "Use the units that to_dict gives: other units are not converted"
             raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
         return restored
@@ -257,12 +260,12 @@ def _restore_fields(value: Mapping[str, Any], build: Any) -> Any:
     if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
         return build.from_dict(value)  # a field written by its own to_dict
     known, hints = [f.name for f in fields(build)], get_type_hints(build)
-    what = f"the {build.__name__} data"
-    if missing := [name for name in known if name not in value]:
+    what, added = f"the {build.__name__} data", getattr(build, "added", ())
+    if missing := [name for name in known if name not in value and name not in added]:
         raise InputError(message(f"{what} lack {', '.join(missing)}"))
     if unknown := [show(name) for name in value if name not in (*known, "class")]:
         raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
-    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known}
+    given = {name: restore(value[name], hints[name], f"{build.__name__}.{name}") for name in known if name in value}
     try:
         made = build(**given)
         if isinstance(made, Result):

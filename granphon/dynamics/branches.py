@@ -22,8 +22,8 @@ _PATH_POINTS = 128
 #: number of these points that are solved together; after each such group, directions that have reached their frequency are
 #: dropped
 _POINTS_TOGETHER = 16
-#: names of the acoustic branches, in their order in arrays
-_BRANCH_NAMES = ("longitudinal", "transverse")
+#: relative difference of frequencies, and of slopes along the path, below which branches are one but for rounding
+_ONE_BRANCH = 1e-9
 
 
 def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
@@ -42,14 +42,14 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
-    for point, columns in enumerate(_continue_branches(overlap)):
+    for point, columns in enumerate(_assign_columns(overlap)):
         order[point + 1] = columns[order[point]]
     return order
 
 
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (2,) or in each of (n, 2)."""
-    along = as_direction(direction)
+    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (p,) or in each of (n, p)."""
+    along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
@@ -65,7 +65,7 @@ class AcousticBranch:
 
     Attributes
     ----------
-    name : "longitudinal" or "transverse" (of the polarisation at long waves).
+    name : one of the lattice's ``wave_names``, after the polarisation at long waves.
     wavenumbers, frequencies : (n,) ascending, 1/d and (k/M)^1/2; the last is the top of the branch.
     vectors : (n, n_dof) eigenvectors, by which the branch is recognised between the points.
     """
@@ -93,7 +93,7 @@ class AcousticBranch:
         return x, vectors @ self.direction
 
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Find the wavenumber (1/d) and the group velocity (n, 2), a vector, at each angular frequency (n,), to rounding.
+        """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular frequency (n,), to rounding.
 
         Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
         """
@@ -110,18 +110,30 @@ class AcousticBranch:
             np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
             for values in (self.wavenumbers, self.frequencies)
         )
-        along = np.broadcast_to(self.direction, (target.size, 2))
+        along = np.broadcast_to(self.direction, (target.size, self.lattice.periods))
         return _solve_wavenumbers(self.lattice, along, target, q, omega, self.vectors[right], self.name)
 
 
 def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
-    """Find frequencies (n,) and group velocities (n, 2) of the modes nearest to the reference eigenvectors (n, n_dof)."""
+    """Find frequencies (n,) and group velocities (n, p) of the modes nearest to the reference eigenvectors (n, n_dof).
+
+    Where branches coincide along the whole direction, as both transverse ones do on an axis of symmetry, the velocity is the
+    mean of theirs: the velocity of each depends on the side from which the axis is approached.
+    """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     row, pick = np.arange(len(wavenumbers)), np.argmax(overlap, axis=1)
-    return modes.frequencies[row, pick], modes.group_velocities[row, pick]
+    frequencies, velocities = modes.frequencies[row, pick], modes.group_velocities[row, pick]
+    if lattice.periods == 3:  # in the plane and on a line no axis of symmetry makes acoustic branches coincide
+        ahead = np.einsum("qbp,qp->qb", modes.group_velocities, np.broadcast_to(along, (len(wavenumbers), 3)))
+        one = np.abs(modes.frequencies - frequencies[:, None]) <= _ONE_BRANCH * frequencies[:, None]
+        one &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * np.max(np.abs(ahead), axis=1, keepdims=True)
+        several = np.flatnonzero(np.count_nonzero(one, axis=1) > 1)
+        parts = one[several, :, None] * modes.group_velocities[several]
+        velocities[several] = parts.sum(axis=1) / np.count_nonzero(one[several], axis=1)[:, None]
+    return frequencies, velocities
 
 
 def _solve_wavenumbers(
@@ -133,7 +145,7 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Solve for wavenumbers (n,) and group velocities (n, 2) at ``target`` (n,), between two points (2, n) of a branch."""
+    """Solve for wavenumbers (n,) and group velocities (n, p) at ``target`` (n,), between two points (2, n) of a branch."""
     (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to the root at any scale
     x = low + (high - low) * (target - low_f) / (high_f - low_f)
@@ -166,16 +178,18 @@ def _solve_wavenumbers(
 
 @dataclass(frozen=True, eq=False)
 class AcousticBranches:
-    """Both acoustic branches along many directions, longitudinal first, from Gamma up to the frequencies asked for.
+    """All acoustic branches along many directions, from Gamma up to the frequencies asked for.
+
+    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the longitudinal and the transverse one.
 
     Attributes
     ----------
-    directions : (n, 2) unit vectors.
+    directions : (n, p) unit vectors.
     wavenumbers : (n, n_points), 1/d.
-    frequencies : (2, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
-    rising : (2, n), number of points before the first maximum, among those at which the branch was followed.
-    falls : (2, n), whether the branch has a maximum after these points.
-    vectors : (2, n, n_points, n_dof), eigenvectors.
+    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
+    rising : (n_u, n), number of points before the first maximum, among those at which the branch was followed.
+    falls : (n_u, n), whether the branch has a maximum after these points.
+    vectors : (n_u, n, n_points, n_dof), eigenvectors.
     """
 
     lattice: ContactLattice
@@ -188,13 +202,13 @@ class AcousticBranches:
 
     @classmethod
     def follow(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
-        """Follow the branches through crossings, each until it reaches its target (2, n), falls, or meets the zone edge."""
-        count, size = len(directions), lattice.n_branches
-        wanted = np.broadcast_to(np.asarray(targets, float), (2, count))
+        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls, or meets the zone edge."""
+        count, size, waves = len(directions), lattice.n_branches, len(lattice.wave_names)
+        wanted = np.broadcast_to(np.asarray(targets, float), (waves, count))
         grid = find_zone_boundary(lattice, directions)[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
-        frequencies = np.full((2, count, _PATH_POINTS), np.inf)
-        vectors = np.zeros((2, count, _PATH_POINTS, size), complex)
-        rising, falls = np.zeros((2, count), int), np.zeros((2, count), bool)
+        frequencies = np.full((waves, count, _PATH_POINTS), np.inf)
+        vectors = np.zeros((waves, count, _PATH_POINTS, size), complex)
+        rising, falls = np.zeros((waves, count), int), np.zeros((waves, count), bool)
         _, polarisations = lattice.sound_velocities(directions)
         start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
         # sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls turning like gears, do not
@@ -202,20 +216,20 @@ class AcousticBranches:
         drift = np.einsum(
             "i,niab,nak->nkb", np.sqrt(lattice.masses), motion[:, :, lattice.motions.translating], polarisations
         )
-        column, last = np.argmax(np.abs(drift), axis=2).T, start.eigenvectors
+        column, last = _assign_columns(np.abs(drift) ** 2).T, start.eigenvectors
         going = np.arange(count)
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
             part = slice(first, first + _POINTS_TOGETHER)
             q, along = grid[going, part], directions[going]
-            at = (q[..., None] * along[:, None]).reshape(-1, 2)
+            at = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
             modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
             values, here = modes.frequencies.reshape(*q.shape, size), modes.eigenvectors.reshape(*q.shape, size, size)
-            ahead = np.einsum("npba,na->npb", modes.group_velocities.reshape(*q.shape, size, 2), along)
+            ahead = np.einsum("npba,na->npb", modes.group_velocities.reshape(*q.shape, size, -1), along)
             chain = np.concatenate([last[:, None], here], axis=1)
             overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
             row = np.arange(len(going))
             for point in range(q.shape[1]):
-                onward = _continue_branches(overlap[:, point])
+                onward = _assign_columns(overlap[:, point])
                 column = np.stack([onward[row, one] for one in column])
                 place = first + point
                 climbs = ~falls[:, going] & (ahead[row, point, column] > 0.0)
@@ -223,7 +237,7 @@ class AcousticBranches:
                 frequencies[:, going, place] = np.where(climbs, values[row, point, column], np.inf)
                 rising[:, going] += climbs
                 vectors[:, going, place] = here[row, point, :, column]
-            reached = frequencies[:, going, :][np.arange(2)[:, None], row, np.maximum(rising[:, going] - 1, 0)]
+            reached = frequencies[:, going, :][np.arange(waves)[:, None], row, np.maximum(rising[:, going] - 1, 0)]
             left = np.any(~falls[:, going] & (reached < wanted[:, going]), axis=0)
             going, column, last = going[left], column[:, left], here[left, -1]
             if not going.size:
@@ -231,18 +245,18 @@ class AcousticBranches:
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
-        """Take one branch (0: longitudinal, 1: transverse) in one direction, cut at its first maximum."""
+        """Take one branch, an index in the lattice's ``wave_names``, in one direction, cut at its first maximum."""
         count = int(self.rising[which, direction])
         fallen = bool(self.falls[which, direction])
         part = slice(0, count + fallen)
         found = AcousticBranch(
-            self.lattice, self.directions[direction], _BRANCH_NAMES[which], self.wavenumbers[direction, part],
+            self.lattice, self.directions[direction], self.lattice.wave_names[which], self.wavenumbers[direction, part],
             self.frequencies[which, direction, part], self.vectors[which, direction, part],
         )  # fmt: skip
         return _cut_at_maximum(found, count) if fallen else found
 
     def find_wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
-        """Find wavenumbers (m,) and group velocities (m, 2) at ``target`` (m,) of one branch in directions of these indices.
+        """Find wavenumbers (m,) and group velocities (m, p) at ``target`` (m,) of one branch in directions of these indices.
 
         ``target`` must not be above the last point before the maximum.
         """
@@ -254,16 +268,15 @@ class AcousticBranches:
             for values in (self.wavenumbers[direction], known)
         )
         references = self.vectors[which, direction, right]
-        return _solve_wavenumbers(
-            self.lattice, self.directions[direction], target, q, omega, references, _BRANCH_NAMES[which]
-        )
+        name = self.lattice.wave_names[which]
+        return _solve_wavenumbers(self.lattice, self.directions[direction], target, q, omega, references, name)
 
 
-def _continue_branches(overlap: Array) -> NDArray[np.intp]:
-    """Find the column (n, n_branches) in which each branch goes on, from the overlaps (n, n_branches, n_branches)."""
+def _assign_columns(overlap: Array) -> NDArray[np.intp]:
+    """Find a column (n, m) for each of m branches, none twice, from its overlaps (n, m, n_branches) with all columns."""
     # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
-    clear = np.all(np.sort(best, axis=1) == np.arange(best.shape[1]), axis=1)
+    clear = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~clear).tolist():
         from scipy.optimize import linear_sum_assignment
 
@@ -272,10 +285,10 @@ def _continue_branches(overlap: Array) -> NDArray[np.intp]:
 
 
 def follow_acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
-    """Follow the longitudinal and the transverse branch along ``direction`` through crossings."""
-    along = one_direction(direction)
-    both = AcousticBranches.follow(lattice, along[None])
-    return {name: both.take_branch(which, 0) for which, name in enumerate(_BRANCH_NAMES)}
+    """Follow the acoustic branches along ``direction`` through crossings; they have the names of the lattice's long waves."""
+    along = one_direction(direction, lattice.periods)
+    every = AcousticBranches.follow(lattice, along[None])
+    return {name: every.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}
 
 
 def _cut_at_maximum(branch: AcousticBranch, falling: int) -> AcousticBranch:

@@ -18,7 +18,7 @@ from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 
-__all__ = ["LongWaves"]
+__all__ = ["LongWaves", "voigt_names"]
 
 Array = NDArray[np.float64]
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
@@ -30,6 +30,14 @@ _COUPLED = 1e-9
 _ISOTROPIC = 1e-10
 #: pairs of axes in Voigt order, for one, two and three periods
 _VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+#: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
+_TIED = 1e-13
+_TIED_ALONG = 1e-9
+
+
+def voigt_names(periods: int) -> tuple[str, ...]:
+    """Return the names of the strains in Voigt order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy."""
+    return tuple("xyz"[a] + "xyz"[b] for a, b in _VOIGT[periods])
 
 
 class LongWaves(Compatibility):
@@ -89,8 +97,18 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _relaxed_rows(self) -> Array:
-        """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions relaxed."""
-        return self._relax(self._strain_rows[0])
+        """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions relaxed.
+
+        A gradient of a displacement across the periods is a rotation of the whole lattice, which deforms no contact once the
+        balls turn along: its column is exactly zero.
+        """
+        relaxed, p = self._relax(self._strain_rows[0]), self.periods
+        return np.where(np.repeat(self._is_across, p), 0.0, relaxed)
+
+    @property
+    def _is_across(self) -> NDArray[np.bool_]:
+        """(n_u,) whether each displacement is across the periods."""
+        return np.array(self.motions.translations) >= self.periods
 
     @cached_property
     def _free_motions_couple(self) -> bool:
@@ -131,8 +149,10 @@ class LongWaves(Compatibility):
         if self._free_motions_couple:
             how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
             return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
+        if not self._strains.size:
+            return ""
         values, right = jacobi_svd(self._relaxed_rows @ self._strains)
-        if values.size and values[0] <= _SOFT * values[-1]:
+        if values[0] <= _SOFT * values[-1]:
             pairs = _VOIGT[self.periods]
             strain = right[:, 0] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
             shown = ", ".join(f"{one:g}" for one in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
@@ -179,11 +199,23 @@ class LongWaves(Compatibility):
         affine, inner = self._strain_rows
         own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load, across, across)
         if not inner.shape[1]:
-            return np.asarray(own.reshape(*own.shape[:-2], *shape))
+            return self._set_across(own.reshape(*own.shape[:-2], *shape), load)
         mixed = inner.T @ affine - np.einsum("...c,cm,cn->...mn", load, inner_across, across)
         block = inner.T @ inner - np.einsum("...c,cm,cn->...mn", load, inner_across, inner_across)
         relaxed = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
-        return np.asarray(relaxed.reshape(*relaxed.shape[:-2], *shape))
+        return self._set_across(relaxed.reshape(*relaxed.shape[:-2], *shape), load)
+
+    def _set_across(self, stiffness: Array, load: Array) -> Array:
+        """Set what a gradient of displacements across the periods costs: the work of the static stress, and nothing else."""
+        across = self._is_across
+        if across.any():
+            vector = self.contacts.vector[:, : self.periods]
+            work = -np.einsum("...c,cj,cl->...jl", load[..., : len(vector)], vector, vector)
+            stiffness[..., across, :, :, :] = 0.0
+            stiffness[..., :, :, across, :] = 0.0
+            for axis in np.flatnonzero(across):
+                stiffness[..., axis, :, axis, :] = work
+        return np.asarray(stiffness)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
@@ -202,7 +234,9 @@ class LongWaves(Compatibility):
         Returns
         -------
         velocities : (..., n_u), d (k/M)^1/2; (..., n, n_u) for directions (n, p).
-        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns.
+        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns. Where three displacements have two
+            equal velocities, the first vector of the pair is along the direction as far as the pair has such a part, else
+            along the first of the axes x, y, z that are farthest from the third vector.
 
         Raises
         ------
@@ -222,6 +256,8 @@ class LongWaves(Compatibility):
                     message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
                 ) from None
         values, right = jacobi_svd(factor)
+        if len(self.motions.translations) == 3:
+            right = _settle_vectors(np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - self.periods)]), values, right)
         order = self._order_waves(along, right)
         return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
 
@@ -245,7 +281,10 @@ class LongWaves(Compatibility):
             toward[..., axes.index(axis)] = along[..., axis]
         rank = np.zeros(polarisations.shape[:-2] + polarisations.shape[-1:])
         if names[0] == "longitudinal":
-            ahead = np.argmax(np.abs(np.einsum("...i,...ib->...b", toward, polarisations)), axis=-1)
+            part = np.abs(np.einsum("...i,...ib->...b", toward, polarisations))
+            # of two that are equally longitudinal, the fast one
+            tied = part >= (1.0 - _TIED_ALONG) * np.max(part, axis=-1, keepdims=True)
+            ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
             np.put_along_axis(rank, ahead[..., None], -1.0, -1)
         if names[-1] == "out_of_plane":
             across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(polarisations[..., axes.index(2), :])), axis=-1)
@@ -319,3 +358,30 @@ class LongWaves(Compatibility):
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+
+
+def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
+    """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal velocities, and their signs.
+
+    ``along`` (..., 3) is the direction; ``values`` (..., 3) are the velocities, ascending.
+    """
+    vectors = vectors.copy()
+    along = np.broadcast_to(along, vectors.shape[:-1])
+    tied = np.diff(values, axis=-1) <= _TIED * values[..., 1:]
+    triple = np.all(tied, axis=-1)
+    vectors[triple, :, 2] = along[triple]
+    for pair, third in ((0, 2), (1, 0)):
+        here = tied[..., pair] & (~triple if pair else True)
+        apart = vectors[here][..., third]
+        # the first vector, without its part along the third: the direction, or an axis far from the third vector
+        ahead = along[here] - np.sum(along[here] * apart, axis=-1, keepdims=True) * apart
+        axis = np.eye(3)[np.argmin(np.round(np.abs(apart), 9), axis=-1)]
+        aside = axis - np.sum(axis * apart, axis=-1, keepdims=True) * apart
+        first = np.where(np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG, ahead, aside)
+        first /= np.linalg.norm(first, axis=-1, keepdims=True)
+        vectors[here, :, pair], vectors[here, :, pair + 1] = first, np.cross(apart, first)
+    # longitudinal parts point ahead; of a vector without one, the largest component is above zero
+    part = np.einsum("...i,...ib->...b", along, vectors)
+    largest = np.argmax(np.round(np.abs(vectors), 9), axis=-2)
+    own = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
+    return vectors * np.where(np.where(np.abs(part) > _TIED_ALONG, part, own) < 0.0, -1.0, 1.0)[..., None, :]

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from granphon.media.state import ContactState
 
 __all__ = [
-    "contact_lattice", "ideal_lattice", "lattice_scales", "lattice_tensor", "lattice_waves",
+    "contact_lattice", "has_one_lattice", "ideal_lattice", "lattice_scales", "lattice_tensor", "lattice_waves",
+    "lattice_without_overlap",
     "over_directions", "prestress", "sample_scales", "compute_velocities", "velocity_scale",
 ]  # fmt: skip
 
@@ -33,6 +34,20 @@ def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float
         packing.structure, packing.mindlin_ratio, torsion=twist,
         bending=packing.bending if bending is None else bending, motions=packing.ball_motions,
     )  # fmt: skip
+
+
+def lattice_without_overlap(state: ContactState) -> ContactLattice:
+    """Return the lattice of contacts, in reduced units, without terms of finite overlap.
+
+    The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this lattice:
+    the names of waves, mechanisms, isotropy.
+    """
+    return ideal_lattice(state.packing, float(np.max(state.torsion)))
+
+
+def has_one_lattice(state: ContactState) -> bool:
+    """Whether the lattice of contacts, in reduced units, is the same at all loads of a state."""
+    return state.is_single or not (state.finite_overlap or state.packing.torsion == MINDLIN)
 
 
 def contact_lattice(state: ContactState) -> ContactLattice:

@@ -20,7 +20,7 @@ from granphon.base.scales import Units
 from granphon.base.validation import require, truth
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.acoustics import ideal_lattice, lattice_scales, lattice_tensor, lattice_waves
+from granphon.media.acoustics import ideal_lattice, lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
 
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
@@ -319,8 +319,8 @@ class ContactState(Result):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        lattice = ideal_lattice(self.packing)
-        return lattice.wave_names[0] != "longitudinal" or lattice.is_isotropic
+        lattice = lattice_without_overlap(self)
+        return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
 
     @property
     def sampled_moduli(self) -> Array | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
 
-__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "find_all", "warn_of_missing_error"]
+__all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "entry_of", "find_all", "warn_of_missing_error"]
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; or bands, along a path that is given
@@ -41,12 +41,14 @@ class Analysis:
 
     @cached_property
     def velocities(self) -> SoundVelocities:
-        """Sound velocities along (1, 0), the direction of a row of touching balls, m/s."""
-        return self.given_velocities or sound_velocities(self.state, (1.0, 0.0))
+        """Sound velocities along x, m/s."""
+        return self.given_velocities or sound_velocities(self.state, np.eye(self.state.packing.structure.periods)[0])
 
     @cached_property
-    def moduli(self) -> Moduli:
-        """Elastic moduli, Pa."""
+    def moduli(self) -> Moduli | None:
+        """Elastic moduli; None if the balls do not move along the lattice."""
+        if "longitudinal" not in self.state.wave_names:
+            return None
         return self.given_moduli or moduli(self.state)
 
 
@@ -57,7 +59,8 @@ class Observable:
     Attributes
     ----------
     name : the name in files, data sets and summaries.
-    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number.
+    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number. Where ``per_dimension`` names a
+        quantity of :meth:`Lattice.units_of`, this is the unit in the plane; :func:`entry_of` has that of a packing.
     title : a phrase that says what the quantity is; ``long_name`` in data sets.
     label : the name on an axis and in the terminal, without the unit; by default the name in words.
     meaning : the description in the reference; by default the title.
@@ -68,6 +71,7 @@ class Observable:
     swept : whether sweeps store it.
     sampled : whether it is a standard error over samples, which is zero for a medium that does not sample.
     told : whether the command line prints it.
+    per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the number of periods.
     """
 
     name: str
@@ -81,6 +85,7 @@ class Observable:
     swept: bool = True
     sampled: bool = False
     told: bool = False
+    per_dimension: str = ""
 
     def __post_init__(self) -> None:
         if not self.label:
@@ -98,7 +103,7 @@ def _write_words(name: str) -> str:
 
 
 def _find_pressure(of: Analysis) -> Any:
-    """Return P, N/m; None if the stress of the lattice is not a pressure."""
+    """Return P, N, N/m or Pa; None if the stress of the lattice is not a pressure."""
     with suppress(InputError):
         return of.state.pressure
     return None
@@ -106,7 +111,12 @@ def _find_pressure(of: Analysis) -> Any:
 
 def _find_direction(of: Analysis) -> Any:
     """Return the direction of propagation; None if the velocities are the same in all directions."""
-    return None if of.moduli.isotropic else of.velocities.direction
+    return None if of.state.is_isotropic else of.velocities.direction
+
+
+def _find_transverse(of: Analysis) -> Any:
+    """Return the velocity of the transverse wave; None if there is none, or two, which have entries of their own."""
+    return None if of.velocities.transverse_slow is not None else of.velocities.transverse
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
@@ -130,18 +140,23 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
 
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the sound velocities."""
-    unit = SoundVelocities.units[name]
-    return Observable(name, unit, title, find=lambda of: getattr(of.velocities, name), cost="velocities", **more)
+    """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave."""
+    given = {"find": lambda of: getattr(of.velocities, name), "cost": "velocities"} | more
+    return Observable(name, SoundVelocities.units["velocities"], title, **given)
 
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; bulk and shear are None unless the lattice is isotropic."""
 
     def find(of: Analysis) -> Any:
-        return getattr(of.moduli, name) if of.moduli.isotropic or name not in ("bulk", "shear") else None
+        known = of.moduli is not None and (of.moduli.isotropic or name not in ("bulk", "shear"))
+        if name == "shear" and of.state.packing.structure.periods == 1:
+            return None
+        return getattr(of.moduli, name) if known else None
 
-    return Observable(name, Moduli.units[name], title, find=find, cost="velocities", **more)
+    return Observable(
+        name, Moduli.units[name], title, find=find, cost="velocities", per_dimension="modulus", **more
+    )  # fmt: skip
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
@@ -167,9 +182,12 @@ _OBSERVABLES = (
     _make_state_entry("overlap", "mean overlap, d - a", meaning="mean overlap d - a, the state variable", told=True),
     _make_state_entry("normal_stiffness", "normal stiffness of a contact"),
     _make_state_entry("shear_stiffness", "shear stiffness of a contact"),
-    Observable("pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_find_pressure),
+    Observable(
+        "pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_find_pressure,
+        per_dimension="pressure",
+    ),
     _make_state_entry("relative_overlap", "overlap over the mean diameter"),
-    _make_state_entry("effective_density", f"density {_LAYER}"),
+    _make_state_entry("effective_density", f"density {_LAYER}", per_dimension="effective_density"),
     _make_state_entry("reduced_force", "reduced force f*: the force over that at an overlap of the width", label="Force f*"),
     _make_state_entry("reduced_spacing", "reduced spacing a* = (d + W/2 - a)/W"),
     _make_state_entry(
@@ -195,7 +213,11 @@ _OBSERVABLES = (
     ),
     _make_packing_entry("mass", "kg", "mass of a ball of the mean diameter", lambda packing: packing.mass),
     _make_velocity_entry("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
-    _make_velocity_entry("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
+    _make_velocity_entry(
+        "transverse", "transverse sound velocity", label="Transverse velocity", told=True, find=_find_transverse
+    ),
+    _make_velocity_entry("transverse_slow", "slow transverse sound velocity", label="Slow transverse velocity", told=True),
+    _make_velocity_entry("transverse_fast", "fast transverse sound velocity", label="Fast transverse velocity", told=True),
     _make_modulus_entry("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
     _make_modulus_entry("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
     Observable(
@@ -228,6 +250,29 @@ _OBSERVABLES = (
 CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
     name: Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()
 }
+
+
+#: words of titles and meanings that belong to the plane, with those in their place on a line and in space
+_WORDS = {
+    "force per length of boundary": ("force along the line", "force per area of boundary"),
+    f"density {_LAYER}": ("mass per length", "density of the crystal"),
+    f" {_LAYER}": ("", ""),
+}
+
+
+def entry_of(name: str, packing: Packing) -> Observable:
+    """Return the entry of an observable with the unit, title and meaning that it has for a packing.
+
+    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3.
+    """
+    entry, periods = CATALOGUE[name], packing.structure.periods
+    if periods == 2 or not entry.per_dimension:
+        return entry
+    title, meaning = entry.title, entry.meaning
+    for words, others in _WORDS.items():
+        title, meaning = (text.replace(words, others[periods // 3]) for text in (title, meaning))
+    unit = packing.structure.units_of({entry.per_dimension})[entry.per_dimension]
+    return replace(entry, unit=unit, title=title, meaning=meaning)
 
 
 def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> dict[str, Any]:

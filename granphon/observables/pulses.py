@@ -15,13 +15,15 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.validity import validity
 
 __all__ = ["PulseVelocities", "pulse_velocities"]
 
 Array = NDArray[np.float64]
+#: top of a branch, (k/M)^1/2, that is zero but for rounding
+_NO_FREQUENCY = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,18 +32,19 @@ class PulseVelocities(Result):
 
     Attributes
     ----------
-    branches : names of the branches, along the first axis of the arrays; then come loads and frequencies, then directions.
+    branches : names of the branches, along the first axis of all arrays; then come loads and frequencies, then directions.
     phase : (n_branches, ...) phase velocity, m/s.
     group : (n_branches, ...) m/s, the component of the group velocity along the wave vector, d omega/dq in its direction.
-    group_vector : (n_branches, ..., 2) m/s, the group velocity itself: the direction and speed of the flow of energy.
+    group_vector : (n_branches, ..., p) m/s, the group velocity itself: the direction and speed of the flow of energy. Where
+        two branches coincide along an axis of symmetry it is the mean of both.
     wavenumber : (n_branches, ...) rad/m.
     frequency : the given frequencies, Hz.
-    direction : unit vector of the wave vector, (2,) or (n, 2).
+    direction : unit vector of the wave vector, (p,) or (n, p).
     warnings : one sentence for each limit of the model that the state exceeds.
     """
 
     units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
-    shapes = {"branches": "b", "direction": "2|n 2"}
+    shapes = {"branches": "b", "direction": "p|n p"}
 
     branches: tuple[str, ...]
     phase: Array
@@ -56,23 +59,27 @@ class PulseVelocities(Result):
 def pulse_velocities(
     state: ContactState,
     frequency: ArrayLike,
-    direction: ArrayLike = (1.0, 0.0),
+    direction: ArrayLike | None = None,
     finite_overlap: bool | None = None,
-    branches: str | Sequence[str] = ("longitudinal", "transverse"),
+    branches: str | Sequence[str] | None = None,
 ) -> PulseVelocities:
     """Return phase and group velocity of the acoustic branches at a given frequency, m/s.
 
-    Both are below the velocity of long waves.
+    Both are below the velocity of long waves, except where that is zero: waves of finite length travel across a plane or a
+    chain of balls if contacts resist torsion or bending.
 
     Parameters
     ----------
     state : the state of the contacts, at one load or many.
     frequency : Hz; a scalar or an array that broadcasts against the load.
-    direction : direction of the wave vector, Cartesian, (2,), or (n, 2) for many at once. In the named lattices (1, 0) is
-        along a row of touching balls: Gamma-K of the triangular and kagome lattices (where (0, 1) is Gamma-M), and Gamma-X
-        of the square lattice.
+    direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once; by
+        default along x. In the named plane lattices (1, 0) is along a row of touching balls: Gamma-K of the triangular and
+        kagome lattices (where (0, 1) is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
     finite_overlap : deprecated; the state says whether overlap is finite.
-    branches : names of the branches, in the order of the result.
+    branches : names of the branches, in the order of the result: "longitudinal" and "transverse"; in space, and on a chain
+        that moves both ways across itself, "transverse_slow" and "transverse_fast"; "out_of_plane" on a plane of balls that
+        move across it (:attr:`ContactState.wave_names`). By default those whose long waves have a velocity above zero, or
+        all if there are none.
 
     For a simulation the branches are those of the ideal lattice, each scaled to the long-wave velocity of the samples.
 
@@ -80,21 +87,21 @@ def pulse_velocities(
     -------
     :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding. Its ``group`` is the component of
     the group velocity along the wave vector; the vector itself, which points elsewhere off the axes of symmetry, is
-    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions.
+    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions: the branches are first here,
+    and not last, so that ``phase[0]`` is that of the first branch.
 
     Raises
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
-    InputError : a frequency that is not finite and above zero; an unknown branch; a direction that is not two finite numbers
+    InputError : a frequency that is not finite and above zero; an unknown branch; a direction that is not p finite numbers
         or has no length; frequencies whose shape does not broadcast against the load.
+    MechanismError : a motion of the lattice costs no energy.
     """
     state = with_keyword(state, finite_overlap)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
-    names = texts("branches", branches)
-    unknown = [name for name in names if name not in ("longitudinal", "transverse")]
-    if unknown or not names:
-        raise InputError(message(f"unknown branch {brief(unknown)}", mend="Use longitudinal, transverse or both"))
-    d, along = state.packing.diameter, as_direction(direction)
+    d, periods = state.packing.diameter, state.packing.structure.periods
+    along = as_direction(np.eye(periods)[0] if direction is None else direction, periods)
+    names = _name_branches(state, along, branches)
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1
     try:
@@ -109,55 +116,71 @@ def pulse_velocities(
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     target = 2.0 * np.pi * hertz.reshape(hertz.shape + (1,) * axes) * d / scale
     # shape (branches, loads and frequencies, directions)
-    flat = (len(names), -1, len(along.reshape(-1, 2)))
+    many = along.reshape(-1, periods)
+    flat = (len(names), -1, len(many))
     target, units = target.reshape(flat), scale.reshape(flat) / d
-    # in the paper's limit all loads share one dispersion relation; with finite overlap each load has its own
+    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact, each
+    # load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
-    if state.finite_overlap and state.shape:
+    if not has_one_lattice(state):
         force, overlap, stiffness = (
             np.broadcast_to(values, shape).ravel() for values in (state.force, state.overlap, state.normal_stiffness)
         )
         every = replace(state, force=force, overlap=overlap, normal_stiffness=stiffness)
         parts = [(every[index], slice(index, index + 1)) for index in range(target.shape[1])]
-    wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, 2))
+    wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, periods))
     for part, here in parts:
         wavenumber[:, here], vector[:, here] = _find_wavenumbers(
-            contact_lattice(part), along.reshape(-1, 2), names, target[:, here], units[:, here]
+            contact_lattice(part), many, names, target[:, here], units[:, here]
         )
-    group = np.sum(vector * along.reshape(-1, 2), axis=-1)
+    group = np.sum(vector * many, axis=-1)
     phase = (target / wavenumber).reshape(scale.shape) * scale
     return PulseVelocities(
-        names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, 2) * scale[..., None],
+        names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, periods) * scale[..., None],
         wavenumber.reshape(scale.shape) / d, hertz, along, validity(state).warnings,
     )  # fmt: skip
+
+
+def _name_branches(state: ContactState, along: Array, branches: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the branches that were asked for, or those that pulses have by default."""
+    known = state.wave_names
+    if branches is None:
+        v = state.long_waves(along).reshape(-1, len(known))
+        return tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
+    names = texts("branches", branches)
+    unknown = [name for name in names if name not in known]
+    if unknown or not names:
+        among = "longitudinal, transverse or both" if known == ("longitudinal", "transverse") else ", ".join(known)
+        raise InputError(message(f"unknown branch {brief(unknown)}", mend=f"Use {among}"))
+    return names
 
 
 def _find_wavenumbers(
     lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
 ) -> tuple[Array, Array]:
-    """Find wavenumber (b, m, n) and group velocity (b, m, n, 2), in reduced units, in directions ``along`` (n, 2).
+    """Find wavenumber (b, m, n) and group velocity (b, m, n, p), in reduced units, in directions ``along`` (n, p).
 
     ``target`` (b, m, n) holds angular frequencies in units of ``scale`` (rad/s).
     """
-    places = [("longitudinal", "transverse").index(name) for name in names]
-    wanted = np.full((2, len(along)), -np.inf)
+    places = [lattice.wave_names.index(name) for name in names]
+    wanted = np.full((len(lattice.wave_names), len(along)), -np.inf)
     wanted[places] = target.max(axis=1)
-    both = AcousticBranches.follow(lattice, along, wanted)
-    q, group = np.empty(target.shape), np.empty((*target.shape, 2))
+    every = AcousticBranches.follow(lattice, along, wanted)
+    q, group = np.empty(target.shape), np.empty((*target.shape, along.shape[1]))
     row = np.arange(len(along))
     for one, which in enumerate(places):
-        last = np.where(both.rising[which] > 0, both.frequencies[which, row, both.rising[which] - 1], 0.0)
+        last = np.where(every.rising[which] > 0, every.frequencies[which, row, every.rising[which] - 1], 0.0)
         beyond = wanted[which] > last
         # directions are solved together if the frequency is below the last point before the maximum; the others one by one
         inside = np.flatnonzero(~beyond)
         if inside.size:
             flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
-            found = both.find_wavenumber(which, flat, target[one][:, inside].ravel())
+            found = every.find_wavenumber(which, flat, target[one][:, inside].ravel())
             q[one][:, inside] = found[0].reshape(-1, len(inside))
-            group[one][:, inside] = found[1].reshape(-1, len(inside), 2)
+            group[one][:, inside] = found[1].reshape(*target[one][:, inside].shape, -1)
         for place in np.flatnonzero(beyond).tolist():
             goal, unit = target[one, :, place], scale[one, :, place]
-            branch = both.take_branch(which, place)
+            branch = every.take_branch(which, place)
             if np.any(goal > branch.top):
                 raise _explain_unreachable(branch, goal, unit)
             q[one, :, place], group[one, :, place] = branch.find_pulse(goal)
@@ -167,11 +190,15 @@ def _find_wavenumbers(
 def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
     """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
     wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
+    if branch.top <= _NO_FREQUENCY:
+        ends = "Its waves cost no energy, because no contact resists them"
+    else:
+        ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
     return UnreachableFrequencyError(
         message(
             f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz in direction"
-            f" ({branch.direction[0]:.6g}, {branch.direction[1]:.6g})",
-            f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else ""),
+            f" ({', '.join(f'{one:.6g}' for one in branch.direction)})",
+            ends,
             "Lower the frequency, or name the branches that reach it",
         )
     )

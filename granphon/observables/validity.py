@@ -9,8 +9,9 @@ import numpy as np
 
 from granphon.balls.hertz import contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
+from granphon.balls.packing import MINDLIN
 from granphon.base.results import Result
-from granphon.media.acoustics import ideal_lattice, velocity_scale
+from granphon.media.acoustics import has_one_lattice, ideal_lattice, lattice_without_overlap, velocity_scale
 from granphon.media.state import ContactState, with_keyword
 
 __all__ = ["Check", "Tally", "Validity", "validity"]
@@ -29,8 +30,16 @@ _LIMITS = {
         "it leaves out contacts of loose balls; the transverse velocity is too small by half of that part, the bulk"
         " modulus by an eighth",
     ),
+    "torsion": (
+        0.1,
+        "overlap over diameter, over the torsion of a contact",
+        "other terms of the order of this torsion are left out; finite_overlap=True keeps those of the static force and of"
+        " the distance of balls",
+    ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
+#: directions in which sound is compared with that in the balls, by the number of periods
+_DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 #: reason given when a property of the material is outside its limit
 _WRONG_UNIT = "the unit is probably wrong: SI units are expected"
 #: conditions on the material, by name: the attribute, what it is, the limit (SI), and whether the limit is a least value
@@ -161,8 +170,10 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
     - the contact radius over the ball radius;
     - (f/E d^2)^(1/6);
-    - the sound velocity over the bulk velocity (the larger of the longitudinal and transverse ratios);
+    - the sound velocity over the bulk velocity: the largest of the longitudinal and transverse ratios, along x on a line and
+      in the plane, along (1, 0, 0), (0, 0, 1), (1, 1, 0) and (1, 1, 1) in space;
     - the top frequency of the branches over the lowest resonance of a free ball;
+    - with ``torsion="mindlin"`` and without finite overlap, the order delta/d of the terms that are left out over that torsion;
     - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
       yield begins at 1.07);
     - for a simulation with friction of balls that differ, the part by which its shear modulus is expected to be too small;
@@ -173,9 +184,22 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
     return with_keyword(state, finite_overlap).once(_compute_validity)
 
 
+def _find_top_frequencies(state: ContactState) -> Any:
+    """Return the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap.
+
+    Where the torsion depends on the load, the square is interpolated between none and the largest torsion. It is a convex
+    function, so that the result is not below the top frequency.
+    """
+    lattice, torsion = lattice_without_overlap(state), np.asarray(state.torsion)
+    if has_one_lattice(state) or np.ptp(torsion) == 0.0:
+        return lattice.top_frequency
+    ends = [ideal_lattice(state.packing).top_frequency ** 2, lattice.top_frequency**2]
+    return np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
+
+
 def _compute_validity(state: ContactState) -> Validity:
     material, d = state.packing.material, state.packing.diameter
-    lattice = ideal_lattice(state.packing)
+    lattice = lattice_without_overlap(state)
     # the overlap of equal balls at the mean force: where balls differ the mean overlap may be negative
     radius = np.asarray(contact_radius_ratio(state.packing.law.overlap(state.force), d))
     values = {
@@ -184,14 +208,17 @@ def _compute_validity(state: ContactState) -> Validity:
         "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
     }
     if not lattice.mechanism:  # a mechanism has no sound
-        v, names = state.long_waves(np.eye(lattice.periods)[0]), lattice.wave_names
+        v, names = state.long_waves(_DIRECTIONS[lattice.periods]), lattice.wave_names
         bulk = [material.longitudinal_velocity if name == "longitudinal" else material.transverse_velocity for name in names]
-        values["velocity"] = np.max(v / bulk, axis=-1)
-    values["resonance"] = lattice.top_frequency * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
+        values["velocity"] = np.max(v / bulk, axis=(-2, -1))
+    top = _find_top_frequencies(state)
+    values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if state.n_samples and state.packing.width and state.packing.mindlin_ratio:
         values["shear"] = _estimate_shear_deficit(state)
+    if state.packing.torsion == MINDLIN and not state.finite_overlap:
+        values["torsion"] = state.relative_overlap / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength

@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.response import bulk_and_shear, shears
+from granphon.array.response import shears
 from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
+from granphon.dynamics.long_waves import voigt_names
 from granphon.media.acoustics import compute_velocities, over_directions
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
 
 __all__ = [
+    "AveragedModuli",
     "Moduli",
     "SoundVelocities",
     "local_exponent",
@@ -26,6 +28,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+#: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
+_EVEN = 1e-10
+#: what to use in place of the moduli of an isotropic lattice
+_AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
 
 
 def local_exponent(state: ContactState) -> Any:
@@ -64,6 +70,7 @@ class SoundVelocities(Result):
     polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
+    added = ("out_of_plane", "velocities", "polarisations")
     units = {
         "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
         "out_of_plane": "m/s", "velocities": "m/s",
@@ -82,6 +89,39 @@ class SoundVelocities(Result):
     out_of_plane: Any = None
     velocities: Any = None
     polarisations: Any = None
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of ``velocities``."""
+        super().check()
+        if self.velocities is None:  # written before there were other lattices than those in the plane
+            complete = self.longitudinal is not None and self.transverse is not None
+        else:
+            load, count = np.shape(self.velocities)[:-1], self._count_transverse()
+            shapes = [None, load, (*load, 2)]
+            found = None if self.transverse is None else np.shape(self.transverse)
+            complete = 0 <= count <= 2 and found == shapes[count]
+        if not complete:
+            raise InputError(message("the SoundVelocities data lack a wave that 'velocities' has, or have one more"))
+
+    @property
+    def transverse_slow(self) -> Any:
+        """The slow transverse wave, m/s, where there are two; else None."""
+        return self._take_transverse(0)
+
+    @property
+    def transverse_fast(self) -> Any:
+        """The fast transverse wave, m/s, where there are two; else None."""
+        return self._take_transverse(1)
+
+    def _count_transverse(self) -> int:
+        """Return the number of transverse waves: all waves but those with other names."""
+        if self.velocities is None:
+            return 1
+        others = (self.longitudinal, self.out_of_plane)
+        return int(np.shape(self.velocities)[-1]) - sum(one is not None for one in others)
+
+    def _take_transverse(self, place: int) -> Any:
+        return np.asarray(self.transverse)[..., place][()] if self._count_transverse() == 2 else None
 
 
 def sound_velocities(
@@ -136,19 +176,31 @@ def sound_velocities(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Moduli(Result):
-    """Elastic constants of the layer taken one diameter thick, Pa.
+class AveragedModuli(Result):
+    """Bulk and shear modulus of a body of many grains, averaged over all directions; Pa, with the shape of the load."""
 
-    ``tensor`` is (..., 3, 3), the shape of the load followed by the Voigt order xx, yy, xy. ``isotropic`` says whether it is
-    the same in all directions; for a simulation it is True, though samples are isotropic only on average. ``bulk_error`` and
-    ``shear_error`` are standard errors over the samples of a simulation, Pa; None if there are fewer than two samples.
-    ``warnings`` has one sentence for each limit of the model that the state exceeds.
+    units = {"bulk": "Pa", "shear": "Pa"}
+    shapes = {"bulk": "...", "shear": "..."}
+
+    bulk: Any
+    shear: Any
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Moduli(Result):
+    """Elastic constants: Pa, in the plane of the layer taken one diameter thick; N on a line.
+
+    ``tensor`` is (..., n, n), the shape of the load followed by the strains :attr:`components` in Voigt order: xx; xx, yy, xy;
+    or xx, yy, zz, yz, xz, xy. ``isotropic`` says whether it is the same in all directions; for a simulation it is True, though
+    samples are isotropic only on average. ``bulk_error`` and ``shear_error`` are standard errors over the samples of a
+    simulation, Pa; None if there are fewer than two samples. ``warnings`` has one sentence for each limit of the model that
+    the state exceeds.
     """
 
     units = {
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
     }  # fmt: skip
-    shapes = {"tensor": "... 3 3", "bulk_error": "...?", "shear_error": "...?"}
+    shapes = {"tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?"}
 
     tensor: Array
     isotropic: bool
@@ -156,40 +208,117 @@ class Moduli(Result):
     bulk_error: Any = None
     shear_error: Any = None
 
+    def said_units(self) -> dict[str, str]:
+        """The SI unit of each field: N on a line, else Pa."""
+        return dict.fromkeys(self.units, "N") if self.periods == 1 else dict(self.units)
+
+    @property
+    def periods(self) -> int:
+        """Number p of periods of the lattice, to which the strains belong."""
+        return {1: 1, 3: 2, 6: 3}[self.tensor.shape[-1]]
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the strains along the rows and columns of ``tensor``, such as "xx"."""
+        return voigt_names(self.periods)
+
     @property
     def bulk(self) -> Any:
-        """Bulk modulus K, Pa (equation 17).
+        """Bulk modulus K, Pa (equation 17): pressure over relative change of area or volume. Of a chain its modulus, N.
 
-        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        Raises :class:`~granphon.base.errors.InputError` if the strain under pressure is not the same in all directions.
         """
-        self._require_isotropic()
-        return bulk_and_shear(self.tensor)[..., 0][()]
+        bulk, p = self._find_bulk(), self.periods
+        # the stress under a strain that is the same in all directions, without its mean pressure
+        stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
+        if not self.isotropic and np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
+            raise InputError(
+                message("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
+            )
+        return bulk[()]
 
     @property
     def shear(self) -> Any:
-        """Shear modulus G, Pa (equation 17), the mean over the two orientations of :attr:`shears`.
+        """Shear modulus G, Pa (equation 17), the mean of :attr:`shears`.
 
-        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
         """
         return np.mean(self.shears, axis=-1)[()]
 
     @property
     def shears(self) -> Array:
-        """Shear moduli of the two shears xx - yy and xy, (..., 2), Pa.
+        """Shear moduli, Pa: (..., 2) of the shears xx - yy and xy; in space (..., 5), 2 zz - xx - yy, xx - yy, yz, xz and xy.
 
         In a sample of finite size they differ; the difference shows how far the sample is from isotropic. Raises
-        :class:`~granphon.base.errors.InputError` if the lattice is not isotropic.
+        :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
         """
-        self._require_isotropic()
-        return shears(self.tensor)
-
-    def _require_isotropic(self) -> None:
         if not self.isotropic:
-            raise InputError(message("this lattice has no single bulk and shear modulus", mend="Use .tensor"))
+            raise InputError(message("this lattice has no single shear modulus", mend=_AVERAGES))
+        return self._find_shears()
+
+    @property
+    def voigt(self) -> AveragedModuli:
+        """The moduli of grains in all directions under the same strain: the upper limit (W. Voigt, 1889).
+
+        Raises :class:`~granphon.base.errors.InputError` for a chain.
+        """
+        return AveragedModuli(self._find_bulk()[()], np.mean(self._find_shears(), axis=-1)[()])
+
+    @property
+    def reuss(self) -> AveragedModuli:
+        """The moduli of grains in all directions under the same stress: the lower limit (A. Reuss, 1929).
+
+        Raises :class:`~granphon.base.errors.InputError` for a chain, and :class:`~granphon.base.errors.InstabilityError` if a
+        strain of the tensor costs no energy, as under prestress.
+        """
+        self._require_shear()
+        stiffness, p = self._scale_strains(), self.periods
+        if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
+            raise InstabilityError(
+                message("the elastic tensor is not positive", "A strain gives energy back", "Use .tensor")
+            )
+        compliance = np.linalg.inv(stiffness)
+        under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
+        rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
+        return AveragedModuli((1.0 / under_pressure)[()], ((stiffness.shape[-1] - 1) / (2.0 * rest))[()])
+
+    @property
+    def hill(self) -> AveragedModuli:
+        """The means of :attr:`voigt` and :attr:`reuss` (R. Hill, Proc. Phys. Soc. A 65, 349, 1952)."""
+        upper, lower = self.voigt, self.reuss
+        return AveragedModuli(0.5 * (upper.bulk + lower.bulk), 0.5 * (upper.shear + lower.shear))
+
+    def _find_bulk(self) -> Array:
+        """Return the mean pressure under a strain that is the same in all directions, over the change of volume."""
+        return np.asarray(np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1)) / self.periods**2)
+
+    def _scale_strains(self) -> Array:
+        """Return the tensor with strains yz, xz, xy times sqrt 2, in which it is a matrix between vectors."""
+        size = np.where(np.arange(self.tensor.shape[-1]) < self.periods, 1.0, np.sqrt(2.0))
+        return np.asarray(self.tensor * size[:, None] * size)
+
+    def _require_shear(self) -> None:
+        if self.periods == 1:
+            raise InputError(message("a chain has no shear modulus", mend="Use .bulk, its modulus in N"))
+
+    def _find_shears(self) -> Array:
+        """Return the shear moduli of an orthonormal set of shears, (..., 2), or (..., 5) in space; Pa."""
+        self._require_shear()
+        c = self.tensor
+        if self.periods == 2:
+            return shears(c)
+        along_z = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
+        along_z = along_z - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
+        across = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
+        return np.stack([along_z, across, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
 
 
 def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
-    """Return bulk and shear modulus, Pa (equation 17), or the elastic tensor of a lattice that is not isotropic.
+    """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation 17), and averages.
+
+    They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in N, which is its ``bulk``.
+    Raises :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
+    :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static pressure, for which
     equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
