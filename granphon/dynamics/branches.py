@@ -180,13 +180,13 @@ def _solve_wavenumbers(
 class AcousticBranches:
     """All acoustic branches along many directions, from Gamma up to the frequencies asked for.
 
-    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the longitudinal and the transverse one.
+    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the longitudinal, then the transverse.
 
     Attributes
     ----------
     directions : (n, p) unit vectors.
     wavenumbers : (n, n_points), 1/d.
-    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the first maximum, +inf beyond it.
+    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the maximum, then +inf.
     rising : (n_u, n), number of points before the first maximum, among those at which the branch was followed.
     falls : (n_u, n), whether the branch has a maximum after these points.
     vectors : (n_u, n, n_points, n_dof), eigenvectors.
@@ -202,7 +202,7 @@ class AcousticBranches:
 
     @classmethod
     def follow(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
-        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls, or meets the zone edge."""
+        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls, or meets the edge."""
         count, size, waves = len(directions), lattice.n_branches, len(lattice.wave_names)
         wanted = np.broadcast_to(np.asarray(targets, float), (waves, count))
         grid = find_zone_boundary(lattice, directions)[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
@@ -285,7 +285,7 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
 
 
 def follow_acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
-    """Follow the acoustic branches along ``direction`` through crossings; they have the names of the lattice's long waves."""
+    """Follow the acoustic branches along ``direction`` through crossings; their names are those of the long waves."""
     along = one_direction(direction, lattice.periods)
     every = AcousticBranches.follow(lattice, along[None])
     return {name: every.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}

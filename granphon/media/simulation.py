@@ -250,17 +250,16 @@ class SimulatedState(ContactState):
         name = "force" if self.spaced else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
 
-    def long_waves(self, direction: ArrayLike) -> Array:
-        """Return velocities from the mean bulk and shear modulus, m/s, (..., 2) or (..., n, 2) for directions (n, 2)."""
-        velocities = compute_velocities(bulk_and_shear(self.elastic_tensor), self.effective_density)
-        return over_directions(velocities, as_direction(direction))
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities from the mean bulk and shear modulus, m/s, (..., 2) or (..., n, 2) for directions (n, 2).
 
-    def polarisations(self, direction: ArrayLike) -> Array:
-        """Return the unit displacements of the longitudinal and the transverse wave as columns: along and across."""
+        The unit displacements of the longitudinal and the transverse wave, as columns, are along and across.
+        """
         along = as_direction(direction)
+        velocities = compute_velocities(bulk_and_shear(self.elastic_tensor), self.effective_density)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         vectors = np.stack([along, across], axis=-1)
-        return np.broadcast_to(vectors, self.shape + vectors.shape)
+        return over_directions(velocities, along), np.broadcast_to(vectors, self.shape + vectors.shape)
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""

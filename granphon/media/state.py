@@ -346,11 +346,11 @@ class ContactState(Result):
 
         For directions (n, p) the shape is (..., n, n_u). In the plane they are the longitudinal and the transverse one.
         """
-        return lattice_waves(self, direction)[0]
+        return self.polarised_waves(direction)[0]
 
-    def polarisations(self, direction: ArrayLike) -> Array:
-        """Return the unit displacements of :meth:`long_waves` as columns, (..., n_u, n_u), or (..., n, n_u, n_u)."""
-        return lattice_waves(self, direction)[1]
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return :meth:`long_waves` and their unit displacements, columns of (..., n_u, n_u) or (..., n, n_u, n_u)."""
+        return lattice_waves(self, direction)
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""

@@ -141,7 +141,7 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave."""
-    given = {"find": lambda of: getattr(of.velocities, name), "cost": "velocities"} | more
+    given: dict[str, Any] = {"find": lambda of: getattr(of.velocities, name), "cost": "velocities"} | more
     return Observable(name, SoundVelocities.units["velocities"], title, **given)
 
 

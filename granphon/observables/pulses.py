@@ -119,8 +119,8 @@ def pulse_velocities(
     many = along.reshape(-1, periods)
     flat = (len(names), -1, len(many))
     target, units = target.reshape(flat), scale.reshape(flat) / d
-    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact, each
-    # load has its own
+    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact,
+    # each load has its own
     parts: list[tuple[ContactState, slice]] = [(state, slice(None))]
     if not has_one_lattice(state):
         force, overlap, stiffness = (

@@ -173,7 +173,8 @@ def validity(state: ContactState, finite_overlap: bool | None = None) -> Validit
     - the sound velocity over the bulk velocity: the largest of the longitudinal and transverse ratios, along x on a line and
       in the plane, along (1, 0, 0), (0, 0, 1), (1, 1, 0) and (1, 1, 1) in space;
     - the top frequency of the branches over the lowest resonance of a free ball;
-    - with ``torsion="mindlin"`` and without finite overlap, the order delta/d of the terms that are left out over that torsion;
+    - with ``torsion="mindlin"`` and without finite overlap, the order delta/d of the terms that are left out over that
+      torsion;
     - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
       yield begins at 1.07);
     - for a simulation with friction of balls that differ, the part by which its shear modulus is expected to be too small;

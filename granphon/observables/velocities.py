@@ -136,6 +136,10 @@ def sound_velocities(
         axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
         chain. On other lattices the velocities are those of the quasi-longitudinal and the quasi-transverse waves. A
         simulation is isotropic on average: its velocities follow from its mean bulk and shear modulus.
+
+        The quasi-longitudinal wave is the one whose displacement is nearest to the direction. Of two transverse ones the
+        slow one is the first; where their velocities are equal, as along [100] and [111] of a cubic lattice, the first of
+        their polarisations is along the first of the axes x, y, z that are farthest from the longitudinal one.
     finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
@@ -156,7 +160,7 @@ def sound_velocities(
             )
         direction = np.eye(periods)[0]
     along = as_direction(direction, periods)
-    names, v = state.wave_names, state.long_waves(along)
+    names, (v, vectors) = state.wave_names, state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
     named = {name: v[..., place] for place, name in enumerate(names)}
     if "transverse_slow" in names:
@@ -171,7 +175,7 @@ def sound_velocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
         warnings=validity(state).warnings, longitudinal_error=longitudinal_error, transverse_error=transverse_error,
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
-        polarisations=np.take_along_axis(state.polarisations(along), order[..., None, :], -1),
+        polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
     )  # fmt: skip
 
 
@@ -190,11 +194,11 @@ class AveragedModuli(Result):
 class Moduli(Result):
     """Elastic constants: Pa, in the plane of the layer taken one diameter thick; N on a line.
 
-    ``tensor`` is (..., n, n), the shape of the load followed by the strains :attr:`components` in Voigt order: xx; xx, yy, xy;
-    or xx, yy, zz, yz, xz, xy. ``isotropic`` says whether it is the same in all directions; for a simulation it is True, though
-    samples are isotropic only on average. ``bulk_error`` and ``shear_error`` are standard errors over the samples of a
-    simulation, Pa; None if there are fewer than two samples. ``warnings`` has one sentence for each limit of the model that
-    the state exceeds.
+    ``tensor`` is (..., n, n), the shape of the load followed by the strains :attr:`components` in Voigt order: xx; xx, yy,
+    xy; or xx, yy, zz, yz, xz, xy. ``isotropic`` says whether it is the same in all directions; for a simulation it is True,
+    though samples are isotropic only on average. ``bulk_error`` and ``shear_error`` are standard errors over the samples
+    of a simulation, Pa; None if there are fewer than two samples. ``warnings`` has one sentence for each limit of the model
+    that the state exceeds.
     """
 
     units = {
@@ -247,7 +251,7 @@ class Moduli(Result):
 
     @property
     def shears(self) -> Array:
-        """Shear moduli, Pa: (..., 2) of the shears xx - yy and xy; in space (..., 5), 2 zz - xx - yy, xx - yy, yz, xz and xy.
+        """Shear moduli, Pa: (..., 2) of the shears xx - yy and xy; in space (..., 5) of 2zz - xx - yy, xx - yy, yz, xz, xy.
 
         In a sample of finite size they differ; the difference shows how far the sample is from isotropic. Raises
         :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
@@ -268,8 +272,8 @@ class Moduli(Result):
     def reuss(self) -> AveragedModuli:
         """The moduli of grains in all directions under the same stress: the lower limit (A. Reuss, 1929).
 
-        Raises :class:`~granphon.base.errors.InputError` for a chain, and :class:`~granphon.base.errors.InstabilityError` if a
-        strain of the tensor costs no energy, as under prestress.
+        Raises :class:`~granphon.base.errors.InputError` for a chain, and :class:`~granphon.base.errors.InstabilityError` if
+        a strain gives energy back, as it may with finite overlap.
         """
         self._require_shear()
         stiffness, p = self._scale_strains(), self.periods
