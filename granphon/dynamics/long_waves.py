@@ -111,6 +111,17 @@ class LongWaves(Compatibility):
         return np.array(self.motions.translations) >= self.periods
 
     @cached_property
+    def is_twisted_by_sound(self) -> bool:
+        """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions have relaxed.
+
+        If not, the elastic constants are the same at any torsion and bending above zero. So it is in cells of one ball, and
+        where inversion exchanges both balls, as in hcp and diamond.
+        """
+        relaxed = self._relaxed_rows
+        turning = np.repeat([row.kind in ("twist", "roll") for row in self.rows], len(self.contacts))
+        return bool(np.max(np.abs(relaxed[turning]), initial=0.0) > _COUPLED * np.max(np.abs(relaxed), initial=0.0))
+
+    @cached_property
     def _free_motions_couple(self) -> bool:
         """Whether inner motions that cost no energy at Gamma take part in sound.
 

@@ -79,9 +79,13 @@ def velocity_scale(state: ContactState) -> Array:
 
 
 def modulus_scale(state: ContactState) -> Array:
-    """Return the unit of the elastic tensor at each load: k/d, Pa, in the plane and in space; k d, N, on a line."""
-    d = state.packing.diameter
-    return np.asarray(state.normal_stiffness * d if state.packing.structure.periods == 1 else state.normal_stiffness / d)
+    """Return the unit of the elastic tensor at each load: k/d, Pa, in the plane and in space; k d, N, on a line.
+
+    With finite overlap the spacing a stands in place of d in space and on a line; the layer of a plane stays d thick.
+    """
+    d, k = state.packing.diameter, state.normal_stiffness
+    spacing = d * (1.0 - np.asarray(state.relative_overlap)) if state.finite_overlap else d
+    return np.asarray({1: k * spacing, 2: k / d, 3: k / spacing}[state.packing.structure.periods])
 
 
 def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
@@ -135,9 +139,11 @@ def _at_each_load(state: ContactState, find: Callable[[ContactLattice, Array | N
     constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
     """
     packing, follows = state.packing, state.finite_overlap
-    lattice, push = ideal_lattice(packing), prestress(state) if follows else None
+    lattice, push = lattice_without_overlap(state), prestress(state) if follows else None
     changes = packing.torsion == MINDLIN or (follows and bool(packing.torsion or packing.bending))
-    if packing.structure.n_balls == 1 or not changes:
+    # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
+    unmoved = push is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
+    if packing.structure.n_balls == 1 or not changes or unmoved:
         return find(lattice, push)
     squared = np.broadcast_to((1.0 - state.relative_overlap) ** 2 if follows else 1.0, state.shape)
     twist, roll = np.broadcast_to(state.torsion, state.shape) / squared, packing.bending / squared
