@@ -10,7 +10,8 @@ another state. The arrays are:
 ``diameter_deviations``  (N,) d_i - <d>.
 ``displacements``        (N, 3) displacements from the lattice sites; force constants depend on these.
 ``slip_origin``          (N, 3) displacements at which, without rotation, no contact has slipped: those of a sample at rest.
-``rotations``            (N,) angle phi about z, rad.
+``rotations``            (N,) angle phi about z, rad, of balls that stay in a plane or on a line; (N, 3) rotation vector
+                         phi, rad, of balls that move in space.
 ``radius``               (N,) radius d_i/2, for programs that draw balls.
 
 All but the last are required, and so are masses: ASE gives a ball without a mass that of an iron atom, and some of its
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.reading import require_path
 from granphon.base.scales import Units
@@ -34,8 +36,8 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 __all__ = [
-    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopt", "has_masses", "has_sampled", "find_kind", "take_arrays",
-    "write_extxyz",
+    "ARRAYS", "FINITE", "LATTICE", "SAMPLE", "Kind", "adopt", "count_coordinates", "has_masses", "has_sampled", "find_kind",
+    "require_lying", "take_arrays", "write_extxyz",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -50,16 +52,31 @@ SAMPLE = 2
 _SCALES = "granphon_scales"
 #: name of the array of kinds
 _KIND = "granphon_kind"
-#: names of the arrays on which energy and force constants depend, with the shape of one ball's entry
+#: names of the arrays on which energy and force constants depend, with the shape of one ball's entry in a plane
 ARRAYS: dict[str, tuple[int, ...]] = {
     _SCALES: (3,), _KIND: (), "diameter_deviations": (), "displacements": (3,), "slip_origin": (3,), "rotations": (),
 }  # fmt: skip
+#: largest component of a lattice vector, in diameters, across the line or the plane of the lattice
+_TILT = 1e-3
 #: largest error of a logarithm that a file with eight decimals causes
 _DECIMALS = 2e-8
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
     " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
 )
+
+
+def count_coordinates(packing: Packing) -> int:
+    """Return how many coordinates of a ball count: 1 on a line, 2 in a plane, 3 in space.
+
+    It is the dimension of the lattice, or more where the motions lead out of it.
+    """
+    return max(packing.structure.dimension, 1 + max(packing.ball_motions.translations))
+
+
+def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
+    """Shape of one ball's entry in each array of :data:`ARRAYS`; balls that move in space turn about three axes."""
+    return ARRAYS | {"rotations": (3,)} if coordinates == 3 else ARRAYS
 
 
 def has_masses(balls: Atoms) -> bool:
@@ -74,13 +91,15 @@ def has_sampled(balls: Atoms) -> bool:
     return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
 
 
-def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None) -> None:
-    """Put scales and arrays on Atoms, in place.
+def take_arrays(
+    balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None, coordinates: int = 2
+) -> None:
+    """Put scales and arrays on Atoms, in place; ``coordinates`` is from :func:`count_coordinates`.
 
     Each array is taken from ``given`` if it is there, otherwise from the Atoms, otherwise it is that of balls at rest on the
     lattice sites. Missing masses become (1 + deviation)^3, as for balls of one material.
     """
-    new = {name: np.zeros((len(balls), *shape)) for name, shape in ARRAYS.items()}
+    new = {name: np.zeros((len(balls), *shape)) for name, shape in _shapes(coordinates).items()}
     new |= {_SCALES: np.tile(_take_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
     new |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
     new |= given or {}
@@ -94,7 +113,7 @@ def take_arrays(balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Arra
     balls.info.update(units.to_info())
 
 
-def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> Atoms:
+def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2) -> Atoms:
     """Copy Atoms, and give the copy the arrays and masses that it lacks: those of ``like``, or of balls on the lattice.
 
     Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the scales in ``info``
@@ -112,24 +131,26 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None) -> 
             balls.set_array("masses", None)
         names = (*ARRAYS, "radius", "masses")
         given = {name: like.arrays[name].copy() for name in names if name not in balls.arrays and name in like.arrays}
-    take_arrays(balls, units, kind, given)
+    take_arrays(balls, units, kind, given, coordinates)
     return balls
 
 
-def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
+def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int = 2) -> Kind:
     """Find out whether the balls are of kind :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
 
-    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls belong to another state.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls belong to another state,
+    or to a state whose balls have another number of ``coordinates``.
     """
     missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
     if missing:
         raise InputError(
             message(f"the Atoms have no {', '.join(missing)}", "A file or another program has left this out", _MEND)
         )
-    for name, shape in ARRAYS.items():
+    for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
+            why = f"The balls of this state turn about {'x, y and z' if shape else 'z only'}" if name == "rotations" else ""
             raise InputError(
-                message(f"the array {name} has the shape {balls.arrays[name].shape}", mend=f"Give {(len(balls), *shape)}")
+                message(f"the array {name} has the shape {balls.arrays[name].shape}", why, f"Give {(len(balls), *shape)}")
             )
     _require_info(balls, units)
     given = balls.arrays[_SCALES]
@@ -159,6 +180,20 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool) -> Kind:
             )
         )
     return kind
+
+
+def require_lying(balls: Atoms, periods: int) -> None:
+    """Raise :class:`InputError` unless the cell lies and repeats along x alone (one period), or in the xy plane (two)."""
+    if periods == 3:
+        return
+    where, layer = (("line", "one row along x"), ("plane", "one layer in x and y"))[periods - 1]
+    if np.any(np.abs(np.asarray(balls.cell)[:periods, periods:]) > _TILT):
+        raise InputError(message(f"the cell is tilted out of the {where}", f"The array is {layer}"))
+    if np.any(balls.pbc[periods:]):
+        allowed = tuple(axis < periods for axis in range(3))
+        raise InputError(
+            message(f"the balls are periodic across the {where}", f"The array is {layer}", f"Set pbc = {allowed}")
+        )
 
 
 def _take_logarithms(units: Units) -> Array:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.atoms import SAMPLE, take_arrays
+from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
 from granphon.balls.lattices import BALL, TRIANGULAR
@@ -180,7 +180,7 @@ class Sample(Result):
             "diameter_deviations": self._units.width / d * self.equilibrium.deviations.ravel(),
             "displacements": moved, "slip_origin": moved.copy(),
         }  # fmt: skip
-        take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own)
+        take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own, count_coordinates(packing))
         forces = self.equilibrium.forces / self.equilibrium.force
         around = self.equilibrium.stencils.around
         balls.set_array("contact_force", around(forces).ravel() / 6.0)

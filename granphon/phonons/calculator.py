@@ -14,19 +14,32 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
-from granphon.array.atoms import ARRAYS, FINITE, LATTICE, SAMPLE, adopt, find_kind, has_masses, has_sampled, take_arrays
+from granphon.array.atoms import (
+    ARRAYS,
+    FINITE,
+    LATTICE,
+    SAMPLE,
+    adopt,
+    count_coordinates,
+    find_kind,
+    has_masses,
+    has_sampled,
+    require_lying,
+    take_arrays,
+)
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import select_motions
-from granphon.base.errors import InputError, PrecisionError, message
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, Motions, allowed_motions, select_motions
+from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, with_keyword
+from granphon.phonons.contacts import ContactFinder
 from granphon.phonons.force_constants import assemble
-from granphon.phonons.neighbours import PairList, Pairs
+from granphon.phonons.neighbours import keep_rows
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -36,40 +49,37 @@ __all__ = ["HertzMindlin", "atoms"]
 Array = NDArray[np.float64]
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
-#: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
-#: that contact
-_CATCH = 0.25
-#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is the overlap that the
-#: rotation would add to contacts of fixed direction, over the overlap that they have
-_TURN_PER_OVERLAP = 1e-2
-#: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
-#: which balls touch
-_TURN_PER_SPACING = 1e-4
+#: all motions of balls that have 1, 2 or 3 coordinates
+_MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
+#: sets of motions, by name, that force constants may be asked of
+_SUBSETS = {one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)}
+#: rows and columns of a matrix in Voigt order
+_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+#: what the cell of a lattice of 1, 2 or 3 periods is measured by
+_EXTENTS = ("length along x", "area in the plane", "volume")
 
 
 def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
     """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
 
-    Lengths and masses are in reduced units. The cell is one diameter thick and periodic in the plane; for the triangular
-    lattice it is ASE's HEX2D cell (120 degrees). With finite overlap the cell has the spacing a = d - delta. Raises
-    :class:`~granphon.base.errors.InputError` if the state holds several loads. The keyword ``finite_overlap`` is deprecated:
-    the state says whether overlap is finite.
+    Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the cube of cubic lattices; for
+    the triangular lattice it is ASE's HEX2D cell (120 degrees). A lattice of fewer than three periods lies along x, or in
+    the xy plane; across it the cell is one diameter thick and not periodic. With finite overlap the cell has the spacing
+    a = d - delta. Arrays are those of :mod:`granphon.array.atoms`.
+
+    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads. The keyword ``finite_overlap`` is
+    deprecated: the state says whether overlap is finite.
     """
     state = with_keyword(state, finite_overlap)
-    scales = state.scales
-    lattice = state.packing.structure
+    scales, lattice = state.scales, state.packing.structure
     spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
-    cell = np.eye(3)
-    cell[:2, :2] = lattice.vectors * spacing
-    positions = np.zeros((lattice.n_balls, 3))
-    positions[:, :2] = lattice.positions * spacing
-    balls = Atoms(
-        [BALL] * lattice.n_balls,
-        positions=positions,
-        cell=cell,
-        pbc=(True, True, False),
-    )
-    take_arrays(balls, scales, FINITE if state.finite_overlap else LATTICE)
+    cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
+    cell[: lattice.periods] = 0.0
+    cell[: lattice.periods, : lattice.dimension] = lattice.vectors * spacing
+    positions[:, : lattice.dimension] = lattice.positions * spacing
+    balls = Atoms([BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods)
+    kind = FINITE if state.finite_overlap else LATTICE
+    take_arrays(balls, scales, kind, coordinates=count_coordinates(state.packing))
     balls.calc = HertzMindlin(state)
     return balls
 
@@ -77,10 +87,17 @@ def atoms(state: ContactState, finite_overlap: bool | None = None) -> Atoms:
 class HertzMindlin(Calculator):  # type: ignore[misc]
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
-    Energy, forces and stress follow from positions and rotations. The energy of a contact is that of the state's contact law
-    at the overlap of the contact, plus kappa s^2/2, where s is the slip since the reference configuration and kappa the
-    shear stiffness there. Balls that are apart exert no force on each other. Stress is that of a layer one diameter thick,
-    in Voigt order; multiplied by ``Units.modulus`` it is in Pa.
+    Energy, forces, torques and stress follow from positions and rotations. The energy of a contact is that of the state's
+    contact law at the overlap of the contact, plus kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2: s is the slip since the
+    reference configuration, twist and roll are the rotation of one ball relative to the other about the normal and across
+    it, and the stiffnesses are those of the reference. Balls that are apart exert no force on each other. Stress, in Voigt
+    order, is force over area; across a line or a plane of balls the cell counts as one diameter thick. Multiplied by
+    ``Units.modulus`` it is in Pa.
+
+    The balls may be any cell of the lattice: a supercell, a slab (periodic in some directions only), a cluster, a cell with
+    vacancies. If the motions of the state lead out of the plane, positions and rotations are those of space: balls may stand
+    out of the plane, and rotations and torques are (N, 3). Energy, forces and torques include what all coordinates do, also
+    where the state names the motions out of the plane only.
 
     In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed; if the state has finite
     overlap it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
@@ -99,9 +116,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     Raises
     ------
     InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses or an array of
-        :mod:`granphon.array.atoms` (:meth:`adopt` adds what is missing), or that belong to another state; balls that are
-        periodic across the plane; balls that touch in directions other than those of the lattice, as when it is turned
-        (allowed with ``finite_overlap`` and no friction).
+        :mod:`granphon.array.atoms` (:meth:`adopt` adds what is missing), or that belong to another state; a cell that is
+        tilted out of the line or plane of the lattice, or periodic across it; balls that touch in directions other than
+        those of the lattice, as when it is turned (allowed with ``finite_overlap`` where balls do not rotate).
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -116,14 +133,21 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._overlap = float(state.relative_overlap)
         # delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first
         self._apart = state.law.least_overlap / self.scales.length
-        self._eta = float(state.packing.mindlin_ratio)
-        self._motions = select_motions(self._eta)
-        self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
-        table = state.packing.structure.contacts
-        self._directions = np.concatenate([table.normal, -table.normal])
-        # with finite overlap and no friction a contact acts along the line between the balls, whatever the lattice
-        self._is_free = self.finite_overlap and not self._motions.rotate
-        self._near = PairList()
+        packing = state.packing
+        self._coordinates, self._periods = count_coordinates(packing), packing.structure.periods
+        self._eta, self._torsion = float(packing.mindlin_ratio), float(state.torsion)
+        self._bending = float(packing.bending)
+        self._motions = self._select(_MOTIONS[self._coordinates - 1])
+        # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
+        self._contacts = ContactFinder(
+            packing.structure, self._coordinates, self._overlap, self._apart, self.finite_overlap,
+            free=self.finite_overlap and not self._motions.rotate,
+        )  # fmt: skip
+        self._spacing = self._contacts.spacing
+
+    def _select(self, motions: Motions) -> Motions:
+        """Return the motions without the rotations that no contact resists."""
+        return select_motions(self._eta, self._torsion, self._bending, motions)
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
@@ -153,8 +177,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the Atoms belong to
         another state.
         """
-        balls = adopt(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like)
-        find_kind(balls, self.scales, self.finite_overlap)
+        balls = adopt(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like, self._coordinates)
+        find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         balls.calc = self
         return balls
 
@@ -174,30 +198,32 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         contacts = self._find_deformations(balls)
         i, j, pull = contacts.i, contacts.j, contacts.force_on_j
-        n, forces = len(balls), np.zeros((len(balls), 3))
-        for axis in (0, 1):
+        n, m, forces = len(balls), self._coordinates, np.zeros((len(balls), 3))
+        for axis in range(m):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
-        at_i, at_j = np.bincount(i, contacts.torque_on_i, n), np.bincount(j, contacts.torque_on_j, n)
-        self._torques: Array = np.asarray(at_i + at_j, float)
+        ends = zip(contacts.torque_on_i, contacts.torque_on_j, strict=True)
+        torques = [np.bincount(i, at_i, n) + np.bincount(j, at_j, n) for at_i, at_j in ends]
+        self._torques: Array = np.stack(torques, axis=1) if m == 3 else np.asarray(torques[0], float)
         energy = float(contacts.energy.sum())
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
-        area = float(abs(np.linalg.det(np.asarray(balls.cell)[:2, :2])))
-        if area > 0.0:
-            # stress is dE/d(strain of positions and cell) over the volume, which is the area times one diameter
-            virial = -np.einsum("ca,cb->ab", pull, contacts.vector) / area
-            virial = 0.5 * (virial + virial.T)
-            self.results["stress"] = np.array([virial[0, 0], virial[1, 1], 0.0, 0.0, 0.0, virial[0, 1]])
+        periods = self._periods
+        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
+        if volume > 0.0:
+            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
+            stress = np.zeros((3, 3))
+            stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
+            self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
         elif "stress" in properties:
             raise InputError(
                 message(
-                    "the cell has no area in the plane",
+                    f"the cell has no {_EXTENTS[periods - 1]}",
                     "Stress is force over area",
-                    "Give the cell two vectors in the plane",
+                    f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}",
                 )
             )
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torque about z on each ball, -dE/dphi, (N,), in units of k d^2."""
+        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about z only, else (N, 3)."""
         self.get_property("energy", atoms)
         return self._torques.copy()
 
@@ -213,18 +239,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
                 )
             )
-        kind = find_kind(balls, self.scales, self.finite_overlap)
+        kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
             raise InputError(
                 message("the Atoms hold a number that is not finite, in positions, cell or an array that granphon added")
             )
-        if np.any(np.abs(np.asarray(balls.cell)[:2, 2]) > 1e-3):
-            raise InputError(message("the cell is tilted out of the plane", "The array is one layer in x and y"))
-        if balls.pbc[2]:
-            raise InputError(
-                message("the balls are periodic across the plane", "The array is one layer", "Set pbc = (True, True, False)")
-            )
+        require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
@@ -237,51 +258,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         return self.state.law
 
-    def _find_pairs(self, balls: Atoms, positions: Array) -> Pairs:
-        """Find the pairs of balls that are near enough to touch, each pair once."""
-        largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
-        periodic = bool(balls.pbc[0]), bool(balls.pbc[1])
-        return self._near.near(positions, np.asarray(balls.cell)[:2, :2], periodic, largest)
-
-    def _find_normals(self, vector: Array, extra: Array, turned: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Find the direction of the lattice contact nearest to each pair, and whether the pair is near enough to be it.
-
-        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned so far that contacts of
-        fixed direction would overlap by ``turned`` (in diameters) more than they do.
-        """
-        distance = np.linalg.norm(vector, axis=1)
-        if self._is_free:
-            return vector / distance[:, None], np.abs(distance - self._spacing) < _CATCH
-        nearest = np.argmax(vector @ self._directions.T, axis=1)
-        normal = self._directions[nearest]
-        near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
-        reach = self._spacing + self._overlap + extra - self._apart
-        astray = ~near & (distance < reach)
-        touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
-        across = (normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0])[touching] / distance[touching]
-        turn = float(np.mean(across)) if len(across) else 0.0
-        if np.any(astray) or 0.5 * turn**2 > turned:
-            what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
-            if np.any(astray):
-                what = "balls touch in directions that are not those of the lattice"
-            raise InputError(
-                message(
-                    what,
-                    "With friction, and in the paper's limit, contacts have the fixed directions of the lattice;"
-                    " these balls are turned against the lattice, or were moved among each other",
-                    "Leave them in the orientation of gp.atoms(state), or use a state of finite overlap without friction",
-                )
-            )
-        return normal, near
-
     def _find_deformations(self, balls: Atoms) -> _Deformations:
         """Find the contacts that are closed at the positions of the balls, with their energies, forces and torques."""
         law = self._choose_law(balls)
         apart = law.least_overlap / self.scales.length
-        i, j, _, vector = self._find_pairs(balls, balls.positions[:, :2])
-        deviations, angles = balls.arrays["diameter_deviations"], balls.arrays["rotations"]
+        i, j, _, vector = self._contacts.find_pairs(balls, balls.positions[:, : self._coordinates])
+        deviations = balls.arrays["diameter_deviations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._find_normals(vector, extra, _TURN_PER_OVERLAP * (self._overlap - self._apart))
+        normal, near = self._contacts.find_normals(vector, extra)
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             axis = vector / distance[:, None]
@@ -290,53 +274,41 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             axis = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
         closed = near & (overlap > apart)
-        i, j, vector, normal, axis = i[closed], j[closed], vector[closed], normal[closed], axis[closed]
+        i, j, vector, normal, axis, overlap = keep_rows(closed, i, j, vector, normal, axis, overlap)
         # reduced energy, force and stiffness are in units of k d^2, k d and k
         d, k = self.scales.length, self.scales.stiffness
-        depth = overlap[closed] * d
+        depth = overlap * d
         compression = law.force(depth) / (k * d)
         energy = law.energy(depth) / (k * d * d)
         arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
         pull = compression[:, None] * axis
-        torque_i, torque_j = np.zeros(len(i)), np.zeros(len(i))
+        angles = balls.arrays["rotations"].reshape(len(balls), -1).T
+        torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
         if self._motions.rotate:
-            rest = self._find_rest(balls, i, j, normal)
-            origin = balls.arrays["slip_origin"][:, :2]
+            rest, m = self._contacts.find_rest(balls, i, j, normal), self._coordinates
+            origin = balls.arrays["slip_origin"][:, :m]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
-            # kappa is that of the reference state: slip adds to the energy of that state
+            # kappa is that of the reference state: slip adds to the energy of that state; so do twist and roll
             stiffness = self._find_stiffness(law, rest.overlap)
-            for row in contact_rows(rest.axis, arm_i, arm_j, self._motions, elongation=0.0, slip=self._eta):
-                (x, y, turn_j), (_, _, turn_i) = row.head.T, row.tail.T
-                change = x * moved[:, 0]
-                change += y * moved[:, 1]
-                change += turn_j * angles[j]
-                change -= turn_i * angles[i]
+            for row in contact_rows(
+                rest.axis, arm_i, arm_j, self._motions,
+                elongation=0.0, slip=self._eta, twist=self._torsion, roll=self._bending,
+            ):  # fmt: skip
+                head, tail = row.head.T, row.tail.T
+                change = head[0] * moved[:, 0]
+                for axis in range(1, m):
+                    change += head[axis] * moved[:, axis]
+                for turn_j, turn_i, angle in zip(head[m:], tail[m:], angles, strict=True):
+                    change += turn_j * angle[j]
+                    change -= turn_i * angle[i]
                 tension = row.stiffness * stiffness * change
                 energy += 0.5 * tension * change
-                pull[:, 0] -= tension * x
-                pull[:, 1] -= tension * y
-                torque_i += tension * turn_i
-                torque_j -= tension * turn_j
+                for axis in range(m):
+                    pull[:, axis] -= tension * head[axis]
+                for turn_j, turn_i, on_j, on_i in zip(head[m:], tail[m:], torque_j, torque_i, strict=True):
+                    on_i += tension * turn_i
+                    on_j -= tension * turn_j
         return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
-
-    def _find_rest(self, balls: Atoms, i: Any, j: Any, normal: Array) -> _Rest:
-        """Find direction, overlap and distance of each contact in the reference state.
-
-        There balls are displaced from their sites, which are one spacing apart in the direction ``normal``. In the paper's
-        limit the contact keeps the direction of the sites. The overlap is found without adding displacements to the spacing,
-        where it would lose its digits.
-        """
-        deviations, displacements = balls.arrays["diameter_deviations"], balls.arrays["displacements"][:, :2]
-        moved = displacements[j] - displacements[i]
-        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
-        along = np.einsum("ca,ca->c", normal, moved)
-        if not self.finite_overlap:
-            return _Rest(normal, overlap - along, np.full(len(normal), self._spacing))
-        vector = self._spacing * normal + moved
-        distance = np.linalg.norm(vector, axis=1)
-        # |r| - a for r = a n + u, without the difference of two nearly equal numbers
-        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
-        return _Rest(vector / distance[:, None], overlap - farther, distance)
 
     def _find_stiffness(self, law: Law, overlap: Array) -> Array:
         """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
@@ -345,22 +317,30 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
         return stiffness
 
-    def contact_lattice(self, atoms: Atoms) -> ContactLattice:
+    def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
         """Return the harmonic :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls, about the state.
 
         Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is that
         of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.
-        With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms.
+        With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. Its periods and its
+        dimension are those of the lattice; the dimension is three if displacements turn contacts out of the plane. Shear,
+        torsion and bending of each contact are in proportion to its normal stiffness.
+
+        ``motions`` names some of the motions of the state, "longitudinal", "in_plane", "out_of_plane" or "all", and leaves
+        the others out; by default they are those of the state. Raises :class:`~granphon.base.errors.InputError` for a name
+        of motions that the state does not have.
         """
+        moving = self._find_motions(motions)
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
-        sites = atoms.positions[:, :2] - atoms.arrays["displacements"][:, :2]
-        i, j, shift, vector = self._find_pairs(atoms, sites)
-        normal, near = self._find_normals(vector, 0.5 * (deviations[i] + deviations[j]), _TURN_PER_SPACING)
-        rest = self._find_rest(atoms, i, j, normal)
+        m, periods, dimension = self._coordinates, self._periods, self.state.packing.structure.dimension
+        sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
+        i, j, shift, vector = self._contacts.find_pairs(atoms, sites)
+        normal, near = self._contacts.find_normals(vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True)
+        rest = self._contacts.find_rest(atoms, i, j, normal)
         closed = near & (rest.overlap > law.least_overlap / self.scales.length)
-        i, j, shift, vector = i[closed], j[closed], shift[closed], vector[closed]
-        axis, overlap, distance = (values[closed] for values in rest)
+        i, j, shift, vector, axis, overlap, distance = keep_rows(closed, i, j, shift, vector, *rest)
+        width = m if np.any(axis[:, dimension:]) else dimension
         d, k = self.scales.length, self.scales.stiffness
         prestress = np.zeros(len(i))
         if self.finite_overlap:
@@ -368,56 +348,90 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
         table = ContactTable(
-            read_only(i), read_only(j), read_only(shift), read_only(axis), read_only(vector),
-            read_only(arms[i]), read_only(arms[j]),
+            read_only(i), read_only(j), read_only(shift[:, :periods]), read_only(axis[:, :width]),
+            read_only(vector[:, :width]), read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
+        cell = np.asarray(atoms.cell)[:periods, :width]
         return ContactLattice(
-            np.asarray(atoms.cell)[:2, :2], sites, table, self._eta, stiffness=self._find_stiffness(law, overlap),
+            cell, sites[:, :width], table, self._eta, stiffness=self._find_stiffness(law, overlap),
             prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
+            torsion=self._torsion, bending=self._bending, motions=moving,
         )  # fmt: skip
 
-    @overload
-    def get_force_constants(self, atoms: Atoms, format: Literal["dense"] = "dense") -> NDArray[np.float64]: ...
+    def _find_motions(self, name: str | None) -> Motions:
+        """Return the motions that are named, or those of the state; rotations count where the state names them."""
+        packing = self.state.packing
+        own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
+        if name is None:
+            return own
+        had = {
+            word: one for word, one in _SUBSETS.items()
+            if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
+        }  # fmt: skip
+        if not isinstance(name, str) or name not in had:
+            raise InputError(
+                message(
+                    f"the state has no motions {brief(name)}",
+                    f"Its balls have the motions {own.name!r}",
+                    "Use " + ", ".join(had) + ", or make a state of a Packing with these motions",
+                )
+            )
+        return had[name]
 
     @overload
-    def get_force_constants(self, atoms: Atoms, format: Literal["csr"]) -> csr_array[Any]: ...
+    def get_force_constants(
+        self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def get_force_constants(self, atoms: Atoms, format: Literal["csr"], motions: str | None = None) -> csr_array[Any]: ...
 
     def get_force_constants(
-        self, atoms: Atoms, format: Literal["dense", "csr"] = "dense"
+        self, atoms: Atoms, format: Literal["dense", "csr"] = "dense", motions: str | None = None
     ) -> NDArray[np.float64] | csr_array[Any]:
-        """Return the analytic force constants of the cell, summed over its images, in (x, y, w) of each ball; units of k.
+        """Return the analytic force constants of the cell, summed over its images; units of k.
 
         Parameters
         ----------
         atoms : any cell of these balls.
-        format : "dense" for an array (N, N, 3, 3), "csr" for a (3N, 3N) ``scipy.sparse.csr_array``. Another word raises
+        format : "dense" for an array (N, N, m, m), "csr" for a (mN, mN) ``scipy.sparse.csr_array``. Another word raises
             :class:`~granphon.base.errors.InputError`.
+        motions : some of the motions of the state, see :meth:`contact_lattice`; by default all of them.
+
+        Returns
+        -------
+        The force constants between the m motions of balls that move: (x, y, w) in the plane, (x, y, z, w_x, w_y, w_z) in
+        space and in a plane with the motions "all", (z, w_x, w_y) out of the plane, (x,) along a chain. Rotations that no
+        contact resists are left out, except that in the plane the rows and columns of w are then zero.
 
         Notes
         -----
-        w = R_g phi is a length, so that the mass of the ball serves all three coordinates. Without friction the rows and
-        columns of w are zero. In a cell so small that two balls touch more than once (2 x 2 and less), contacts add up.
+        w = R_g phi is a length, so that the mass of the ball serves all coordinates. In a cell so small that two balls touch
+        more than once (2 x 2 and less), contacts add up.
         """
         if format not in ("dense", "csr"):
             raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
-        return assemble(self.contact_lattice(atoms), sparse=format == "csr")
+        lattice = self.contact_lattice(atoms, motions)
+        found, moving = assemble(lattice, sparse=format == "csr"), lattice.motions
+        size, slots = 3 * moving.atoms_per_ball, list(moving.slots)
+        if moving.name == IN_PLANE.name or slots == list(range(size)):
+            return found
+        if isinstance(found, np.ndarray):
+            return found[:, :, slots][..., slots]
+        index = (size * np.arange(lattice.n_balls)[:, None] + slots).ravel()
+        return found[index][:, index]
 
 
 class _Deformations(NamedTuple):
-    """Closed contacts in reduced units: vectors (n, 2) from ball i to j, energies (n,), forces (n, 2) and torques (n,)."""
+    """Closed contacts in reduced units: vectors (n, m) from ball i to j, energies (n,), forces (n, m).
+
+    The torques are (n,) about z, or about each of x, y and z.
+    """
 
     i: NDArray[np.intp]
     j: NDArray[np.intp]
     vector: Array
     energy: Array
     force_on_j: Array
-    torque_on_i: Array
-    torque_on_j: Array
-
-
-class _Rest(NamedTuple):
-    """Contacts in the reference state: directions (n, 2), and overlaps and distances of the centres (n,), in diameters."""
-
-    axis: Array
-    overlap: Array
-    distance: Array
+    torque_on_i: list[Array]
+    torque_on_j: list[Array]

@@ -1,0 +1,675 @@
+"""gp.atoms and HertzMindlin on a line, in a plane that may bend, and in space, with all motions.
+
+The reference is an energy written here with vectors in space, contact by contact, from the reference sites. It takes complex
+numbers, so that its slopes are exact (complex steps).
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import ase.io
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import make_supercell
+from ase.neighborlist import primitive_neighbor_list
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.media.acoustics import contact_lattice
+from granphon.phonons.neighbours import PairList
+
+DIAMETER = 8e-3
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+ETA = 2.0 * (1.0 - 0.276) / (2.0 - 0.276)
+GYRATION = 1.0 / np.sqrt(10.0)
+#: a soft state, so that steps of a finite difference are small against the overlap and large against rounding
+SOFT = 0.02
+TORSION, BENDING = 0.07, 0.03
+#: length of a complex step
+TINY = 1e-30
+
+
+def at_overlap(lattice="fcc", finite_overlap=None, friction=True, relative=SOFT, **packing):
+    balls = gp.Packing(STEEL, DIAMETER, lattice=lattice, friction=friction, **packing)
+    return gp.AveragedLattice(balls).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
+
+
+# -- cells --------------------------------------------------------------------------------------------------------------
+
+
+def repeated(*n):
+    return lambda one: one.repeat(n)
+
+
+def skewed(one):
+    return make_supercell(one, [[2, 1, 0], [-1, 2, 1], [0, 0, 2]])
+
+
+def slab(one):
+    balls = one.repeat((2, 2, 2))
+    balls.pbc = (True, True, False)
+    return balls
+
+
+def cluster(*n):
+    def build(one):
+        balls = one.repeat(n)
+        balls.pbc = False
+        return balls
+
+    return build
+
+
+def vacancy(*n):
+    def build(one):
+        balls = one.repeat(n)
+        del balls[len(balls) // 2]
+        return balls
+
+    return build
+
+
+#: name -> (lattice, motions, function from one cell to the cell under test)
+CELLS = {
+    "fcc": ("fcc", None, repeated(2, 2, 2)),
+    "fcc skewed": ("fcc", None, skewed),
+    "fcc slab": ("fcc", None, slab),
+    "fcc cluster": ("fcc", None, cluster(2, 2, 2)),
+    "fcc vacancy": ("fcc", None, vacancy(2, 2, 2)),
+    "hcp": ("hcp", None, repeated(2, 2, 1)),
+    "bcc": ("bcc", None, repeated(2, 2, 2)),
+    "membrane": ("triangular", "all", repeated(3, 2, 1)),
+    "square out of plane": ("square", "out_of_plane", cluster(2, 2, 1)),
+    "chain": ("chain", "all", repeated(4, 1, 1)),
+    "chain in plane": ("chain", "in_plane", repeated(4, 1, 1)),
+    "chain along x": ("chain", None, vacancy(5, 1, 1)),
+}
+COORDINATES = {"chain along x": 1, "chain in plane": 2}
+every_cell = pytest.mark.parametrize("name", CELLS)
+both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
+every_contact = pytest.mark.parametrize("contact", ["smooth", "rough", "stiff"])
+
+
+def make(name, contact="stiff", finite_overlap=False, **more):
+    """The state, the balls on their sites, the calculator. "stiff": contacts with torsion and bending too."""
+    lattice, motions, build = CELLS[name]
+    if contact == "stiff" and name != "chain along x":
+        more = {"torsion": TORSION, "bending": BENDING} | more
+    state = at_overlap(lattice, finite_overlap, contact != "smooth", motions=motions, **more)
+    return state, build(gp.atoms(state)), gp.HertzMindlin(state)
+
+
+def shaken(balls, seed=0, amplitude=2e-3, coordinates=3):
+    """A generic configuration with every contact that was closed still closed."""
+    rng = np.random.default_rng(seed)
+    out = balls.copy()
+    out.positions[:, :coordinates] += amplitude * rng.uniform(-1, 1, (len(balls), coordinates))
+    out.arrays["rotations"] += amplitude * rng.uniform(-1, 1, out.arrays["rotations"].shape)
+    out.arrays["diameter_deviations"] += amplitude * rng.uniform(-1, 1, len(balls))
+    return out
+
+
+# -- the twin -----------------------------------------------------------------------------------------------------------
+
+
+class Twin:
+    """The energy of balls near reference sites, by brute force over all images, with vectors in space."""
+
+    def __init__(self, state, sites):
+        self.rest = state.overlap / DIAMETER
+        self.finite = state.finite_overlap
+        self.spacing = 1.0 - self.rest if self.finite else 1.0
+        packing = state.packing
+        self.eta = ETA if packing.friction else 0.0
+        self.torsion, self.bending = float(state.torsion), packing.bending
+        self.turning = bool(self.eta or self.torsion or self.bending) and packing.motions is not None
+        self.turning |= packing.structure.dimension == 3 and packing.friction
+        steps = [np.arange(-3, 4) if periodic else np.zeros(1, int) for periodic in sites.pbc]
+        shifts = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
+        here, self.cell = sites.positions, np.asarray(sites.cell)
+        r = here[None, :, None] + (shifts @ self.cell)[None, None] - here[:, None, None]
+        apart = np.linalg.norm(r, axis=-1)
+        self.i, self.j, s = np.nonzero(np.abs(apart - self.spacing) < 1e-6)
+        self.shift, self.normal = shifts[s], r[self.i, self.j, s] / self.spacing
+
+    def energy(self, positions, phi, deviation, strain=0.0):
+        i, j, n = self.i, self.j, self.normal
+        r = positions[j] - positions[i] + self.shift @ self.cell
+        r = r + r @ np.broadcast_to(strain, (3, 3))
+        extra = 0.5 * (deviation[i] + deviation[j])
+        along = np.sum(r * n, axis=1)
+        delta = 1.0 + extra - np.sqrt(np.sum(r * r, axis=1)) if self.finite else self.rest + extra - (along - 1.0)
+        total = 4.0 / 15.0 * delta**2.5 / np.sqrt(self.rest)
+        if self.turning:
+            arm_i, arm_j = (0.5 * self.spacing * (1.0 + deviation[ball])[:, None] for ball in (i, j))
+            moved, turned = r - self.spacing * n, phi[j] - phi[i]
+            slip = moved - n * np.sum(moved * n, axis=1)[:, None] - np.cross(arm_i * phi[i] + arm_j * phi[j], n)
+            twist = np.sum(turned * n, axis=1)
+            roll = turned - n * twist[:, None]
+            stiffness = np.sqrt((self.rest + extra) / self.rest)
+            springs = self.eta * np.sum(slip**2, axis=1) + self.torsion * twist**2 + self.bending * np.sum(roll**2, axis=1)
+            total = total + 0.5 * stiffness * springs
+        assert np.all(delta.real > 0.0)
+        return 0.5 * np.sum(total)  # each contact is found from both of its ends
+
+    def of(self, balls):
+        """Arguments of the energy: positions, rotation vectors, deviations."""
+        phi = balls.arrays["rotations"]
+        if phi.ndim == 1:
+            phi = np.stack([0.0 * phi, 0.0 * phi, phi], axis=1)
+        return balls.positions, phi, balls.arrays["diameter_deviations"]
+
+    def slopes(self, balls):
+        """dE/d(position), dE/d(rotation), dE/d(strain), by complex steps."""
+        x, phi, deviation = self.of(balls)
+        found = np.zeros((2, len(balls), 3))
+        for which, ball, axis in itertools.product(range(2), range(len(balls)), range(3)):
+            step = np.zeros((2, len(balls), 3), complex)
+            step[which, ball, axis] = 1j * TINY
+            found[which, ball, axis] = self.energy(x + step[0], phi + step[1], deviation).imag / TINY
+        strain = np.zeros((3, 3))
+        for a, b in itertools.product(range(3), repeat=2):
+            step = np.zeros((3, 3), complex)
+            step[a, b] = 1j * TINY
+            strain[a, b] = self.energy(x, phi, deviation, 0.5 * (step + step.T)).imag / TINY
+        return *found, strain
+
+
+# -- what gp.atoms makes ------------------------------------------------------------------------------------------------
+
+BRAVAIS = {"chain": "LINE", "triangular": "HEX2D", "sc": "CUB", "bcc": "BCC", "fcc": "FCC", "hcp": "HEX", "diamond": "FCC"}
+
+
+@pytest.mark.parametrize("lattice", BRAVAIS)
+@both_overlaps
+def test_one_cell_of_each_lattice(lattice, finite_overlap):
+    state = at_overlap(lattice, finite_overlap)
+    balls, structure = gp.atoms(state), state.packing.structure
+    spacing = 1.0 - SOFT if finite_overlap else 1.0
+    p = structure.periods
+    assert balls.cell.get_bravais_lattice(pbc=balls.pbc).name == BRAVAIS[lattice]
+    np.testing.assert_array_equal(balls.pbc, np.arange(3) < p)
+    np.testing.assert_array_equal(np.asarray(balls.cell)[p:], np.eye(3)[p:])
+    many = balls.repeat(tuple(3 if axis < p else 1 for axis in range(3)))
+    near = np.abs(many.get_all_distances(mic=True) - spacing) < 1e-9
+    np.testing.assert_array_equal(near.sum(axis=1), structure.coordination)
+    shape = (3,) if p == 3 else ()
+    assert balls.arrays["rotations"].shape == (len(balls), *shape)
+    assert balls.get_potential_energy() == pytest.approx(len(structure.contacts) * 4.0 / 15.0 * SOFT**2, rel=1e-12)
+    np.testing.assert_allclose(balls.get_forces(), 0.0, atol=1e-15)
+    assert balls.calc.get_torques(balls).shape == (len(balls), *shape)
+
+
+def test_vectors_are_those_of_ase():
+    from ase.build import bulk
+
+    for lattice, edge in (("fcc", np.sqrt(2.0)), ("bcc", 2.0 / np.sqrt(3.0)), ("sc", 1.0), ("diamond", 4.0 / np.sqrt(3.0))):
+        own = gp.atoms(at_overlap(lattice))
+        np.testing.assert_allclose(np.asarray(own.cell), np.asarray(bulk("Fe", lattice, a=edge).cell), atol=1e-15)
+    np.testing.assert_allclose(np.asarray(gp.atoms(at_overlap("chain")).cell), np.eye(3), atol=0)
+
+
+@pytest.mark.parametrize(("motions", "width"), [("longitudinal", 1), ("in_plane", 1), ("out_of_plane", 3), ("all", 3)])
+def test_rotations_are_vectors_where_balls_leave_the_plane(motions, width):
+    for lattice in ("chain", "square"):
+        if (lattice, motions) == ("square", "longitudinal"):
+            continue
+        balls = gp.atoms(at_overlap(lattice, motions=motions))
+        assert balls.arrays["rotations"].shape == ((1,) if width == 1 else (1, 3))
+        assert balls.calc.get_torques(balls).shape == balls.arrays["rotations"].shape
+
+
+def test_a_layer_in_space_is_a_plane_with_all_motions():
+    sheet = gp.Lattice("sheet", ((1.0, 0.0, 0.0), (-0.5, np.sqrt(0.75), 0.0)), ((0.0, 0.0, 0.5),))
+    state, flat = at_overlap(sheet, bending=BENDING), at_overlap("triangular", motions="all", bending=BENDING)
+    balls, plane = (gp.atoms(one).repeat((2, 2, 1)) for one in (state, flat))
+    np.testing.assert_array_equal(balls.pbc, [True, True, False])
+    np.testing.assert_array_equal(balls.positions[:, 2], 0.5)
+    lattice = gp.HertzMindlin(state).contact_lattice(balls)
+    assert (lattice.periods, lattice.dimension, lattice.cell.shape) == (2, 3, (2, 3))
+    expected = gp.HertzMindlin(flat).get_force_constants(plane)
+    np.testing.assert_allclose(gp.HertzMindlin(state).get_force_constants(balls), expected, atol=1e-14)
+    np.testing.assert_allclose(gp.HertzMindlin(state).get_property("stress", balls), gp.atoms(flat).get_stress(), atol=1e-15)
+
+
+# -- energy, forces, torques, stress ------------------------------------------------------------------------------------
+
+
+@every_cell
+@every_contact
+@both_overlaps
+def test_slopes_of_the_energy(name, contact, finite_overlap):
+    state, sites, calc = make(name, contact, finite_overlap)
+    m = COORDINATES.get(name, 3)
+    balls, twin = shaken(sites, seed=3, coordinates=m), Twin(state, sites)
+    assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
+    force, torque, strain = twin.slopes(balls)
+    np.testing.assert_allclose(calc.get_property("forces", balls), -force, atol=1e-14)
+    assert np.abs(force).max() > 1e-4
+    torques = calc.get_torques(balls)
+    np.testing.assert_allclose(torques, -torque if m == 3 else -torque[:, 2], atol=1e-14)
+    assert bool(np.abs(torques).max() > 1e-5) is (contact != "smooth" and name != "chain along x")
+    periods = state.packing.structure.periods
+    volume = abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods]))
+    expected = strain[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]] / volume
+    np.testing.assert_allclose(calc.get_property("stress", balls), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "motions"),
+    [("chain", None), ("triangular", "all"), ("sc", None), ("bcc", None), ("fcc", None), ("hcp", None)],
+)
+@both_overlaps
+def test_stress_is_the_pressure(lattice, motions, finite_overlap):
+    state = at_overlap(lattice, finite_overlap, relative=1e-4, motions=motions)
+    balls, p = gp.atoms(state), state.packing.structure.periods
+    pascal = -balls.get_stress() * balls.calc.scales.modulus * DIAMETER ** (3 - p)
+    np.testing.assert_allclose(pascal[:p], state.pressure, rtol=1e-11)
+    np.testing.assert_allclose(pascal[p:], 0.0, atol=1e-11 * state.pressure)
+
+
+def test_mindlin_torsion_is_that_of_the_state():
+    state, sites, calc = make("fcc", "rough", True, torsion="mindlin")
+    assert state.torsion == pytest.approx((1.0 - 0.276) / 3.0 * SOFT, rel=1e-12)
+    balls, twin = sites.copy(), Twin(state, sites)
+    balls.arrays["rotations"][:] = 1e-3 * np.random.default_rng(0).normal(size=(len(balls), 3))
+    assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
+    np.testing.assert_allclose(calc.get_torques(balls), -twin.slopes(balls)[1], atol=1e-14)
+
+
+# -- invariance ---------------------------------------------------------------------------------------------------------
+
+
+@every_cell
+@both_overlaps
+def test_energy_does_not_know_where_the_lattice_is(name, finite_overlap):
+    _, sites, calc = make(name, "stiff", finite_overlap)
+    balls = shaken(sites, 6, coordinates=COORDINATES.get(name, 3))
+    energy, forces = calc.get_property("energy", balls), calc.get_property("forces", balls).copy()
+    balls.positions += [0.371, -0.777, 5.1]
+    assert calc.get_property("energy", balls) == pytest.approx(energy, rel=1e-12)
+    balls.wrap()
+    np.testing.assert_allclose(calc.get_property("forces", balls), forces, atol=1e-13)
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["fcc cluster", "membrane"])
+def test_smooth_balls_of_finite_overlap_turn_in_space(name):
+    _, sites, calc = make(name, "smooth", True)
+    balls = shaken(sites, 7)
+    balls.pbc = False
+    energy, forces = calc.get_property("energy", balls), calc.get_property("forces", balls).copy()
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    balls.positions = balls.positions @ turn.T
+    if name == "membrane":
+        balls.cell = np.eye(3)  # the layer is turned out of the plane, the cell of a cluster is not
+    assert calc.get_property("energy", balls) == pytest.approx(energy, rel=1e-12)
+    np.testing.assert_allclose(calc.get_property("forces", balls), forces @ turn.T, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["fcc cluster", "square out of plane", "fcc vacancy", "chain"])
+def test_a_rigid_motion_costs_nothing(name):
+    """Turned with their lattice, rough balls neither slip nor twist nor roll, to first order."""
+    _, balls, _ = make(name)
+    balls.pbc = False
+    state = at_overlap(*CELLS[name][:1], motions="all", torsion=TORSION, bending=BENDING)
+    calc, n = gp.HertzMindlin(state), len(balls)
+    matrix = calc.get_force_constants(balls).transpose(0, 2, 1, 3).reshape(6 * n, 6 * n)
+    rigid = np.zeros((6, n, 6))
+    for axis, unit in enumerate(np.eye(3)):
+        rigid[axis, :, :3] = unit
+        rigid[3 + axis] = np.hstack([np.cross(unit, balls.positions), np.tile(GYRATION * unit, (n, 1))])
+    np.testing.assert_allclose(matrix @ rigid.reshape(6, -1).T, 0.0, atol=1e-13)
+    values = np.linalg.eigvalsh(matrix)
+    np.testing.assert_allclose(values[:6], 0.0, atol=1e-13)
+    assert values[6] > 1e-4
+
+
+# -- force constants ----------------------------------------------------------------------------------------------------
+
+
+def differenced(calc, balls, m, rotates, step):
+    """Minus the central differences of forces and torques, (N, N, m, m); lengths w = R_g phi for rotations."""
+    n, radius = len(balls), GYRATION * (1.0 + balls.arrays["diameter_deviations"])
+    width = balls.arrays["rotations"].reshape(n, -1).shape[1] * rotates
+
+    def pull(ball, axis, by):
+        other = balls.copy()
+        if axis < m:
+            other.positions[ball, axis] += by
+        else:
+            other.arrays["rotations"].reshape(n, -1)[ball, axis - m] += by / radius[ball]
+        torques = calc.get_torques(other).reshape(n, -1)[:, :width] / radius[:, None]
+        return np.hstack([calc.get_property("forces", other)[:, :m], torques])
+
+    out = np.zeros((n, n, m + width, m + width))
+    for ball, axis in itertools.product(range(n), range(m + width)):
+        out[:, ball, :, axis] = -(pull(ball, axis, step) - pull(ball, axis, -step)) / (2.0 * step)
+    return out
+
+
+@pytest.mark.parametrize("name", [name for name in CELLS if name not in ("fcc skewed", "square out of plane")])
+@pytest.mark.parametrize("contact", ["smooth", "stiff"])
+@both_overlaps
+def test_force_constants_are_second_differences(name, contact, finite_overlap):
+    _, balls, calc = make(name, contact, finite_overlap)
+    m = COORDINATES.get(name, 3)
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced(calc, balls, m, contact == "stiff", SOFT / parts) for parts in (40.0, 80.0))
+    if name == "chain along x":
+        coarse, fine = coarse[..., :1, :1], fine[..., :1, :1]
+    if contact == "smooth" and name == "chain in plane":
+        exact = exact[..., :2, :2]
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=1e-6)
+    np.testing.assert_allclose(exact, exact.transpose(1, 0, 3, 2), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["fcc", "membrane", "hcp"])
+@both_overlaps
+def test_force_constants_of_balls_displaced_in_space(name, finite_overlap):
+    """Displacements and diameters are part of the state; with finite overlap they turn contacts, also out of a membrane."""
+    _, sites, calc = make(name, "stiff", finite_overlap)
+    balls, rng = sites.copy(), np.random.default_rng(11)
+    balls.arrays["diameter_deviations"] += 0.1 * SOFT * rng.uniform(-1, 1, len(balls))
+    balls.arrays["displacements"] += 0.1 * SOFT * rng.uniform(-1, 1, (len(balls), 3))
+    balls.positions += balls.arrays["displacements"]
+    exact = calc.get_force_constants(balls)
+    coarse, fine = (differenced(calc, balls, 3, True, SOFT / parts) for parts in (40.0, 80.0))
+    np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=4e-6)
+    lattice = calc.contact_lattice(balls)
+    assert lattice.dimension == (3 if finite_overlap or name != "membrane" else 2)
+    assert lattice.periods == (2 if name == "membrane" else 3)
+
+
+def test_one_contact_in_closed_form():
+    _, balls, calc = make("chain", "stiff")
+    pair = balls[:2]
+    pair.pbc = False
+    lever = 0.5 / GYRATION
+    slip, twist, roll = ETA, TORSION / GYRATION**2, BENDING / GYRATION**2
+    own = np.diag([1.0, slip, slip, twist, slip * lever**2 + roll, slip * lever**2 + roll])
+    own[1, 5] = own[5, 1] = slip * lever
+    own[2, 4] = own[4, 2] = -slip * lever
+    other = np.diag([-1.0, -slip, -slip, -twist, slip * lever**2 - roll, slip * lever**2 - roll])
+    other[1, 5], other[5, 1] = slip * lever, -slip * lever
+    other[2, 4], other[4, 2] = -slip * lever, slip * lever
+    constants = calc.get_force_constants(pair)
+    np.testing.assert_allclose(constants[0, 0], own, atol=1e-14)
+    np.testing.assert_allclose(constants[0, 1], other, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "motions"),
+    [
+        ("chain", "all"),
+        ("triangular", "all"),
+        ("honeycomb", "out_of_plane"),
+        ("bcc", None),
+        ("fcc", None),
+        ("hcp", None),
+        ("diamond", None),
+    ],
+)
+@both_overlaps
+def test_the_lattice_of_the_atoms_is_that_of_the_state(lattice, motions, finite_overlap):
+    more = {} if finite_overlap else {"torsion": TORSION, "bending": BENDING}
+    state = at_overlap(lattice, finite_overlap, relative=1e-3, motions=motions, **more)
+    balls = gp.atoms(state)
+    found, own = balls.calc.contact_lattice(balls), contact_lattice(state)
+    assert (found.motions, found.periods, found.dimension) == (own.motions, own.periods, own.dimension)
+    assert found.cell.shape == own.cell.shape
+    q = np.random.default_rng(0).normal(size=(3, own.periods))
+    np.testing.assert_allclose(found.dynamical_matrix(q), own.dynamical_matrix(q), atol=1e-10)
+    # a supercell has the branches of the cell at all wave vectors that fold onto its own
+    many = balls.repeat(tuple(2 if axis < own.periods else 1 for axis in range(3)))
+    folded = [own.wavevectors(np.array(step) / 2.0) for step in itertools.product(range(2), repeat=own.periods)]
+    expected = np.linalg.eigvalsh(own.dynamical_matrix(np.array(folded))).ravel()
+    matrix = balls.calc.contact_lattice(many).dynamical_matrix(np.zeros((1, own.periods)))
+    np.testing.assert_allclose(np.linalg.eigvalsh(matrix[0]), np.sort(expected), atol=1e-10)
+
+
+ORDER = ("x", "y", "z", "w_x", "w_y", "w_z")
+
+
+@pytest.mark.parametrize("name", ["fcc", "membrane", "chain"])
+@both_overlaps
+def test_some_of_the_motions(name, finite_overlap):
+    _, balls, calc = make(name, "stiff", finite_overlap)
+    n, whole = len(balls), calc.get_force_constants(balls)
+    subsets = {"longitudinal": [0], "in_plane": [0, 1, 5], "out_of_plane": [2, 3, 4], "all": list(range(6))}
+    for motions, own in subsets.items():
+        dense = calc.get_force_constants(balls, motions=motions)
+        np.testing.assert_allclose(dense, whole[:, :, own][..., own], atol=1e-15)
+        sparse = calc.get_force_constants(balls, "csr", motions)
+        assert (sparse.format, sparse.shape) == ("csr", (len(own) * n, len(own) * n))
+        np.testing.assert_allclose(dense.transpose(0, 2, 1, 3).reshape(sparse.shape), sparse.toarray(), atol=1e-15)
+        lattice = calc.contact_lattice(balls, motions)
+        assert lattice.motions.letters == tuple("w" if motions == "in_plane" and k == 5 else ORDER[k] for k in own)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "motions", "friction", "more", "size"),
+    [
+        ("chain", None, True, {}, 1), ("chain", "in_plane", True, {}, 3), ("chain", "out_of_plane", True, {}, 3),
+        ("chain", "all", True, {}, 6), ("chain", "all", False, {}, 3), ("square", None, False, {}, 3),
+        ("square", "all", False, {}, 3), ("square", "all", False, {"torsion": 0.1}, 6), ("fcc", None, False, {}, 3),
+        ("fcc", None, False, {"bending": 0.1}, 6), ("fcc", None, True, {}, 6),
+    ],
+)  # fmt: skip
+def test_rotations_that_nothing_resists_are_left_out(lattice, motions, friction, more, size):
+    balls = gp.atoms(at_overlap(lattice, None, friction, motions=motions, **more))
+    assert balls.calc.get_force_constants(balls).shape == (1, 1, size, size)
+    assert balls.calc.get_force_constants(balls, "csr").shape == (size, size)
+
+
+def test_motions_that_the_state_does_not_have():
+    for lattice, motions, asked in (
+        ("triangular", None, "all"), ("triangular", None, "out_of_plane"), ("chain", None, "in_plane"),
+        ("triangular", "out_of_plane", "in_plane"), ("fcc", None, "transverse"), ("fcc", None, ["all"]),
+    ):  # fmt: skip
+        balls = gp.atoms(at_overlap(lattice, motions=motions))
+        with pytest.raises(InputError, match="the state has no motions"):
+            balls.calc.get_force_constants(balls, motions=asked)
+
+
+# -- neighbours ---------------------------------------------------------------------------------------------------------
+
+
+def listed(pairs):
+    return list(zip(*(column.tolist() for column in (pairs.i, pairs.j, *pairs.shift.T)), strict=True))
+
+
+@given(seed=st.integers(0, 2**32 - 1), m=st.sampled_from([1, 2, 3]), skew=st.sampled_from([0.0, 0.5, 3.0]))
+@settings(max_examples=60, deadline=None)
+def test_pairs_are_those_of_ase(seed, m, skew):
+    rng = np.random.default_rng(seed)
+    cell = (np.eye(m) + skew * np.triu(rng.normal(size=(m, m)), 1)) * rng.uniform(0.7, 3.0, m)[:, None]
+    positions = rng.uniform(-4.0, 4.0, (rng.integers(1, 9), m))
+    periodic = tuple(bool(axis) for axis in rng.integers(0, 2, m))
+    cutoff = 1.25
+    found = PairList().near(positions, cell, periodic, cutoff)
+    box, there = np.eye(3), np.zeros((len(positions), 3))
+    box[:m, :m], there[:, :m] = cell, positions
+    pbc = (*periodic, *(False,) * (3 - m))
+    i, j, shift, vector = primitive_neighbor_list("ijSD", pbc, box, there, cutoff)
+    keys = zip(i.tolist(), j.tolist(), map(tuple, shift[:, :m].tolist()), strict=True)
+    expected = {
+        (a, b, *s): v[:m] for (a, b, s), v in zip(keys, vector, strict=True) if a < b or (a == b and s > (0,) * m)
+    }  # fmt: skip
+    own = listed(found)
+    assert own == sorted(own)
+    assert len(set(own)) == len(own)
+    assert set(own) == set(expected)
+    for key, v in zip(own, found.vector, strict=True):
+        np.testing.assert_allclose(v, expected[key], atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1), m=st.sampled_from([1, 2, 3]))
+@settings(max_examples=25, deadline=None)
+def test_a_kept_list_is_a_new_one(seed, m):
+    rng = np.random.default_rng(seed)
+    cell = 2.0 * np.eye(m) + 0.1 * rng.normal(size=(m, m))
+    positions, periodic, kept = rng.uniform(-1.0, 3.0, (6, m)), tuple(bool(a) for a in rng.integers(0, 2, m)), PairList()
+    for _ in range(8):
+        found, fresh = (one.near(positions, cell, periodic, 1.25) for one in (kept, PairList()))
+        for one, other in zip(found, fresh, strict=True):
+            np.testing.assert_array_equal(one, other)
+        strain = np.eye(m) + 0.02 * rng.normal(size=(m, m))
+        positions, cell = positions @ strain + 0.02 * rng.normal(size=positions.shape), cell @ strain
+
+
+def test_a_large_cluster_without_a_cell():
+    """The number of contacts of n x n x n balls in fcc; its cell tells nothing about where the balls are."""
+    state, n = at_overlap("fcc", friction=False), 12
+    balls = gp.atoms(state).repeat((n, n, n))
+    balls.pbc = False
+    balls.cell[:] = 0.0
+    contacts = 3 * n**2 * (n - 1) + 3 * n * (n - 1) ** 2
+    energy = gp.HertzMindlin(state).get_property("energy", balls)
+    assert energy == pytest.approx(contacts * 4.0 / 15.0 * SOFT**2, rel=1e-11)
+
+
+def test_periods_that_depend_on_each_other_are_refused():
+    _, balls, calc = make("fcc")
+    balls.cell[2] = balls.cell[0] + balls.cell[1]
+    with pytest.raises(InputError, match="cell without a volume"):
+        calc.get_property("energy", balls)
+    balls.cell[2] = 0.0
+    with pytest.raises(InputError, match="cell vector of zero length"):
+        calc.get_property("energy", balls)
+
+
+# -- files --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["fcc", "hcp", "membrane", "chain"])
+def test_files_keep_rotation_vectors(name, tmp_path):
+    state, sites, calc = make(name, "stiff", True)
+    balls = shaken(sites, 1)
+    gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    back = ase.io.read(tmp_path / "balls.extxyz")
+    for array, values in balls.arrays.items():
+        np.testing.assert_array_equal(back.arrays[array], values, err_msg=array)
+    assert calc.get_property("energy", back) == calc.get_property("energy", balls)
+    ase.io.write(tmp_path / "ase.extxyz", balls)
+    back = ase.io.read(tmp_path / "ase.extxyz")
+    np.testing.assert_allclose(back.arrays["rotations"], balls.arrays["rotations"], atol=5.1e-9)
+    assert gp.Units.from_info(back.info) == state.scales
+    # one ball keeps its three angles too
+    gp.write_extxyz(tmp_path / "one.extxyz", balls[:1])
+    assert ase.io.read(tmp_path / "one.extxyz").arrays["rotations"].shape == (1, 3)
+
+
+#: two balls of a plane, one angle each, as gp.write_extxyz wrote them before balls had six motions
+OLD_FILE = """2
+Lattice="2.0 0.0 0.0 -0.5 0.8660254037844386 0.0 0.0 0.0 1.0" Properties=species:S:1:pos:R:3:granphon_scales:R:3:\
+granphon_kind:I:1:diameter_deviations:R:1:displacements:R:3:slip_origin:R:3:rotations:R:1:masses:R:1:radius:R:1 \
+granphon_length_m=0.008 granphon_stiffness_N_per_m=129599707.50977048 granphon_mass_kg=0.0021017673731536196 pbc="T T F"
+Fe 0 0 0 -4.8283137373023015 18.679961085010845 -6.1649766819411047        0 0 0 0 0 0 0 0 0.001 1 0.5
+Fe 1 0 0 -4.8283137373023015 18.679961085010845 -6.1649766819411047        0 0 0 0 0 0 0 0 -0.002 1 0.5
+"""
+
+
+def test_files_of_balls_in_a_plane_are_what_they_were(tmp_path):
+    (tmp_path / "old.extxyz").write_text(OLD_FILE)
+    state, back = at_overlap("triangular"), ase.io.read(tmp_path / "old.extxyz")
+    assert gp.HertzMindlin(state).get_property("energy", back) == 0.0006425197215777263
+    gp.write_extxyz(tmp_path / "new.extxyz", back)
+    assert (tmp_path / "new.extxyz").read_text().split() == OLD_FILE.split()
+
+
+@pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
+def test_netcdf_keeps_rotation_vectors(tmp_path):
+    pytest.importorskip("netCDF4")
+    from ase.io.netcdftrajectory import NetCDFTrajectory
+
+    from granphon.array.atoms import ARRAYS
+
+    _, sites, calc = make("fcc")
+    balls = shaken(sites, 2)
+    with NetCDFTrajectory(tmp_path / "balls.nc", "w") as file:
+        file.write(balls, arrays=list(ARRAYS))
+    with NetCDFTrajectory(tmp_path / "balls.nc", "r") as file:
+        back = calc.adopt(file[0], like=balls)
+    for array in ARRAYS:
+        np.testing.assert_array_equal(back.arrays[array], balls.arrays[array], err_msg=array)
+
+
+@pytest.mark.parametrize("name", ["fcc", "chain", "membrane", "chain along x"])
+def test_bare_atoms_are_adopted(name):
+    _, balls, calc = make(name)
+    bare = Atoms("Fe" * len(balls), positions=balls.positions, cell=balls.cell, pbc=balls.pbc)
+    adopted = calc.adopt(bare)
+    assert adopted.arrays["rotations"].shape == balls.arrays["rotations"].shape
+    assert adopted.get_potential_energy() == pytest.approx(calc.get_property("energy", balls), rel=1e-12)
+
+
+# -- what cannot be -----------------------------------------------------------------------------------------------------
+
+
+def refused(calc, balls, match):
+    for ask in (lambda: calc.get_property("energy", balls), lambda: calc.get_force_constants(balls)):
+        with pytest.raises(InputError, match=match):
+            ask()
+
+
+def test_balls_of_another_dimension():
+    fcc, flat, row = (at_overlap(lattice) for lattice in ("fcc", "triangular", "chain"))
+    bent = at_overlap("triangular", motions="all")
+    refused(gp.HertzMindlin(fcc), gp.atoms(flat), r"rotations has the shape \(1,\).*about x, y and z.*Give \(1, 3\)")
+    refused(gp.HertzMindlin(flat), gp.atoms(fcc), r"rotations has the shape \(1, 3\).*about z only.*Give \(1,\)")
+    refused(gp.HertzMindlin(bent), gp.atoms(flat), r"rotations has the shape \(1,\)")
+    refused(gp.HertzMindlin(bent), gp.atoms(fcc), "tilted out of the plane")
+    refused(gp.HertzMindlin(row), gp.atoms(flat), "periodic across the line")
+    refused(gp.HertzMindlin(at_overlap("sc")), gp.atoms(bent), "not those of the lattice")
+    refused(gp.HertzMindlin(at_overlap("hcp")), gp.atoms(fcc), "not those of the lattice")
+    # the same balls under another load, or with the other overlap
+    refused(gp.HertzMindlin(at_overlap("fcc", relative=1e-3)), gp.atoms(fcc), "units of another state")
+    refused(gp.HertzMindlin(at_overlap("fcc", True)), gp.atoms(fcc), "finite overlap")
+
+
+def test_cells_out_of_place():
+    for name, axis, vector, where in (
+        ("chain", 0, [1.0, 0.1, 0.0], "line"), ("chain along x", 0, [1.0, 0.0, 0.1], "line"),
+        ("membrane", 1, [-0.5, 0.8, 0.1], "plane"),
+    ):  # fmt: skip
+        _, balls, calc = make(name)
+        tilted = balls.copy()
+        tilted.cell[axis] = vector
+        refused(calc, tilted, f"tilted out of the {where}")
+        balls.pbc = True
+        refused(calc, balls, f"periodic across the {where}.*Set pbc")
+
+
+@pytest.mark.parametrize("name", ["fcc", "hcp", "membrane", "fcc cluster"])
+@pytest.mark.parametrize("axis", ["x", "z", (1, 1, 1)])
+def test_contacts_of_fixed_direction_are_not_turned(name, axis):
+    _, balls, calc = make(name, "rough", True)
+    balls.pbc = False
+    balls.cell[:] = 0.0
+    balls.rotate(0.1, axis)
+    assert calc.get_property("energy", balls) > 0.0
+    balls.rotate(4.9, axis)
+    refused(calc, balls, r"contacts are turned against the lattice of the state, by (4\.9\d?|5) degrees on average")
+
+
+@pytest.mark.parametrize(("name", "what"), [("fcc", "volume"), ("membrane", "area"), ("chain", "length")])
+def test_stress_needs_a_cell(name, what):
+    _, balls, calc = make(name)
+    balls.pbc = False
+    balls.cell[:] = 0.0
+    assert calc.get_property("energy", balls) > 0.0
+    with pytest.raises(InputError, match=f"the cell has no {what}"):
+        calc.get_property("stress", balls)
+
+
+@pytest.mark.parametrize("array", ["rotations", "displacements", "positions"])
+def test_what_is_not_finite(array):
+    _, balls, calc = make("fcc")
+    balls.arrays[array][1, 2] = np.nan
+    refused(calc, balls, "not finite")
