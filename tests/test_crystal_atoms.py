@@ -281,6 +281,20 @@ def test_mindlin_torsion_is_that_of_the_state():
     np.testing.assert_allclose(calc.get_torques(balls), -twin.slopes(balls)[1], atol=1e-14)
 
 
+@pytest.mark.parametrize("name", ["fcc", "membrane", "chain", "chain along x"])
+@both_overlaps
+def test_no_balls_and_balls_apart(name, finite_overlap):
+    _, balls, calc = make(name, "stiff", finite_overlap)
+    balls.pbc = False
+    apart = balls[:2]
+    apart.positions[1, 0] += 9.0
+    for few in (balls[[]], apart):
+        assert calc.get_property("energy", few) == 0.0
+        assert calc.get_property("forces", few).shape == (len(few), 3)
+        np.testing.assert_array_equal(calc.get_torques(few), np.zeros_like(few.arrays["rotations"]))
+        np.testing.assert_array_equal(calc.get_force_constants(few), 0.0)
+
+
 # -- invariance ---------------------------------------------------------------------------------------------------------
 
 

@@ -282,7 +282,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         energy = law.energy(depth) / (k * d * d)
         arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
         pull = compression[:, None] * axis
-        angles = balls.arrays["rotations"].reshape(len(balls), -1).T
+        angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
         torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
         if self._motions.rotate:
             rest, m = self._contacts.find_rest(balls, i, j, normal), self._coordinates
