@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -118,7 +119,7 @@ class Packing:
         allowed = allowed_motions(self.structure.dimension)
         return next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
 
-    @property
+    @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball: those that are named, without rotations if no contact resists them."""
         return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self._named_motions)

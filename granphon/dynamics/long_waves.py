@@ -31,7 +31,7 @@ _ISOTROPIC = 1e-10
 #: pairs of axes in Voigt order, for one, two and three periods
 _VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 #: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
-_TIED = 1e-13
+_TIED = 1e-12
 _TIED_ALONG = 1e-9
 
 

@@ -42,7 +42,12 @@ def lattice_without_overlap(state: ContactState) -> ContactLattice:
     The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this lattice:
     the names of waves, mechanisms, isotropy.
     """
-    return ideal_lattice(state.packing, float(np.max(state.torsion)))
+    return state.once(_make_lattice_without_overlap)
+
+
+def _make_lattice_without_overlap(state: ContactState) -> ContactLattice:
+    hertz = state.packing.torsion == MINDLIN
+    return ideal_lattice(state.packing, float(np.max(state.torsion)) if hertz else None)
 
 
 def has_one_lattice(state: ContactState) -> bool:

@@ -20,7 +20,7 @@ from granphon.base.scales import Units
 from granphon.base.validation import require, truth
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.acoustics import ideal_lattice, lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
+from granphon.media.acoustics import lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
 
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
@@ -339,7 +339,7 @@ class ContactState(Result):
     @property
     def wave_names(self) -> tuple[str, ...]:
         """Names of the long waves, in the order of :meth:`long_waves`."""
-        return ideal_lattice(self.packing).wave_names
+        return lattice_without_overlap(self).wave_names
 
     def long_waves(self, direction: ArrayLike) -> Array:
         """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
