@@ -5,7 +5,7 @@ Elastic moduli, sound velocities and mechanisms follow from the same rows as the
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.base.results import read_only
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
@@ -257,15 +258,28 @@ class LongWaves(Compatibility):
         self.require_rigid()
         along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
-            rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
-            factor = np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum())
-        else:
-            try:
-                factor = cholesky_factor(self.acoustic_tensor(along, prestress))
-            except np.linalg.LinAlgError:
-                raise InstabilityError(
-                    message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
-                ) from None
+            # at every load of every state the same few directions are asked for
+            return self._waves_along(tuple(along.tolist())) if along.ndim == 1 else self._compute_waves(along)
+        try:
+            factor = cholesky_factor(self.acoustic_tensor(along, prestress))
+        except np.linalg.LinAlgError:
+            raise InstabilityError(
+                message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
+            ) from None
+        return self._decompose_waves(along, factor)
+
+    @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
+    def _waves_along(self, along: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return :meth:`sound_velocities` along one unit vector, without prestress; read-only."""
+        values, vectors = self._compute_waves(np.array(along))
+        return read_only(values), read_only(vectors)
+
+    def _compute_waves(self, along: Array) -> tuple[Array, Array]:
+        rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
+        return self._decompose_waves(along, np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum()))
+
+    def _decompose_waves(self, along: Array, factor: Array) -> tuple[Array, Array]:
+        """Return velocities and polarisations along unit vectors, from factors (..., n, n_u) of the acoustic tensors."""
         values, right = jacobi_svd(factor)
         if len(self.motions.translations) == 3:
             right = _settle_vectors(np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - self.periods)]), values, right)
