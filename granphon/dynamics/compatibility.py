@@ -8,7 +8,7 @@ rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the bal
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from granphon.base.arguments import not_negative, real_array
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.dynamics.wave_rows import WaveRows
 
 __all__ = ["GYRATION", "Compatibility", "as_wavevectors"]
 
@@ -35,33 +36,6 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     if q.shape[-1:] != (periods,):
         raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"))
     return q.reshape(-1, periods)
-
-
-class _Waves(NamedTuple):
-    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j - r_i)/2 of a contact.
-
-    ``odd`` and ``even`` are (kinds, n_c, n_branches); ``half`` (n_c, p) holds (r_j - r_i)/2 along the periods.
-    """
-
-    odd: NDArray[Any]
-    even: NDArray[Any]
-    half: Array
-
-    def compute_rows(self, wavevectors: Array, derivative: bool) -> NDArray[Any]:
-        """Return (n_q, kinds * n_c, n_branches) rows, or their derivatives with respect to the half angle."""
-        angle = wavevectors @ self.half.T
-        sine, cosine = np.sin(angle), np.cos(angle)
-        if derivative:
-            sine, cosine = cosine, -sine
-        # view complex numbers as pairs of reals: the factors are real, and a real product is cheaper
-        rows = sine[:, None, :, None] * self.odd.view(np.float64)
-        rows += cosine[:, None, :, None] * self.even.view(np.float64)
-        kinds, contacts, branches = self.odd.shape
-        return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, branches)
-
-    def repeat_half_vectors(self) -> Array:
-        """Return (kinds * n_c, p) gradients of each row's half angle with respect to q."""
-        return np.tile(self.half, (len(self.odd), 1))
 
 
 class Compatibility:
@@ -108,6 +82,7 @@ class Compatibility:
         self.contacts = contacts
         self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
         self.torsion, self.bending = not_negative("torsion", torsion), not_negative("bending", bending)
+        self.named_motions = motions
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
         self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
@@ -179,6 +154,21 @@ class Compatibility:
             )
         return np.asarray(q[..., :count] @ self.reciprocal)
 
+    def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
+        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were subtracted.
+
+        At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
+        """
+        q = as_wavevectors(wavevectors, self.periods)
+        if not np.all(np.isfinite(q)):
+            raise InputError(message("a wave vector is not finite"))
+        taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
+        near = q - taken
+        # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
+        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
+        near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
+        return near, taken
+
     # -- the compatibility matrix -----------------------------------------------------------------------------------
 
     @cached_property
@@ -248,7 +238,7 @@ class Compatibility:
         gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
         return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
 
-    def _make_waves(self, prestress: bool = False) -> _Waves:
+    def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
         # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends plus i sin(half angle)
         # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
@@ -260,7 +250,7 @@ class Compatibility:
         phase = of_rows * np.tile(self.motions.phases, self.n_balls)
         odd, even = 1j * phase * total, phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        return _Waves(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else _Waves(odd, even, half)
+        return WaveRows(odd.real.copy(), even.real.copy(), half) if self.n_balls == 1 else WaveRows(odd, even, half)
 
     def _compute_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
         """Return rows of C(q), or their derivative with respect to the half angle q.(r_j - r_i)/2 of the row's contact.
@@ -271,7 +261,7 @@ class Compatibility:
         return (self._make_waves(prestress) if prestress else self._own_waves).compute_rows(q, derivative)
 
     @cached_property
-    def _own_waves(self) -> _Waves:
+    def _own_waves(self) -> WaveRows:
         return self._make_waves()
 
     @cached_property
@@ -311,7 +301,7 @@ class Compatibility:
             found[image] = first
         return found
 
-    def _make_real_waves(self, prestress: bool = False) -> _Waves:
+    def _make_real_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact has an image.
 
         The row of an image is plus or minus the complex conjugate of the contact's row. Both are replaced by 2^1/2 times the
@@ -325,24 +315,20 @@ class Compatibility:
         paired[[first, image]] = np.sqrt(2.0)
         odd, even = waves.odd.real * paired, waves.even.real * paired
         odd[:, image], even[:, image] = (np.sqrt(2.0) * part.imag[:, first] for part in (waves.odd, waves.even))
-        return _Waves(odd, even, waves.half[self._wave_contacts])
+        return WaveRows(odd, even, waves.half[self._wave_contacts])
 
     @cached_property
-    def _deforming(self) -> _Waves:
+    def _deforming(self) -> WaveRows:
         return self._make_real_waves()
 
     @cached_property
-    def _pushing(self) -> _Waves:
+    def _pushing(self) -> WaveRows:
         return self._make_real_waves(prestress=True)
 
     def _compute_real_rows(self, wavevectors: ArrayLike, derivative: bool = False, prestress: bool = False) -> NDArray[Any]:
         """Return rows as :meth:`_compute_rows` does, with the same C^H C, but real if each contact has an image."""
         q = as_wavevectors(wavevectors, self.periods)
         return (self._pushing if prestress else self._deforming).compute_rows(q, derivative)
-
-    def _find_half_vectors(self, waves: NDArray[Any]) -> Array:
-        """Return (n_rows, p) gradients, with respect to q, of the half angle in each row of :meth:`_compute_real_rows`."""
-        return np.tile(self._deforming.half, (waves.shape[1] // len(self.contacts), 1))
 
     def _find_push_signs(self, across: NDArray[Any]) -> Array:
         """Return (n_rows, 1) signs of the static forces in the contacts of the rows ``across``."""

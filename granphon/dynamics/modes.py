@@ -5,8 +5,6 @@ The frequencies are the singular values of K^1/2 C(q) M^-1/2. Everything is in r
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -17,23 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.arguments import not_negative, positive
-from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.dynamics.compatibility import as_wavevectors
-from granphon.dynamics.linalg import cholesky_factor, graded_eigh, graded_svd, lapack_svd
-from granphon.dynamics.long_waves import LongWaves
+from granphon.dynamics.free_motions import FreeMotions
 
 __all__ = ["ContactLattice", "Modes"]
 
 Array = NDArray[np.float64]
-#: relative difference of frequencies below which branches are treated as one degenerate set
-_DEGENERATE = 1e-9
-#: |q|d at which modes are computed for their limits at Gamma
+#: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
 _NEAR_GAMMA = 1e-30
-#: |q|d below which acoustic columns are so small that they might be taken for rounding
-_FAINT = 1e-80
-#: |dq|d at which branches that touch with one slope are told apart
-_STEP_BESIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,13 +41,15 @@ class Modes(Result):
     group_velocities : (n_q, n_branches, p), d (k/M)^1/2.
     rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
     longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at Gamma, along the given
-        direction); the transverse part is the rest.
+        direction).
+    out_of_plane_fraction : (n_q, n_branches), the part of the kinetic energy that moves across a plane of balls; 0 on a line
+        and in space. The transverse part is the rest.
     """
 
     units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
     shapes = {
         "wavevectors": "q p", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b p",
-        "rotational_fraction": "q b", "longitudinal_fraction": "q b",
+        "rotational_fraction": "q b", "longitudinal_fraction": "q b", "out_of_plane_fraction": "q b",
     }  # fmt: skip
 
     wavevectors: Array
@@ -65,14 +58,16 @@ class Modes(Result):
     group_velocities: Array
     rotational_fraction: Array
     longitudinal_fraction: Array
+    out_of_plane_fraction: Array
 
     @property
     def transverse_fraction(self) -> Array:
-        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q."""
-        return np.clip(1.0 - self.rotational_fraction - self.longitudinal_fraction, 0.0, 1.0)
+        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a plane, within it."""
+        rest = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
+        return np.clip(1.0 - rest, 0.0, 1.0)
 
 
-class ContactLattice(LongWaves):
+class ContactLattice(FreeMotions):
     """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
 
     :meth:`of` makes the lattice of equal balls; the constructor takes any table of contacts.
@@ -134,17 +129,15 @@ class ContactLattice(LongWaves):
     def frequencies(self, wavevectors: ArrayLike) -> Array:
         """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near Gamma.
 
+        Branches that vanish at every q, and modes that vanish at this q, are exactly zero.
+
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
         q, _ = self._fold(wavevectors)
         values = np.concatenate([self._solve(q[part])[0] for part in self._split(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
-            # here sound is linear in q; its modes are displacements of the centre of mass, which come first in the frame
-            size = np.max(np.abs(q[faint]), axis=1, keepdims=True)
-            near, vectors = self._solve(_FAINT * (q[faint] / size))
-            sound = np.sum(np.abs(vectors[:, self.motions.translating]) ** 2, axis=1) > 0.5
-            values[faint] = np.sort(np.where(sound, near * (size / _FAINT), near), axis=1)
+            values[faint] = self._follow_to_gamma(q[faint])[0]
         return values
 
     @cached_property
@@ -156,21 +149,6 @@ class ContactLattice(LongWaves):
         fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
         grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
         return float(self.frequencies(self.wavevectors(grid)).max())
-
-    def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
-        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were subtracted.
-
-        At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
-        """
-        q = as_wavevectors(wavevectors, self.periods)
-        if not np.all(np.isfinite(q)):
-            raise InputError(message("a wave vector is not finite"))
-        taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
-        near = q - taken
-        # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
-        near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
-        return near, taken
 
     def modes(self, wavevectors: ArrayLike, direction: ArrayLike | None = None) -> Modes:
         """Find frequencies, eigenvectors and group velocities at each wave vector.
@@ -198,14 +176,14 @@ class ContactLattice(LongWaves):
         q, taken = self._fold(asked)
         # at Gamma itself everything is its limit along the direction, and very near it the limit along q
         at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
-        limit = at_gamma | faint
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
             near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
         parts = [self._solve_with_velocities(near[part], along[part]) for part in self._split(len(q))]
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        limit = at_gamma | faint
         if np.any(limit):
-            values[limit] = self.frequencies(q[limit])
+            values[limit], velocities[limit] = _follow_powers(q[limit], near[limit], values[limit], velocities[limit])
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
         motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, -1) * phase
@@ -216,84 +194,46 @@ class ContactLattice(LongWaves):
         toward[:, : self.periods] = as_direction(ahead, self.periods)
         displacement = motion[:, :, self.motions.translating]
         parallel = np.abs(np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])) ** 2
+        beside = np.zeros_like(values)
+        if self.periods == 2 and 2 in self.motions.translations:
+            beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
         physical = motion.reshape(len(q), self.n_branches, -1)
-        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1))
+        return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside)
 
-    def _solve(self, wavevectors: Array, waves: NDArray[Any] | None = None) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors in the frame, from ``waves`` K^1/2 C M^-1/2; with prestress, from D."""
-        if self.is_prestressed:
-            return graded_eigh(self._compute_frame_matrix(wavevectors), self._factorise)
-        return graded_svd(self._compute_real_rows(wavevectors) if waves is None else waves)
+    def _follow_to_gamma(self, q: Array) -> tuple[Array, Array]:
+        """Return frequencies and group velocities at wave vectors shorter than 1e-30, from the powers of |q| found there."""
+        near = _NEAR_GAMMA * as_direction(q, self.periods)
+        values, _, velocities = self._solve_with_velocities(near, near / _NEAR_GAMMA)
+        values, velocities = _follow_powers(q, near, values, velocities)
+        order = np.argsort(values, axis=1, kind="stable")
+        return np.take_along_axis(values, order, 1), np.take_along_axis(velocities, order[..., None], 1)
 
-    def _factorise(self, matrices: NDArray[Any]) -> NDArray[Any]:
-        """Return L^H of D = L L^H.
-
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
-        """
-        try:
-            return cholesky_factor(matrices)
-        except np.linalg.LinAlgError:
-            lowest = float(np.linalg.eigvalsh(matrices).min())
-            raise InstabilityError(
-                message(
-                    f"a squared frequency is negative ({lowest:.3g} k/M)",
-                    "The contact forces push the balls sideways more than the contacts hold them",
-                    "Lower the load, or leave finite_overlap off",
-                )
-            ) from None
+    def _solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies and eigenvectors in the frame."""
+        if len(self._blocks) == 1:
+            return self._blocks[0].solve(q)
+        values, vectors, _ = self._join([(*block.solve(q), np.zeros((len(q), block.size, 0))) for block in self._blocks])
+        return values, vectors
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
-        waves = self._compute_real_rows(q)
-        values, vectors = self._solve(q, waves)
-        slopes = self._make_slope_function(q, waves)
-        alike: list[tuple[int, slice]] = []
-        for point, start, stop in _find_runs(np.diff(values, axis=1) <= _DEGENERATE * values[:, 1:]):
-            block = vectors[point][:, start:stop]
-            slope, turn = np.linalg.eigh(np.einsum("abc,a->bc", slopes(point, block), along[point]))
-            vectors[point][:, start:stop] = block @ turn
-            alike += [(point, slice(start + a, start + b)) for _, a, b in _find_runs((np.diff(slope) <= 1e-9)[None])]
-        if alike:
-            # branches of equal slope separate at second order only: use the modes one step further on, where the length of
-            # the step, not LAPACK's error, limits the accuracy
-            points, place = np.unique([point for point, _ in alike], return_inverse=True)
-            near = q[points] + _STEP_BESIDE * along[points]
-            _, further = lapack_svd(
-                self._factorise(self._compute_frame_matrix(near)) if self.is_prestressed else self._compute_real_rows(near)
-            )
-            for (point, part), there in zip(alike, place.tolist(), strict=True):
-                u, _, vh = np.linalg.svd(vectors[point][:, part].conj().T @ further[there][:, part])
-                vectors[point][:, part] = vectors[point][:, part] @ u @ vh
-        # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
-        twice = np.where(values > 0.0, 2.0 * values, np.inf)
-        diagonal = slopes(slice(None), vectors, diagonal=True)
-        return values, vectors, diagonal.swapaxes(1, 2) / twice[..., None]
+        return self._join([block.solve_with_velocities(q, along) for block in self._blocks])
 
-    def _make_slope_function(self, q: Array, waves: NDArray[Any]) -> Callable[..., NDArray[Any]]:
-        """Return a function for <v_b| dD/dq_a |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq_a v_c>, which is exact near Gamma too.
-
-        The term of the prestress is subtracted.
-        """
-        kinds: list[tuple[NDArray[Any], NDArray[Any], Array]] = []
-        for prestress in (False, True)[: 1 + self.is_prestressed]:
-            rows = self._compute_real_rows(q, prestress=True) if prestress else waves
-            half = self._find_half_vectors(rows)
-            if prestress:
-                half = -self._find_push_signs(rows) * half
-            kinds.append((rows, self._compute_real_rows(q, derivative=True, prestress=prestress), half))
-
-        def slopes(point: Any, v: NDArray[Any], diagonal: bool = False) -> NDArray[Any]:
-            total: Any = 0.0
-            for rows, slope, half in kinds:
-                left, right = (rows[point] @ v).conj(), slope[point] @ v
-                if diagonal:
-                    total = total + 2.0 * half.T @ (left * right).real
-                else:
-                    one = np.einsum("rb,ra,rc->abc", left, half, right)
-                    total = total + one + one.conj().swapaxes(-1, -2)
-            return np.asarray(total)
-
-        return slopes
+    def _join(self, found: list[tuple[Array, NDArray[Any], Array]]) -> tuple[Array, NDArray[Any], Array]:
+        """Return the frequencies, eigenvectors and velocities of all blocks as those of the lattice, ascending."""
+        if len(found) == 1:
+            return found[0]
+        values, velocities = (np.concatenate([one[i] for one in found], axis=1) for i in (0, 2))
+        vectors = np.zeros((len(values), self.n_branches, self.n_branches), np.result_type(*(one[1] for one in found)))
+        first = 0
+        for block, (_, own, _) in zip(self._blocks, found, strict=True):
+            vectors[:, block.columns, first : first + block.size] = own
+            first += block.size
+        order = np.argsort(values, axis=1, kind="stable")
+        return (
+            np.take_along_axis(values, order, 1), np.take_along_axis(vectors, order[:, None], 2),
+            np.take_along_axis(velocities, order[..., None], 1),
+        )  # fmt: skip
 
     def _split(self, count: int) -> list[slice]:
         """Return slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array)."""
@@ -304,13 +244,15 @@ class ContactLattice(LongWaves):
 def _is_faint(q: Array) -> NDArray[np.bool_]:
     """Return (n_q,) whether each wave vector is nearly, but not exactly, Gamma."""
     size = np.max(np.abs(q), axis=1)
-    return np.asarray((size > 0.0) & (size < _FAINT))
+    return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
 
 
-def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Return (row, start, stop) of each run of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j."""
-    found = []
-    for row in np.flatnonzero(joined.any(axis=1)):
-        edges = np.flatnonzero(~np.concatenate([[False], joined[row], [False]]))
-        found += [(int(row), int(a), int(b)) for a, b in itertools.pairwise(edges) if b - a > 1]
-    return found
+def _follow_powers(q: Array, near: Array, values: Array, velocities: Array) -> tuple[Array, Array]:
+    """Return frequencies and velocities at ``q`` (n_q, p), shorter than ``near`` of the same direction, from those at near.
+
+    There each branch is a power of |q|: the first for sound, the second or third for a flexural branch, none for others.
+    """
+    slope = np.einsum("qa,qba->qb", near, velocities)
+    power = np.maximum(np.rint(np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)), 0.0)
+    ratio = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    return values * ratio**power, velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None]

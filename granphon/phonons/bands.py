@@ -48,6 +48,7 @@ class PhononModes(Modes):
         return cls(
             modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
             modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
+            modes.out_of_plane_fraction,
         )  # fmt: skip
 
 

@@ -1,0 +1,400 @@
+"""Motions that contacts do not join to others, and their modes.
+
+Rows of C(q) and motions fall into blocks that have nothing in common: in the plane and out of it, or each direction of a
+chain. The modes of each block are found apart from those of the others. So motions of two blocks never mix, and the motions
+that cost nothing are known from the rank of each block.
+
+A wave of displacements across the periods turns the balls along with it: on a membrane or a chain, phi = i q x u. The
+contacts feel only what differs from that rotation, (sin h - h cos h) instead of sin h, at the half angle h = q.(r_j - r_i)/2
+of a contact. In terms of the rotations themselves the columns of u and of phi are then nearly dependent, and C(q) loses the
+digits of the flexural branch, which goes as q^2 or q^3. Here the displacement is taken together with its local rotation,
+whose columns are summed in closed form: all digits are kept, down to |q|d = 1e-30.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InstabilityError, message
+from granphon.dynamics.linalg import cholesky_factor, graded_eigh, graded_svd, lapack_svd
+from granphon.dynamics.wave_rows import WaveRows, bend, bend_slope
+
+__all__ = ["Block", "factorise", "find_blocks"]
+
+Array = NDArray[np.float64]
+#: relative difference of frequencies below which branches are treated as one degenerate set
+_DEGENERATE = 1e-9
+#: |dq|d at which branches that touch with one slope are told apart
+_STEP_BESIDE = 1e-3
+#: a frequency is zero if it is no larger than this multiple of the rounding of its own columns
+_ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
+#: singular value, over the largest, of rows and columns scaled to length one, below which they are dependent
+_DEPENDENT = 1e-9
+#: relative error up to which the rotation of two balls about their middle leaves their contact undeformed
+_RIGID = 1e-12
+#: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
+_GENERIC = np.array(
+    [[0.7390851, -1.2020569, 0.4669201], [1.9021605, 0.5772157, -0.9159656], [-0.2614972, 1.3247180, 2.5029079]]
+)
+
+
+class _Point(NamedTuple):
+    """C(q) of a block at a stack of wave vectors.
+
+    ``rows`` (n_q, m, n) are those of its motions in a basis ``basis`` (n_q, n, n), unitary, or of the motions themselves if
+    it is None; ``triangle`` turns amplitudes in the basis into those of the tilted motions.
+    """
+
+    q: Array
+    rows: NDArray[Any]
+    across: NDArray[Any] | None = None
+    basis: NDArray[Any] | None = None
+    triangle: NDArray[Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Motions of the frame, and the rows of C(q) in which they take part, that nothing joins to others.
+
+    Attributes
+    ----------
+    columns : (n,) places of the motions in the frame.
+    deforming : rows of K^1/2 C M^-1/2.
+    pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1) of the static forces;
+        None without prestress.
+    bent : places in the block of the displacements across the periods that tilt the balls, at most two.
+    tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
+    """
+
+    columns: NDArray[np.intp]
+    deforming: WaveRows
+    pushing: WaveRows | None = None
+    signs: Array | None = None
+    bent: tuple[int, ...] = ()
+    tilt: NDArray[Any] | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of motions."""
+        return len(self.columns)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows of C(q)."""
+        return self.deforming.odd.shape[0] * self.deforming.odd.shape[1]
+
+    @cached_property
+    def rank(self) -> int:
+        """Generic rank of C(q): the number of its branches that do not vanish at every wave vector."""
+        found = 0
+        for q in _GENERIC[:, None, : self.deforming.half.shape[1]]:
+            rows = self.deforming.compute_rows(q)[0]
+            if self.pushing is not None:
+                rows = np.concatenate([rows, self.pushing.compute_rows(q)[0]])
+            if found < min(rows.shape):
+                found = max(found, find_rank(rows))
+        return found
+
+    @property
+    def free(self) -> int:
+        """Number of branches that vanish at every wave vector."""
+        return self.size - self.rank
+
+    @property
+    def keeps_digits(self) -> bool:
+        """Whether tilted motions help, and leave the contacts undeformed at q = 0.
+
+        They do not help where branches of this block vanish for want of rows. Where the line between two balls is not along
+        the normal of their contact, a rotation of both about their middle deforms it.
+        """
+        if not self.bent or self.n_rows < self.size:
+            return False
+        own, _, half = self._tilted
+        change = own[:, :, None] * half[:, None] + np.einsum(
+            "mn,kna->mka", self.deforming.even.reshape(self.n_rows, self.size), self.tilt
+        )
+        return bool(np.max(np.abs(change)) <= _RIGID * np.max(np.abs(own)))
+
+    def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns."""
+        point = self._compute(q)
+        values, right = self._decompose(point)
+        return values, right if point.basis is None else point.basis @ right
+
+    def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
+        """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
+        point = self._compute(q)
+        values, right = self._decompose(point)
+        slopes = _Slopes(self, point, values)
+        joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
+        if np.any(joined):
+            # branches that vanish everywhere have no order among themselves
+            joined[:, : self.free if np.any(values[:, 0] == 0.0) else 0] = False
+            self._resolve(point, right, slopes, joined, along)
+        # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
+        twice = np.where(values > 0.0, 2.0 * values, np.inf)
+        velocities = slopes.compute_gradients(right) / twice[..., None]
+        return values, right if point.basis is None else point.basis @ right, velocities
+
+    def _resolve(self, point: _Point, right: NDArray[Any], slopes: _Slopes, joined: NDArray[np.bool_], along: Array) -> None:
+        """Turn the vectors of each degenerate set, in place, into those of the branches along a direction."""
+        alike: list[tuple[NDArray[np.intp], slice]] = []
+        for points, part in _find_runs(joined):
+            block = right[points, :, part]
+            slope, turn = np.linalg.eigh(slopes.compute_along(points, block, part.start, along[points]))
+            right[points, :, part] = block @ turn
+            for rows, some in _find_runs(np.diff(slope, axis=1) <= 1e-9):
+                alike.append((points[rows], slice(part.start + some.start, part.start + some.stop)))
+        if not alike:
+            return
+        # branches of equal slope separate at second order only: use the modes one step further on, where the length of the
+        # step, not LAPACK's error, limits the accuracy
+        points = np.unique(np.concatenate([some for some, _ in alike]))
+        further = self._solve_roughly(point.q[points] + _STEP_BESIDE * along[points])
+        for some, part in alike:
+            here = right[some, :, part]
+            vectors = here if point.basis is None else point.basis[some] @ here
+            there = further[np.searchsorted(points, some)][:, :, part]
+            u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ there)
+            right[some, :, part] = here @ (u @ vh)
+
+    def _solve_roughly(self, q: Array) -> NDArray[Any]:
+        """Find the eigenvectors at ``q``, to rounding of the highest frequency."""
+        rows = self.deforming.compute_rows(q)
+        if self.pushing is not None:
+            rows = factorise(self._make_matrix(rows, self.pushing.compute_rows(q)))
+        return lapack_svd(rows)[1]
+
+    def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any]) -> NDArray[Any]:
+        """Return D(q) under prestress."""
+        return np.asarray(rows.conj().swapaxes(1, 2) @ rows - across.conj().swapaxes(1, 2) @ (self.signs * across))
+
+    # -- C(q) -------------------------------------------------------------------------------------------------------
+
+    def _compute(self, q: Array) -> _Point:
+        rows = self.deforming.compute_rows(q)
+        if self.pushing is not None:
+            return _Point(q, rows, self.pushing.compute_rows(q))
+        if not self.bent:
+            return _Point(q, rows)
+        tilted, count = self._tilt_rows(q), len(self.bent)
+        basis, triangle = np.linalg.qr(self._make_tilted(q))
+        own = tilted @ np.linalg.inv(triangle[:, :count, :count])
+        return _Point(q, np.concatenate([own, rows @ basis[:, :, count:]], axis=2), None, basis, triangle)
+
+    def _make_tilted(self, q: Array) -> NDArray[Any]:
+        """Return (n_q, n, n) tilted motions: first the bent displacements, each with its rotation, then all others."""
+        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)  # type: ignore[union-attr]
+        motions[:, :, : len(self.bent)] += np.einsum("kna,qa->qnk", self.tilt, q)
+        return np.asarray(motions)
+
+    @cached_property
+    def _order(self) -> list[int]:
+        return [*self.bent, *(one for one in range(self.size) if one not in self.bent)]
+
+    @cached_property
+    def _tilted(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
+        """Rows (m, bent) of sin h - h cos h, rows (m, bent, p) of sin h times q, and half vectors (m, p) of tilted motions."""
+        odd = self.deforming.odd.reshape(self.n_rows, self.size)
+        return odd[:, self.bent], np.einsum("mn,kna->mka", odd, self.tilt), self.deforming.repeat_half_vectors()
+
+    def _tilt_rows(self, q: Array) -> NDArray[Any]:
+        """Return the columns (n_q, m, bent) of C(q) of each bent displacement with its rotation.
+
+        A rigid rotation of two balls about the middle of their centres deforms no contact. That takes the place of the rows
+        in which sine and cosine would cancel.
+        """
+        own, turned, half = self._tilted
+        angle = q @ half.T
+        return np.asarray(bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q))
+
+    def _tilt_slopes(self, q: Array) -> NDArray[Any]:
+        """Return the gradients (n_q, p, m, bent) of :meth:`_tilt_rows` with respect to q."""
+        own, turned, half = self._tilted
+        angle = q @ half.T
+        inner = bend_slope(angle)[..., None] * own + np.cos(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q)
+        outer = np.sin(angle)[:, None, :, None] * np.moveaxis(turned, 2, 0)
+        return np.asarray(half.T[:, :, None] * inner[:, None] + outer)
+
+    # -- frequencies ------------------------------------------------------------------------------------------------
+
+    def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies and eigenvectors in the basis of the point."""
+        if point.across is not None:
+            values, right = graded_eigh(self._make_matrix(point.rows, point.across), factorise)
+        elif self.n_rows >= self.size:
+            values, right = graded_svd(point.rows)
+        elif self.rank == self.n_rows:
+            return self._decompose_wide(point)
+        else:
+            values, right = graded_svd(point.rows)
+        small = (values <= self._limit * self._largest) & (values > 0.0)
+        if np.any(small):
+            doubtful = np.flatnonzero(np.any(small, axis=1))
+            some = values[doubtful]
+            some[some <= self._find_rounding(point, doubtful, right[doubtful])] = 0.0
+            some[:, : self.free] = 0.0
+            order = np.argsort(some, axis=1, kind="stable")
+            values[doubtful] = np.take_along_axis(some, order, 1)
+            right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
+        return values, right
+
+    def _decompose_wide(self, point: _Point) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies from C^H, whose singular values are those of C but for zeros, if C has fewer rows than columns."""
+        rows, n_q = point.rows, len(point.rows)
+        values, right = np.zeros((n_q, self.size)), np.zeros((n_q, self.size, self.size), rows.dtype)
+        if not self.n_rows:
+            right[:] = np.eye(self.size)
+            return values, right
+        adjoint = rows.conj().swapaxes(1, 2)
+        found, left = graded_svd(adjoint)
+        moved = adjoint @ left
+        moved /= np.where(found > 0.0, found, 1.0)[:, None]
+        zero = found <= self._find_rounding(point, np.arange(n_q), moved)
+        found[zero] = 0.0
+        moved = np.where(zero[:, None], 0.0, moved)[:, :, ::-1]
+        # motions of the largest frequencies first; the rest of the basis, and the vectors of zero frequency, deform nothing
+        basis, _ = np.linalg.qr(moved, mode="complete")
+        return np.concatenate([values[:, : self.free], np.sort(found, axis=1)], axis=1), basis[:, :, ::-1]
+
+    @property
+    def _limit(self) -> float:
+        """Least relative rounding of a frequency; under prestress squares are rounded."""
+        return _ROUNDING if self.pushing is None else float(np.sqrt(_ROUNDING))
+
+    @cached_property
+    def _largest(self) -> float:
+        """An upper bound of the lengths of columns."""
+        kinds = (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
+        return 4.0 * float(sum(np.linalg.norm(part) for waves in kinds for part in (waves.odd, waves.even)))
+
+    def _find_rounding(self, point: _Point, places: NDArray[np.intp], right: NDArray[Any]) -> Array:
+        """Return (places, n) frequencies that are no more than the rounding of sines and cosines in the columns they need."""
+        squares: Any = 0.0
+        for waves in (self.deforming,) if self.pushing is None else (self.deforming, self.pushing):
+            angle = np.abs(point.q[places] @ waves.half.T)
+            odd, even = np.abs(waves.odd), np.abs(waves.even)
+            # where two ends cancel, their difference is rounding of both
+            size = angle[:, None, :, None] * odd + np.where(even > 0.0, even + odd, 0.0)
+            squares = squares + np.sum(size**2, axis=(1, 2))
+        if self.bent:
+            own, turned, half = self._tilted
+            angle = np.abs(point.q[places] @ half.T)[..., None]
+            drift = np.abs(np.einsum("mka,qa->qmk", turned, point.q[places]))
+            tilted = np.sum((np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1)
+            squares = np.concatenate([tilted, squares[:, self._order[len(self.bent) :]]], axis=1)
+        return np.asarray(self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right) ** 2)))
+
+
+class _Slopes:
+    """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too."""
+
+    def __init__(self, block: Block, point: _Point, values: Array) -> None:
+        self.block, self.point, self.values = block, point, values
+        #: rows, their derivatives with respect to the half angle, and the half vectors, with the sign of the term
+        self.kinds = [(point.rows, block.deforming.compute_rows(point.q, True), block.deforming.repeat_half_vectors())]
+        if block.pushing is not None and point.across is not None:
+            half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
+            self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
+        if point.basis is not None:
+            self.tilted = block._tilt_slopes(point.q)
+
+    def compute_along(self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array) -> NDArray[Any]:
+        """Return the matrices (points, b, b) of the slopes of omega^2 along directions, between degenerate vectors."""
+        if self.point.basis is not None:
+            left, right = self._tilt(points, vectors, self.values[points, first])
+            one = np.einsum("qxb,qaxc,qa->qbc", left.conj(), right, along)
+        else:
+            one = 0.0
+            for rows, slope, half in self.kinds:
+                left = (rows[points] @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None]
+                one = one + left @ (slope[points] @ vectors)
+        return np.asarray(one + one.conj().swapaxes(1, 2))
+
+    def compute_gradients(self, vectors: NDArray[Any]) -> Array:
+        """Return the gradients (n_q, n, p) of omega^2 of each vector."""
+        if self.point.basis is not None:
+            left, right = self._tilt(slice(None), vectors, self.values[:, None, :])
+            return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", left.conj(), right).real)
+        total: Any = 0.0
+        for rows, slope, half in self.kinds:
+            total = total + 2.0 * half.T @ ((rows @ vectors).conj() * (slope @ vectors)).real
+        return np.asarray(total.swapaxes(1, 2))
+
+    def _tilt(self, points: Any, vectors: NDArray[Any], values: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return C v, and dC/dq v (with the change of the tilted motions' lengths), of amplitudes v in the basis.
+
+        The squares of frequencies are the eigenvalues of (C T)^H C T in the metric T^H T of the tilted motions T.
+        """
+        block, point, count = self.block, self.point, len(self.block.bent)
+        tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
+        rows, slope, half = self.kinds[0]
+        motion = np.zeros_like(tilted)
+        motion[:, block._order[count:]] = tilted[:, count:]
+        plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]
+        bent = self.tilted[points] @ tilted[:, None, :count]
+        lengths = np.einsum("kna,qkb->qanb", np.asarray(block.tilt), tilted[:, :count])
+        moved = point.basis[points] @ vectors  # type: ignore[index]
+        shape = values.reshape(len(values), 1, 1, -1)
+        left = np.concatenate([rows[points] @ vectors, moved], axis=1)
+        return left, np.concatenate([plain + bent, -(shape**2) * lengths], axis=2)
+
+
+def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
+    """Return L^H of D = L L^H.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+    """
+    try:
+        return cholesky_factor(matrices)
+    except np.linalg.LinAlgError:
+        lowest = float(np.linalg.eigvalsh(matrices).min())
+        raise InstabilityError(
+            message(
+                f"a squared frequency is negative ({lowest:.3g} k/M)",
+                "The contact forces push the balls sideways more than the contacts hold them",
+                "Lower the load, or leave finite_overlap off",
+            )
+        ) from None
+
+
+def find_rank(rows: NDArray[Any]) -> int:
+    """Find the rank of rows (m, n), each column and then each row scaled to length one."""
+    for axis in (0, 1):
+        length = np.linalg.norm(rows, axis=axis, keepdims=True)
+        rows = rows / np.where(length > 0.0, length, 1.0)
+    values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
+    return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+
+
+def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
+    left, found = np.ones(effects.shape[1], bool), []
+    while np.any(left):
+        block = np.arange(len(left)) == np.argmax(left)
+        count = 0
+        while count < np.count_nonzero(block):
+            count = np.count_nonzero(block)
+            block = block | np.any(effects[np.any(effects[:, block], axis=1)], axis=0)
+        left &= ~block
+        found.append(np.flatnonzero(block))
+    return found
+
+
+def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
+    """Find runs of items, ``joined`` (n, m - 1) saying whether item j + 1 belongs with item j; rows of equal runs together."""
+    count, width = joined.shape
+    padded = np.zeros((count, width + 2), np.int8)
+    padded[:, 1:-1] = joined
+    edges = padded[:, 1:] - padded[:, :-1]
+    rows, start = np.nonzero(edges == 1)
+    stop = np.nonzero(edges == -1)[1] + 1
+    if not rows.size:
+        return []
+    kinds, which = np.unique(start * (width + 2) + stop, return_inverse=True)
+    return [(rows[which == k], slice(*divmod(int(kind), width + 2))) for k, kind in enumerate(kinds)]
