@@ -19,7 +19,7 @@ from granphon.dynamics.wave_rows import bend, bend_slope
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 #: directions without symmetry
-GENERIC = {1: [1.0], 2: [0.6, 0.8], 3: [0.36, 0.48, 0.8]}
+GENERIC = {1: [0.7], 2: [0.6, 0.8], 3: [0.36, 0.48, 0.8]}
 
 sizes = st.floats(-29.0, 0.5).map(lambda exponent: 10.0**exponent)
 angles = st.floats(0.0, 2.0 * math.pi)
@@ -62,8 +62,7 @@ def exact_matrix(lattice, q):
                     moved, turned = [-mpmath.mpf(float(arm)) * x for x in cross(one, n)], [sign * x for x in one]
                 along, twist = (sum(a * b for a, b in zip(part, n, strict=True)) for part in (moved, turned))
                 slip, roll = (
-                    [a - b * size for a, b in zip(part, n, strict=True)]
-                    for part, size in ((moved, along), (turned, twist))
+                    [a - b * size for a, b in zip(part, n, strict=True)] for part, size in ((moved, along), (turned, twist))
                 )
                 rows = [along, *(mpmath.sqrt(lattice.mindlin_ratio) * x for x in slip)]
                 rows += [mpmath.sqrt(lattice.torsion) * twist, *(mpmath.sqrt(lattice.bending) * x for x in roll)]
@@ -146,7 +145,9 @@ def test_a_tiny_stiffness_is_not_none():
 @pytest.mark.parametrize("name", ["chain", "square", "honeycomb"])
 def test_a_larger_cell_has_as_many_free_branches_for_each_ball(name):
     one = make(name)
-    lattice = gp.Lattice("double", [2 * one.cell[0], *one.cell[1:]], double_sites(one))
+    cell = one.cell.copy()
+    cell[0] *= 2.0
+    lattice = gp.Lattice("double", cell.tolist(), double_sites(one).tolist())
     two = make(lattice)
     assert two.free_branches == 2 * one.free_branches
     q = scatter(one, 5)
@@ -309,7 +310,6 @@ def test_modes_that_vanish_at_a_point_are_zero_and_said(name, motions, point, so
     told = lattice.soft_mode_warnings(q, values)
     if not soft:
         assert told == ()
-        assert zeros[1] == max(lattice.free_branches, sound) or name == "chain"
         return
     (sentence,) = told
     shown = ", ".join(f"{one:.6g}" for one in point)
@@ -356,7 +356,10 @@ FLEXURAL = [
 ]
 
 
-@pytest.mark.parametrize(("name", "motions", "terms"), FLEXURAL)
+@pytest.mark.parametrize(
+    ("name", "motions", "terms"),
+    [*FLEXURAL, ("honeycomb", IN_PLANE, {}), ("diamond", ALL, {}), ("kagome", IN_PLANE, {"eta": 0.0})],
+)
 @pytest.mark.parametrize(("size", "digits"), [(1e-6, 60), (1e-25, 180), (0.8, 40)])
 def test_every_branch_keeps_its_digits(name, motions, terms, size, digits):
     lattice = make(name, motions, **terms)
@@ -379,21 +382,21 @@ def slab(terms, masses=1.0):
 @pytest.mark.parametrize("masses", [1.0, (1.0, 2.5)])
 def test_a_slab_bends_as_a_plate(masses):
     lattice = slab({}, masses)
-    for size in (1e-9, 1e-5):
-        modes = lattice.modes([[0.6 * size, 0.8 * size]])
-        assert modes.frequencies[0, 0] == pytest.approx(1e-8 * lattice.frequencies([[6e4 * size, 8e4 * size]])[0, 0] / 1e2, rel=1)
-        assert modes.group_velocities[0, 0] @ [0.6, 0.8] == pytest.approx(2 * modes.frequencies[0, 0] / size, rel=1e-8)
+    near, far = (lattice.modes([[0.6 * size, 0.8 * size]]) for size in (1e-9, 1e-5))
+    assert near.frequencies[0, 0] / far.frequencies[0, 0] == pytest.approx(1e-8, rel=1e-9)
+    assert far.group_velocities[0, 0] @ [0.6, 0.8] == pytest.approx(2 * far.frequencies[0, 0] / 1e-5, rel=1e-9)
     if masses == 1.0:
         q = [6e-6, 8e-6]
         assert_allclose(lattice.frequencies([q])[0], exact_frequencies(lattice, q, 60), rtol=1e-11)
 
 
-@given(angle=st.floats(0.0, 6.0))
+@given(angle=st.just(0.0) | st.floats(1e-30, 6.0))
 def test_what_a_tilted_wave_leaves_to_a_contact(angle):
-    with mpmath.workdps(40):
+    with mpmath.workdps(120):
         h = mpmath.mpf(angle)
-        assert bend(np.array([angle]))[0] == pytest.approx(float(mpmath.sin(h) - h * mpmath.cos(h)), rel=3e-15, abs=3e-15 * (angle > 1))
-        assert bend_slope(np.array([angle]))[0] == pytest.approx(float(h * mpmath.sin(h)), rel=1e-15, abs=1e-15)
+        exact, slope = float(mpmath.sin(h) - h * mpmath.cos(h)), float(h * mpmath.sin(h))
+    assert abs(bend(np.array([angle]))[0] - exact) <= 3e-15 * (max(abs(exact), 1.0) if angle > 1.0 else exact)
+    assert abs(bend_slope(np.array([angle]))[0] - slope) <= 1e-15 * max(abs(slope), angle > 3.0)
 
 
 # -- velocities and polarisation ------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ whose columns are summed in closed form: all digits are kept, down to |q|d = 1e-
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError, message
-from granphon.dynamics.linalg import cholesky_factor, graded_eigh, graded_svd, lapack_svd
+from granphon.dynamics.linalg import cholesky_factor, find_dependent, find_rank, graded_eigh, graded_svd, lapack_svd
 from granphon.dynamics.wave_rows import WaveRows, bend, bend_slope
 
 __all__ = ["Block", "factorise", "find_blocks"]
@@ -33,8 +33,6 @@ _DEGENERATE = 1e-9
 _STEP_BESIDE = 1e-3
 #: a frequency is zero if it is no larger than this multiple of the rounding of its own columns
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
-#: singular value, over the largest, of rows and columns scaled to length one, below which they are dependent
-_DEPENDENT = 1e-9
 #: relative error up to which the rotation of two balls about their middle leaves their contact undeformed
 _RIGID = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
@@ -69,6 +67,7 @@ class Block:
         None without prestress.
     bent : places in the block of the displacements across the periods that tilt the balls, at most two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
+    turn : (n, n) unitary, to the motions of the frame from those of the rows, see :meth:`still`; None if they are the same.
     """
 
     columns: NDArray[np.intp]
@@ -77,6 +76,27 @@ class Block:
     signs: Array | None = None
     bent: tuple[int, ...] = ()
     tilt: NDArray[Any] | None = None
+    turn: NDArray[Any] | None = None
+
+    def still(self) -> Block:
+        """Return the block in terms of motions of which some deform nothing at q = 0, if there are such besides sound.
+
+        Balls that turn like gears are an example. In other terms their columns would cancel near Gamma.
+        """
+        odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
+        inner = np.flatnonzero(np.any(even != 0.0, axis=0))
+        if self.pushing is not None or self.n_rows < self.size or not inner.size:
+            return self
+        size = np.abs(odd) + np.abs(even)
+        free, others = find_dependent(even[:, inner], np.linalg.norm(size, axis=1), np.linalg.norm(size[:, inner], axis=0))
+        if not free.shape[1]:
+            return self
+        turn = np.eye(self.size, dtype=even.dtype)
+        turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
+        odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
+        even[..., inner[: free.shape[1]]] = 0.0
+        tilt = None if self.tilt is None else np.einsum("mn,kma->kna", turn.conj(), self.tilt)
+        return replace(self, deforming=self.deforming._replace(odd=odd, even=even), tilt=tilt, turn=turn)
 
     @property
     def size(self) -> int:
@@ -124,7 +144,12 @@ class Block:
         """Find frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns."""
         point = self._compute(q)
         values, right = self._decompose(point)
-        return values, right if point.basis is None else point.basis @ right
+        return values, self._turn_back(point, right)
+
+    def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
+        """Return vectors in terms of the motions of the frame."""
+        moved = right if point.basis is None else point.basis @ right
+        return moved if self.turn is None else self.turn @ moved
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
@@ -139,7 +164,7 @@ class Block:
         # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
-        return values, right if point.basis is None else point.basis @ right, velocities
+        return values, self._turn_back(point, right), velocities
 
     def _resolve(self, point: _Point, right: NDArray[Any], slopes: _Slopes, joined: NDArray[np.bool_], along: Array) -> None:
         """Turn the vectors of each degenerate set, in place, into those of the branches along a direction."""
@@ -153,22 +178,26 @@ class Block:
         if not alike:
             return
         # branches of equal slope separate at second order only: use the modes one step further on, where the length of the
-        # step, not LAPACK's error, limits the accuracy
+        # step, not LAPACK's error, limits the accuracy. Those that do not separate there have no vectors of their own
         points = np.unique(np.concatenate([some for some, _ in alike]))
-        further = self._solve_roughly(point.q[points] + _STEP_BESIDE * along[points])
+        rows, matrices = self._compute_roughly(point.q[points] + _STEP_BESIDE * along[points])
+        squares = np.linalg.eigvalsh(matrices)
         for some, part in alike:
-            here = right[some, :, part]
-            vectors = here if point.basis is None else point.basis[some] @ here
-            there = further[np.searchsorted(points, some)][:, :, part]
-            u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ there)
-            right[some, :, part] = here @ (u @ vh)
+            place = np.searchsorted(points, some)
+            split = squares[place, part.stop - 1] - squares[place, part.start] > _DEGENERATE * squares[place, part.stop - 1]
+            if np.any(split):
+                here = right[some[split], :, part]
+                vectors = here if point.basis is None else point.basis[some[split]] @ here
+                factors = factorise(matrices[place[split]]) if rows is None else rows[place[split]]
+                u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(factors)[1][:, :, part])
+                right[some[split], :, part] = here @ (u @ vh)
 
-    def _solve_roughly(self, q: Array) -> NDArray[Any]:
-        """Find the eigenvectors at ``q``, to rounding of the highest frequency."""
+    def _compute_roughly(self, q: Array) -> tuple[NDArray[Any] | None, NDArray[Any]]:
+        """Return C(q), or None under prestress, and D(q)."""
         rows = self.deforming.compute_rows(q)
         if self.pushing is not None:
-            rows = factorise(self._make_matrix(rows, self.pushing.compute_rows(q)))
-        return lapack_svd(rows)[1]
+            return None, self._make_matrix(rows, self.pushing.compute_rows(q))
+        return rows, rows.conj().swapaxes(1, 2) @ rows
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any]) -> NDArray[Any]:
         """Return D(q) under prestress."""
@@ -199,7 +228,7 @@ class Block:
 
     @cached_property
     def _tilted(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
-        """Rows (m, bent) of sin h - h cos h, rows (m, bent, p) of sin h times q, and half vectors (m, p) of tilted motions."""
+        """Factors of the tilted columns: (m, bent) of sin h - h cos h, (m, bent, p) of q sin h; and half vectors (m, p)."""
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return odd[:, self.bent], np.einsum("mn,kna->mka", odd, self.tilt), self.deforming.repeat_half_vectors()
 
@@ -245,7 +274,7 @@ class Block:
         return values, right
 
     def _decompose_wide(self, point: _Point) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies from C^H, whose singular values are those of C but for zeros, if C has fewer rows than columns."""
+        """Find frequencies from C^H, whose singular values are those of C but for zeros, if C has more columns than rows."""
         rows, n_q = point.rows, len(point.rows)
         values, right = np.zeros((n_q, self.size)), np.zeros((n_q, self.size, self.size), rows.dtype)
         if not self.n_rows:
@@ -274,7 +303,7 @@ class Block:
         return 4.0 * float(sum(np.linalg.norm(part) for waves in kinds for part in (waves.odd, waves.even)))
 
     def _find_rounding(self, point: _Point, places: NDArray[np.intp], right: NDArray[Any]) -> Array:
-        """Return (places, n) frequencies that are no more than the rounding of sines and cosines in the columns they need."""
+        """Return (places, n) frequencies that are no more than the rounding of sine and cosine in their own columns."""
         squares: Any = 0.0
         for waves in (self.deforming,) if self.pushing is None else (self.deforming, self.pushing):
             angle = np.abs(point.q[places] @ waves.half.T)
@@ -363,15 +392,6 @@ def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
         ) from None
 
 
-def find_rank(rows: NDArray[Any]) -> int:
-    """Find the rank of rows (m, n), each column and then each row scaled to length one."""
-    for axis in (0, 1):
-        length = np.linalg.norm(rows, axis=axis, keepdims=True)
-        rows = rows / np.where(length > 0.0, length, 1.0)
-    values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
-    return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
-
-
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
     left, found = np.ones(effects.shape[1], bool), []
@@ -387,7 +407,7 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Find runs of items, ``joined`` (n, m - 1) saying whether item j + 1 belongs with item j; rows of equal runs together."""
+    """Find runs of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j. Equal runs are together."""
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
     padded[:, 1:-1] = joined

@@ -39,7 +39,7 @@ class FreeMotions(LongWaves):
                 continue
             bent, tilt = self._find_tilt(columns, waves[0].odd.dtype)
             block = Block(columns, waves[0], bent=bent, tilt=tilt)
-            found.append(block if block.keeps_digits else Block(columns, waves[0]))
+            found.append((block if block.keeps_digits else Block(columns, waves[0])).still())
         return found
 
     def _find_tilt(self, columns: NDArray[np.intp], dtype: Any) -> tuple[tuple[int, ...], NDArray[Any] | None]:
@@ -96,7 +96,7 @@ class FreeMotions(LongWaves):
         for several in range(1, len(missing) + 1):
             enough = [names for names in itertools.combinations(missing, several) if self._stops(names)]
             if enough:
-                return "add " + ", or ".join(", ".join(names[:-2] + (" and ".join(names[-2:]),)) for names in enough)
+                return "add " + ", or ".join(", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough)
         return "use a lattice with more contacts"
 
     def _stops(self, names: tuple[str, ...]) -> bool:
@@ -111,7 +111,7 @@ class FreeMotions(LongWaves):
     # -- modes that vanish at some wave vectors --------------------------------------------------------------------------
 
     def soft_mode_warnings(self, wavevectors: ArrayLike, frequencies: ArrayLike) -> tuple[str, ...]:
-        """Return a sentence that counts the modes that vanish at some of the wave vectors only, and names the first, or none.
+        """Return a sentence that counts the modes that vanish at some of the wave vectors and names the first, or none.
 
         Neither sound at Gamma nor the branches that vanish everywhere count.
 

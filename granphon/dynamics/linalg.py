@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cholesky_factor", "graded_eigh", "graded_svd", "jacobi_svd", "lapack_svd"]
+__all__ = ["cholesky_factor", "find_dependent", "find_rank", "graded_eigh", "graded_svd", "jacobi_svd", "lapack_svd"]
 
 #: relative rounding of double precision
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -25,6 +25,8 @@ _MOST_SWEEPS = 40
 _NO_COLUMN = 1e-100
 #: fraction of the trace of a singular matrix by which rounding may make an eigenvalue negative
 _BELOW_ZERO = 16.0 * _EPSILON
+#: singular value, over the largest, of rows and columns of comparable length, below which they are dependent
+_DEPENDENT = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
 #: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at most 2.1 on lattices)
@@ -290,3 +292,27 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
         if values[0] < -_BELOW_ZERO * len(values):
             raise
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def find_rank(rows: NDArray[Any]) -> int:
+    """Find the rank of rows (m, n), each column and then each row scaled to length one."""
+    for axis in (0, 1):
+        length = np.linalg.norm(rows, axis=axis, keepdims=True)
+        rows = rows / np.where(length > 0.0, length, 1.0)
+    values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
+    return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+
+
+def find_dependent(
+    rows: NDArray[Any], row_lengths: NDArray[np.float64], column_lengths: NDArray[np.float64]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Find orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and others (n, n - k) that complete them.
+
+    Rows and columns are first divided by the lengths given, so that small ones count as much as others.
+    """
+    lengths = np.where(column_lengths > 0.0, column_lengths, 1.0)
+    scaled = rows / np.where(row_lengths > 0.0, row_lengths, 1.0)[:, None] / lengths
+    _, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
+    count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
+    basis, _ = np.linalg.qr(adjoint[len(values) - count :].conj().T / lengths[:, None], mode="complete")
+    return basis[:, :count], basis[:, count:]
