@@ -13,7 +13,7 @@ whose columns are summed in closed form: all digits are kept, down to |q|d = 1e-
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -75,7 +75,7 @@ class Block:
     pushing: WaveRows | None = None
     signs: Array | None = None
     bent: tuple[int, ...] = ()
-    tilt: NDArray[Any] | None = None
+    tilt: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 0, 0)))
     turn: NDArray[Any] | None = None
 
     def still(self) -> Block:
@@ -95,7 +95,7 @@ class Block:
         turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
         odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
         even[..., inner[: free.shape[1]]] = 0.0
-        tilt = None if self.tilt is None else np.einsum("mn,kma->kna", turn.conj(), self.tilt)
+        tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         return replace(self, deforming=self.deforming._replace(odd=odd, even=even), tilt=tilt, turn=turn)
 
     @property
@@ -106,7 +106,7 @@ class Block:
     @property
     def n_rows(self) -> int:
         """Number of rows of C(q)."""
-        return self.deforming.odd.shape[0] * self.deforming.odd.shape[1]
+        return len(self.deforming.odd) * len(self.deforming.half)
 
     @cached_property
     def rank(self) -> int:
@@ -173,14 +173,14 @@ class Block:
             block = right[points, :, part]
             slope, turn = np.linalg.eigh(slopes.compute_along(points, block, part.start, along[points]))
             right[points, :, part] = block @ turn
-            for rows, some in _find_runs(np.diff(slope, axis=1) <= 1e-9):
-                alike.append((points[rows], slice(part.start + some.start, part.start + some.stop)))
+            for rows, within in _find_runs(np.diff(slope, axis=1) <= 1e-9):
+                alike.append((points[rows], slice(part.start + within.start, part.start + within.stop)))
         if not alike:
             return
         # branches of equal slope separate at second order only: use the modes one step further on, where the length of the
         # step, not LAPACK's error, limits the accuracy. Those that do not separate there have no vectors of their own
         points = np.unique(np.concatenate([some for some, _ in alike]))
-        rows, matrices = self._compute_roughly(point.q[points] + _STEP_BESIDE * along[points])
+        factors, matrices = self._compute_roughly(point.q[points] + _STEP_BESIDE * along[points])
         squares = np.linalg.eigvalsh(matrices)
         for some, part in alike:
             place = np.searchsorted(points, some)
@@ -188,8 +188,8 @@ class Block:
             if np.any(split):
                 here = right[some[split], :, part]
                 vectors = here if point.basis is None else point.basis[some[split]] @ here
-                factors = factorise(matrices[place[split]]) if rows is None else rows[place[split]]
-                u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(factors)[1][:, :, part])
+                own = factorise(matrices[place[split]]) if factors is None else factors[place[split]]
+                u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part])
                 right[some[split], :, part] = here @ (u @ vh)
 
     def _compute_roughly(self, q: Array) -> tuple[NDArray[Any] | None, NDArray[Any]]:
@@ -218,7 +218,7 @@ class Block:
 
     def _make_tilted(self, q: Array) -> NDArray[Any]:
         """Return (n_q, n, n) tilted motions: first the bent displacements, each with its rotation, then all others."""
-        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)  # type: ignore[union-attr]
+        motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
         motions[:, :, : len(self.bent)] += np.einsum("kna,qa->qnk", self.tilt, q)
         return np.asarray(motions)
 
@@ -367,7 +367,7 @@ class _Slopes:
         motion[:, block._order[count:]] = tilted[:, count:]
         plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]
         bent = self.tilted[points] @ tilted[:, None, :count]
-        lengths = np.einsum("kna,qkb->qanb", np.asarray(block.tilt), tilted[:, :count])
+        lengths = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
         moved = point.basis[points] @ vectors  # type: ignore[index]
         shape = values.reshape(len(values), 1, 1, -1)
         left = np.concatenate([rows[points] @ vectors, moved], axis=1)
@@ -398,8 +398,8 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     while np.any(left):
         block = np.arange(len(left)) == np.argmax(left)
         count = 0
-        while count < np.count_nonzero(block):
-            count = np.count_nonzero(block)
+        while count < int(np.count_nonzero(block)):
+            count = int(np.count_nonzero(block))
             block = block | np.any(effects[np.any(effects[:, block], axis=1)], axis=0)
         left &= ~block
         found.append(np.flatnonzero(block))

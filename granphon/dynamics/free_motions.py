@@ -31,7 +31,7 @@ class FreeMotions(LongWaves):
         joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
         found = []
         for columns in find_blocks(joined):
-            own = [effect[..., columns].any(axis=2) for effect in effects]
+            own = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
             waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
             if self.is_prestressed:
                 signs = np.broadcast_to(np.sign(self.prestress[self._wave_contacts]), own[1].shape)[own[1]]
@@ -42,7 +42,7 @@ class FreeMotions(LongWaves):
             found.append((block if block.keeps_digits else Block(columns, waves[0])).still())
         return found
 
-    def _find_tilt(self, columns: NDArray[np.intp], dtype: Any) -> tuple[tuple[int, ...], NDArray[Any] | None]:
+    def _find_tilt(self, columns: NDArray[np.intp], dtype: Any) -> tuple[tuple[int, ...], NDArray[Any]]:
         """Return the displacements across the periods in a block, and what goes with each as the balls tilt with it.
 
         A displacement u of the centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of

@@ -137,7 +137,8 @@ class ContactLattice(FreeMotions):
         values = np.concatenate([self._solve(q[part])[0] for part in self._split(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
-            values[faint] = self._follow_to_gamma(q[faint])[0]
+            near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
+            values[faint] = _follow_powers(q[faint], near, *self._solve_with_velocities(near, near / _NEAR_GAMMA))[0]
         return values
 
     @cached_property
@@ -183,7 +184,8 @@ class ContactLattice(FreeMotions):
         values, vectors, velocities = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         limit = at_gamma | faint
         if np.any(limit):
-            values[limit], velocities[limit] = _follow_powers(q[limit], near[limit], values[limit], velocities[limit])
+            found = _follow_powers(q[limit], near[limit], values[limit], vectors[limit], velocities[limit])
+            values[limit], vectors[limit], velocities[limit] = found
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
         motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, -1) * phase
@@ -199,14 +201,6 @@ class ContactLattice(FreeMotions):
             beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside)
-
-    def _follow_to_gamma(self, q: Array) -> tuple[Array, Array]:
-        """Return frequencies and group velocities at wave vectors shorter than 1e-30, from the powers of |q| found there."""
-        near = _NEAR_GAMMA * as_direction(q, self.periods)
-        values, _, velocities = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-        values, velocities = _follow_powers(q, near, values, velocities)
-        order = np.argsort(values, axis=1, kind="stable")
-        return np.take_along_axis(values, order, 1), np.take_along_axis(velocities, order[..., None], 1)
 
     def _solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the frame."""
@@ -229,11 +223,7 @@ class ContactLattice(FreeMotions):
         for block, (_, own, _) in zip(self._blocks, found, strict=True):
             vectors[:, block.columns, first : first + block.size] = own
             first += block.size
-        order = np.argsort(values, axis=1, kind="stable")
-        return (
-            np.take_along_axis(values, order, 1), np.take_along_axis(vectors, order[:, None], 2),
-            np.take_along_axis(velocities, order[..., None], 1),
-        )  # fmt: skip
+        return _sort_branches(values, vectors, velocities)
 
     def _split(self, count: int) -> list[slice]:
         """Return slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array)."""
@@ -247,12 +237,23 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
     return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
 
 
-def _follow_powers(q: Array, near: Array, values: Array, velocities: Array) -> tuple[Array, Array]:
-    """Return frequencies and velocities at ``q`` (n_q, p), shorter than ``near`` of the same direction, from those at near.
+def _sort_branches(values: Array, vectors: NDArray[Any], velocities: Array) -> tuple[Array, NDArray[Any], Array]:
+    """Return frequencies, eigenvectors and velocities with the frequencies ascending."""
+    order = np.argsort(values, axis=1, kind="stable")
+    return (
+        np.take_along_axis(values, order, 1), np.take_along_axis(vectors, order[:, None], 2),
+        np.take_along_axis(velocities, order[..., None], 1),
+    )  # fmt: skip
+
+
+def _follow_powers(
+    q: Array, near: Array, values: Array, vectors: NDArray[Any], velocities: Array
+) -> tuple[Array, NDArray[Any], Array]:
+    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``, longer but as directed.
 
     There each branch is a power of |q|: the first for sound, the second or third for a flexural branch, none for others.
     """
     slope = np.einsum("qa,qba->qb", near, velocities)
     power = np.maximum(np.rint(np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)), 0.0)
     ratio = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
-    return values * ratio**power, velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None]
+    return _sort_branches(values * ratio**power, vectors, velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None])
