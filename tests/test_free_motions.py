@@ -358,7 +358,14 @@ FLEXURAL = [
 
 @pytest.mark.parametrize(
     ("name", "motions", "terms"),
-    [*FLEXURAL, ("honeycomb", IN_PLANE, {}), ("diamond", ALL, {}), ("kagome", IN_PLANE, {"eta": 0.0})],
+    [
+        *FLEXURAL,
+        ("honeycomb", IN_PLANE, {}),
+        ("diamond", ALL, {}),
+        ("diamond", ALL, {"eta": 0.0}),
+        ("honeycomb", IN_PLANE, {"eta": 0.0}),
+        ("kagome", IN_PLANE, {"eta": 0.0}),
+    ],
 )
 @pytest.mark.parametrize(("size", "digits"), [(1e-6, 60), (1e-25, 180), (0.8, 40)])
 def test_every_branch_keeps_its_digits(name, motions, terms, size, digits):

@@ -85,7 +85,7 @@ class Block:
         """
         odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
         inner = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if self.pushing is not None or self.n_rows < self.size or not inner.size:
+        if self.pushing is not None or not inner.size:
             return self
         size = np.abs(odd) + np.abs(even)
         free, others = find_dependent(even[:, inner], np.linalg.norm(size, axis=1), np.linalg.norm(size[:, inner], axis=0))
@@ -256,10 +256,6 @@ class Block:
         """Find frequencies and eigenvectors in the basis of the point."""
         if point.across is not None:
             values, right = graded_eigh(self._make_matrix(point.rows, point.across), factorise)
-        elif self.n_rows >= self.size:
-            values, right = graded_svd(point.rows)
-        elif self.rank == self.n_rows:
-            return self._decompose_wide(point)
         else:
             values, right = graded_svd(point.rows)
         small = (values <= self._limit * self._largest) & (values > 0.0)
@@ -272,24 +268,6 @@ class Block:
             values[doubtful] = np.take_along_axis(some, order, 1)
             right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
         return values, right
-
-    def _decompose_wide(self, point: _Point) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies from C^H, whose singular values are those of C but for zeros, if C has more columns than rows."""
-        rows, n_q = point.rows, len(point.rows)
-        values, right = np.zeros((n_q, self.size)), np.zeros((n_q, self.size, self.size), rows.dtype)
-        if not self.n_rows:
-            right[:] = np.eye(self.size)
-            return values, right
-        adjoint = rows.conj().swapaxes(1, 2)
-        found, left = graded_svd(adjoint)
-        moved = adjoint @ left
-        moved /= np.where(found > 0.0, found, 1.0)[:, None]
-        zero = found <= self._find_rounding(point, np.arange(n_q), moved)
-        found[zero] = 0.0
-        moved = np.where(zero[:, None], 0.0, moved)[:, :, ::-1]
-        # motions of the largest frequencies first; the rest of the basis, and the vectors of zero frequency, deform nothing
-        basis, _ = np.linalg.qr(moved, mode="complete")
-        return np.concatenate([values[:, : self.free], np.sort(found, axis=1)], axis=1), basis[:, :, ::-1]
 
     @property
     def _limit(self) -> float:

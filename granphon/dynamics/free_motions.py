@@ -32,6 +32,8 @@ class FreeMotions(LongWaves):
         found = []
         for columns in find_blocks(joined):
             own = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
+            if not own[0].any():
+                own[0][0, 0] = True  # a row of zeros stands for none
             waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
             if self.is_prestressed:
                 signs = np.broadcast_to(np.sign(self.prestress[self._wave_contacts]), own[1].shape)[own[1]]
