@@ -63,9 +63,10 @@ def whole_number(name: str, value: Any, low: int, high: int | None = None) -> in
     return int(require(name, partial(validation.whole, low=low, high=high), value))
 
 
-def grid_numbers(name: str, values: Any, high: int, example: str) -> tuple[int, int]:
-    """Two whole numbers from 1 to ``high``; a 1 may follow them if the ``example`` has three numbers."""
-    found: tuple[int, int] = require(name, partial(validation.grid, low=1, high=high, example=example), values)
+def grid_numbers(name: str, values: Any, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
+    """A whole number from 1 to ``high`` for each period; ones may follow them up to the length of the ``example``."""
+    rule = partial(validation.grid, low=1, high=high, example=example, periods=periods)
+    found: tuple[int, ...] = require(name, rule, values)
     return found
 
 

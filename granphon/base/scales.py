@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -207,18 +207,14 @@ class WidthUnits:
         return overlap / self.width + 0.5
 
 
-#: coordinates of a ball, as the files for phonopy name them
-_COORDINATES = ("x", "y", "w = R_g phi")
-
-
-def file_header(unit: HertzPrefix, scales: Units) -> list[str]:
+def file_header(unit: HertzPrefix, scales: Units, schema: int, coordinates: Sequence[str]) -> list[str]:
     """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit, coordinates, scales in SI."""
     return [
         "granphon:",
-        "  schema: 1",
+        f"  schema: {schema}",
         f"  frequency_unit: {unit.name}",
         f"  hertz: {unit.hertz!r}",
-        f"  coordinates: [{', '.join(_COORDINATES)}]",
+        f"  coordinates: [{', '.join(coordinates)}]",
         *(f"  {key}: {value!r}" for key, value in scales.to_info().items()),
     ]
 
@@ -228,10 +224,10 @@ def read_header(own: Mapping[str, Any]) -> tuple[float, Units]:
 
     Raises :class:`InputError` for another schema, or for a frequency unit or scales that cannot be right.
     """
-    if own["schema"] != 1:
-        raise InputError(message(f"its schema is {own['schema']!r}, and this granphon knows 1", mend="Update granphon"))
-    if own["coordinates"] != list(_COORDINATES):
-        raise InputError(f"its coordinates of a ball are not {', '.join(_COORDINATES)}")
+    if own["schema"] not in (1, 2):
+        raise InputError(
+            message(f"its schema is {own['schema']!r}, and this granphon knows 1 and 2", mend="Update granphon")
+        )
     hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
     if own["hertz"] != hertz:
         raise InputError("its unit of frequency and the size of it contradict each other")

@@ -29,6 +29,8 @@ __all__ = [
 Rule = Callable[[Any], Any]
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
+#: what one number for each of one, two or three periods is called
+_COUNTS = ("one whole number", "two whole numbers", "three whole numbers")
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
@@ -173,25 +175,28 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
     raise Refused(show(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
 
 
-def grid(value: Any, low: int, high: int, example: str) -> tuple[int, int]:
-    """Two whole numbers from ``low`` to ``high``, given as "64 64", [64, 64], (64, 64) or an array.
+def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
+    """As many whole numbers from ``low`` to ``high`` as there are periods: "64 64", [64, 64], (64, 64) or an array of two.
 
-    If the ``example`` has a third number, a 1 may follow the two.
+    If the ``example`` has more numbers, ones may follow up to its length.
     """
     count = len(example.split())
-    allowed = f"two whole numbers from {low} to {high}{' and a 1' if count > 2 else ''}, such as {example}"
+    ones = ("", " and a 1", " and two ones")[count - periods]
+    allowed = f"{_COUNTS[periods - 1]} from {low} to {high}{ones}, such as {example}"
     words: Any = value.split() if isinstance(value, str) else value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(words, list | tuple) or not 2 <= len(words) <= count:
+    if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
         raise Refused(show(value), allowed)
     if isinstance(value, str):
         words = [int(w) if re.fullmatch(r"[0-9]{1,9}", w) else w for w in words]
     if not all(map(is_whole, words)):
         raise Refused(show(value), allowed)
-    if len(words) == 3 and words[2] != 1:
-        raise Refused(f"{show(value)}, whose third number is {words[2]}", allowed, "The packing is one layer.")
-    if not all(low <= w <= high for w in words[:2]):
+    for place, word in enumerate(words[periods:], periods):
+        if word != 1:
+            found = f"{show(value)}, whose {('second', 'third')[place - 1]} number is {word}"
+            raise Refused(found, allowed, ("The packing is one row.", "The packing is one layer.")[periods - 1])
+    if not all(low <= w <= high for w in words[:periods]):
         raise Refused(show(value), allowed)
-    return int(words[0]), int(words[1])
+    return tuple(map(int, words[:periods]))
 
 
 # -- arrays of numbers ----------------------------------------------------------------------------------------------

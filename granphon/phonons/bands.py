@@ -5,25 +5,33 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.lattices import BALL
-from granphon.balls.motions import IN_PLANE, TRANSLATIONS_IN_PLANE, Motions
+from granphon.balls.motions import IN_PLANE, Motions
 from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, message
 from granphon.base.reading import plain_yaml
 from granphon.base.results import Result
-from granphon.base.scales import HertzPrefix, Units, file_header, read_header
+from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import show
 from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.modes import Modes
+from granphon.phonons.phonopy_atoms import (
+    OFFSET,
+    SPIN,
+    find_offset_phases,
+    make_header,
+    name_atoms,
+    place_atoms,
+    read_motions,
+)  # fmt: skip
 
 __all__ = ["Bands", "PhononModes"]
 
@@ -64,18 +72,23 @@ class Bands(Result):
     qpoints : (s, p, 3), wave vectors as fractions of the reciprocal cell.
     distances : (s, p), distance along the path over 2 pi, in units of 1/d, as in phonopy: a number without a unit.
     frequencies : (s, p, b), Hz, ascending.
-    group_velocities : (s, p, b, 2), m/s; at Gamma, and where branches touch, the limit along the path.
-    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; each ball has the components (x, y, w) or (x, y).
+    group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where branches touch, the limit
+        along the path.
+    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; the motions of ball after ball, (x, y, w) in the
+        plane.
     labels : (s + 1), names of the corners.
     cell, positions, masses : the cell that the q points belong to, in reduced units: its vectors (3, 3), the positions of
         the balls (n, 3) as fractions of these vectors, and the masses (n,).
     scales : the length, stiffness and mass that convert reduced units to SI.
-    warnings : one sentence for each limit of the model that the state exceeds.
+    warnings : one sentence for each limit of the model that the state exceeds, and for branches that cost no energy.
+    motions : the motions of each ball; rotations that the eigenvectors do not have are left out.
     """
+
+    added = ("motions",)
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
     shapes = {
-        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b 2",
+        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d",
         "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n",
     }  # fmt: skip
 
@@ -90,18 +103,24 @@ class Bands(Result):
     masses: Array
     scales: Units
     warnings: tuple[str, ...] = ()
+    motions: Motions = IN_PLANE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.eigenvectors.shape[2] == len(self.motions.translations) * len(self.masses):
+            object.__setattr__(self, "motions", replace(self.motions, rotations=()))
 
     def check(self) -> None:
         """Check shapes, and that all numbers are finite and can be those of bands.
 
         Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, and eigenvectors, of
-        two or three components for each ball, have the length one.
+        a component for each motion of each ball, have the length one.
         """
         super().check()
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
-            raise InputError(message(what, mend="Give two or three for each ball"))
+            raise InputError(message(what, mend=f"Give {self.motions.count} for each ball"))
         self.check_finite()
         lengths = np.linalg.norm(self.eigenvectors, axis=2)
         # the lowest frequencies are roots of rounding errors, so that neighbours may be out of order by as much
@@ -121,13 +140,13 @@ class Bands(Result):
 
     @property
     def n_branches(self) -> int:
-        """Number of branches: 3 for each ball with friction, 2 without."""
+        """Number of branches: one for each motion of each ball."""
         return int(self.frequencies.shape[2])
 
     @property
-    def motions(self) -> Motions:
-        """Motions of each ball in the plane; rotation is left out if eigenvectors have two components for each ball."""
-        return _select_motions(self.eigenvectors.shape[2], len(self.masses))
+    def periods(self) -> int:
+        """Number of periods of the lattice."""
+        return int(self.group_velocities.shape[3])
 
     @cached_property
     def _motion(self) -> NDArray[Any]:
@@ -143,12 +162,33 @@ class Bands(Result):
     @property
     def longitudinal_fraction(self) -> Array:
         """Fraction of the kinetic energy that is motion along q (at Gamma, along the path), (s, p, b), 0 to 1."""
-        q = self.qpoints[..., :2] @ np.linalg.inv(self.cell[:2, :2]).T
+        d = self.periods
+        q = self.qpoints[..., :d] @ np.linalg.inv(self.cell[:d, :d]).T
         ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        along = np.einsum("spiab,spa->spib", self._motion[:, :, :, self.motions.translating], ahead)
+        inside = [place for place, axis in enumerate(self.motions.translations) if axis < d]
+        moved = self._motion[:, :, :, inside]
+        along = np.einsum("spiab,spa->spib", moved, ahead[..., [self.motions.translations[place] for place in inside]])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
+
+    @property
+    def out_of_plane_fraction(self) -> Array:
+        """Fraction of the kinetic energy that is displacement out of a plane lattice, (s, p, b), 0 to 1.
+
+        It is zero for lattices with one or three periods.
+        """
+        across = [place for place, axis in enumerate(self.motions.translations) if axis >= self.periods == 2]
+        return np.asarray(np.sum(np.abs(self._motion[:, :, :, across]) ** 2, axis=(2, 3)))
+
+    @property
+    def transverse_fraction(self) -> Array:
+        """Fraction of the kinetic energy that is displacement across q, (s, p, b), 0 to 1; of a plane lattice, in its plane.
+
+        With the rotational, the longitudinal and the out-of-plane fraction it adds up to 1.
+        """
+        rest = 1.0 - self.rotational_fraction - self.longitudinal_fraction - self.out_of_plane_fraction
+        return np.asarray(np.clip(rest, 0.0, 1.0))
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:
@@ -170,24 +210,31 @@ class Bands(Result):
         """Write phonopy's band.yaml, with eigenvectors and group velocities, for phonopy-bandplot and Euphonic.
 
         Frequencies are in Hz, kHz, MHz or another such unit, in which the top one lies between 1 and 1000; the file names
-        the unit. Without friction there are two branches for each ball, and w is zero. Some programs expect three branches
-        for each ball: ``pad`` adds, below the others, one branch at zero frequency for each ball, which is the rotation of
-        that ball alone (nothing resists it). :meth:`read` leaves these branches out.
+        the unit. Coordinates of an atom that hold no motion are zero, such as w in the plane without friction. Some programs
+        expect three branches for each atom: ``pad`` adds, below the others, one branch at zero frequency for each such
+        coordinate, which moves it alone. :meth:`read` leaves these branches out.
+
+        Six motions of a ball are those of two atoms, see :mod:`granphon.phonons.phonopy_atoms`. The second, "Sn", stands a
+        little aside of its ball. As phonopy's own, its eigenvector has the phase of that place; :meth:`read` returns it to
+        the phase of the ball.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)
         s, p, b = self.frequencies.shape
-        n = len(self.masses)
+        n, per_ball = len(self.masses), self.motions.atoms_per_ball
         slots, still_slots = list(self.motions.slots), list(self.motions.still_slots)
         still = n * len(still_slots) if pad else 0
         frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0)))
-        velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 1)))
-        motion = np.zeros((s, p, n, 3, still + b), complex)
+        velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods)))
+        motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
         motion[:, :, :, slots, still:] = self._motion
         if still:
             motion[:, :, :, still_slots, :still] = np.eye(still).reshape(n, -1, still)
+        # what an atom aside of its ball lacks of the phase of the ball
+        motion[:, :, :, 3:] *= find_offset_phases(self.qpoints, self.cell).conj()[:, :, None, None, None]
+        motion = motion.reshape(s, p, n * per_ball, 3, still + b)
         lines = [
-            *file_header(unit, self.scales),
+            *make_header(unit, self.scales, self.motions, self.periods),
             *([f"  still_branches: {still}"] if still else []),
             f"  warnings: {json.dumps(self.warnings)}",
             f"frequency_unit: {unit.name}", "calculator: granphon",
@@ -202,13 +249,15 @@ class Bands(Result):
         lines += [
             "reciprocal_lattice:",
             *map(_write_yaml_row, reciprocal),
-            f"natom: {n}",
+            f"natom: {n * per_ball}",
             "lattice:",
             *map(_write_yaml_row, self.cell),
             "points:",
         ]
-        for place, mass in zip(self.positions, self.masses, strict=True):
-            lines += [f"- symbol: {BALL}", f"  coordinates: [ {_join_numbers(place)} ]", f"  mass: {float(mass)!r}"]
+        places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
+        masses = np.repeat(self.masses, per_ball)
+        for name, place, mass in zip(name_atoms(n, self.motions), places, masses, strict=True):
+            lines += [f"- symbol: {name}", f"  coordinates: [ {_join_numbers(place)} ]", f"  mass: {float(mass)!r}"]
         lines.append("phonon:")
         velocity = self.scales.length * unit.hertz
         for i in range(s):
@@ -224,8 +273,8 @@ class Bands(Result):
                     lines += [f"  - # {k + 1}", f"    frequency: {float(frequencies[i, j, k] / unit.hertz)!r}"]
                     g = velocities[i, j, k] / velocity
                     lines += [f"    group_velocity: [ {_join_numbers(g)} ]", "    eigenvector:"]
-                    for ball in motion[i, j, :, :, k]:
-                        lines += ["    -", *(f"      - [ {_join_numbers((z.real, z.imag))} ]" for z in ball)]
+                    for atom in motion[i, j, :, :, k]:
+                        lines += ["    -", *(f"      - [ {_join_numbers((z.real, z.imag))} ]" for z in atom)]
         write_text(path, seal(lines))
 
     @classmethod
@@ -242,30 +291,37 @@ class Bands(Result):
             own, phonon = data["granphon"], data["phonon"]
             hertz, scales = read_header(own)
             s, p = _read_sizes(data)
-            masses = _numbers("mass", [point["mass"] for point in data["points"]])
-            n = len(masses)
-            if _whole(data, "natom") != n:
-                raise InputError(f"Its key natom is {data['natom']}, and it has {n} points")
+            points = data["points"]
+            if _whole(data, "natom") != len(points):
+                raise InputError(f"Its key natom is {data['natom']}, and it has {len(points)} points")
+            n = sum(point["symbol"] != SPIN for point in points)
             still = int(own.get("still_branches", 0))
             bands = [q["band"][still:] for q in phonon]
-            b = len(bands[0])
+            b, per_ball = len(bands[0]), len(points) // max(n, 1)
+            motions, periods = read_motions(own, b // max(n, 1))
+            if name_atoms(n, motions) != [point["symbol"] for point in points]:
+                raise InputError("Its atoms are not those of balls with these motions")
+            cell = _numbers("lattice", data["lattice"])
+            qpoints = _numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
             parts = _numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
-            vectors = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3)[..., list(_select_motions(b, n).slots)]
+            vectors = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3 * per_ball)
+            vectors[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
+            vectors = vectors[..., list(motions.slots)]
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            velocities = _numbers("group_velocity", [[mode["group_velocity"][:2] for mode in q] for q in bands])
-            cell = _numbers("lattice", data["lattice"])
+            velocities = _numbers("group_velocity", [[mode["group_velocity"][:periods] for mode in q] for q in bands])
+            coordinates = _numbers("coordinates", [point["coordinates"] for point in points])
+            masses = _numbers("mass", [point["mass"] for point in points])
             found = cls(
-                _numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3),
+                qpoints,
                 _numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
                 _numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
-                velocities.reshape(s, p, b, 2) * scales.length * hertz,
+                velocities.reshape(s, p, b, periods) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
-                _numbers("coordinates", [point["coordinates"] for point in data["points"]]), masses, scales,
-                tuple(own["warnings"]),
+                coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
             )  # fmt: skip
             found.check()
             if not np.allclose(_numbers("reciprocal_lattice", data["reciprocal_lattice"]), np.linalg.inv(cell).T):
@@ -302,10 +358,6 @@ def _numbers(name: str, values: Any) -> Array:
 def _whole(data: Any, key: str) -> int:
     found: int = require(key, partial(whole, low=1), data[key])
     return found
-
-
-def _select_motions(components: int, balls: int) -> Motions:
-    return TRANSLATIONS_IN_PLANE if components == TRANSLATIONS_IN_PLANE.count * balls else IN_PLANE
 
 
 def _join_numbers(values: Any) -> str:

@@ -27,18 +27,19 @@ _DOS_SCHEMA = "granphon density of states, schema {}, per ball"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DensityOfStates(Result):
-    """Density of states per ball, 1/Hz; it integrates to the number of branches per ball.
+    """Density of states per ball, 1/Hz; it integrates to the number of motions of a ball.
 
     With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
-    exactly the number of branches. With smearing the tails below zero frequency are reflected.
+    exactly the number of motions. With smearing the tails below zero frequency are reflected. Branches that cost no energy
+    at any wave vector count too: the first interval holds all of them (with smearing, the half width at zero).
 
     Attributes
     ----------
     frequencies : (n,), Hz.
     translational, rotational : (n,), 1/Hz, the density with each mode weighted by that fraction of its kinetic energy.
     method : "tetrahedron" or "smearing".
-    mesh : (n1, n2), numbers of wave vectors along the two axes of the reciprocal cell.
-    warnings : one sentence for each limit of the model that the state exceeds.
+    mesh : (p,), numbers of wave vectors along the axes of the reciprocal cell, one for each period of the lattice.
+    warnings : one sentence for each limit of the model that the state exceeds, and for branches that cost no energy.
     """
 
     units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
@@ -48,7 +49,7 @@ class DensityOfStates(Result):
     translational: Array
     rotational: Array
     method: str
-    mesh: tuple[int, int]
+    mesh: tuple[int, ...]
     warnings: tuple[str, ...] = ()
 
     def check(self) -> None:
@@ -80,7 +81,7 @@ class DensityOfStates(Result):
         columns = (self.frequencies, self.total, self.translational, self.rotational)
         comments = (
             _DOS_SCHEMA.format(2),
-            f"method {self.method}, mesh {self.mesh[0]} {self.mesh[1]}",
+            f"method {self.method}, mesh {' '.join(map(str, self.mesh))}",
             *(f"warning: {warning}" for warning in self.warnings),
         )
         text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
@@ -94,7 +95,7 @@ class DensityOfStates(Result):
             table = Table.parse(str(path), text.encode())
             comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
             what, how = comments[:2]
-            words = re.fullmatch(r"method (\w+), mesh (\d+) (\d+)", how)
+            words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", how)
             # schema 1 differs only in that the heading stood below the comments
             known = what in (_DOS_SCHEMA.format(1), _DOS_SCHEMA.format(2))
             if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or not known or words is None:
@@ -103,7 +104,7 @@ class DensityOfStates(Result):
             if len(warnings) != len(comments) - 2:
                 raise InputError("It has a comment that granphon does not write")
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
-            mesh = int(words[2]), int(words[3])
+            mesh = tuple(map(int, words[2].split()))
             found = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
             found.check()
             if not np.array_equal(found.total, total):

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -38,33 +39,52 @@ _LARGEST_FRACTION = 1e3
 #: for a hexagonal cell of 120 degrees and for a square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
+#: letters of the path of a face-centred cubic cell; other cells in space have ASE's
+_FACE_CENTRED_PATH = "GXWKGL"
+#: what the balls of a lattice with one, two or three periods make
+_SHAPES = ("row", "layer", "crystal")
 
 
 # -- special points -------------------------------------------------------------------------------------------------
 
 
 def special_points(vectors: ArrayLike) -> dict[str, Array]:
-    """Find the special points of the Brillouin zone of lattice vectors (2, 2), keyed by ASE's letters.
+    """Find the special points of the Brillouin zone of lattice vectors (p, d), keyed by ASE's letters.
 
     Each point is (3,), in fractions of the reciprocal cell.
     """
+    points = _find_band_path(*_key(vectors)).special_points
+    return {name: np.array(point) for name, point in points.items()}
+
+
+def default_letters(vectors: ArrayLike) -> str:
+    """Return the letters of the path of a cell (p, d) from corner to corner of its irreducible zone.
+
+    They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in face-centred cubic ones; of
+    other cells ASE's, where a comma marks a jump.
+    """
+    path = _find_band_path(*_key(vectors))
+    if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
+        for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
+            if set(letters) <= set(path.special_points):
+                return letters
+    return _FACE_CENTRED_PATH if path.path.startswith(_FACE_CENTRED_PATH) else str(path.path)
+
+
+def _key(vectors: ArrayLike) -> tuple[tuple[float, ...], int]:
+    """Return lattice vectors (p, d) as a cell in space, in one row, and p."""
+    given, cell = np.asarray(vectors), np.eye(3)
+    p = len(given)
+    cell[:p, :p] = given[:, :p]
+    return tuple(cell.ravel().tolist()), p
+
+
+@lru_cache(maxsize=16)
+def _find_band_path(cell: tuple[float, ...], periods: int) -> Any:
+    """Return ASE's band path of a cell, which knows its special points and the standard path."""
     from ase.cell import Cell
 
-    cell = np.eye(3)
-    cell[:2, :2] = vectors
-    points = Cell(cell).bandpath(npoints=0, pbc=(True, True, False)).special_points
-    return {name: np.asarray(point) for name, point in points.items()}
-
-
-def default_letters(points: Mapping[str, Any]) -> str:
-    """Return the letters of the path around the irreducible zone of the hexagonal or square cell with these special points.
-
-    Raises :class:`~granphon.base.errors.InputError` for another cell.
-    """
-    for letters, _ in (_HEXAGONAL_PATH, _SQUARE_PATH):
-        if set(letters) <= set(points):
-            return letters
-    raise InputError(message("this cell has no path of its own", mend=f"Name one of {', '.join(points)}"))
+    return Cell(np.reshape(cell, (3, 3))).bandpath(npoints=0, pbc=np.arange(3) < periods)
 
 
 # -- points along a path --------------------------------------------------------------------------------------------
@@ -75,16 +95,18 @@ def interpolate_path(
     npoints: int,
     special_points: Mapping[str, ArrayLike],
     labels: Sequence[str] | None = None,
+    periods: int = 2,
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the points along a path through the Brillouin zone, and the labels of its corners.
 
     Parameters
     ----------
-    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, 2 or 3) in fractions of the
+    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, p) or (n, 3) in fractions of the
         reciprocal cell, or a list of such arrays.
     npoints : points in each segment, both ends counted; at least 2.
     special_points : the point that each letter means, in fractions of the reciprocal cell.
     labels : one for each corner; by default the letters, or the coordinates.
+    periods : number p of periods of the lattice.
 
     Returns
     -------
@@ -94,7 +116,7 @@ def interpolate_path(
     Raises
     ------
     InputError : an unknown letter; a path that is not letters or finite numbers, has fewer than two corners, leaves the
-        plane or has the same corner twice in a row; ``npoints`` below 2; another number of labels than corners.
+        lattice or has the same corner twice in a row; ``npoints`` below 2; another number of labels than corners.
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     pieces: list[Array] = []
@@ -129,17 +151,18 @@ def interpolate_path(
         if not corners:
             raise InputError(message(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"))
         for piece in corners:
-            if piece.ndim != 2 or piece.shape[1] not in (2, 3) or not np.all(np.isfinite(piece)):
-                raise InputError(message("a path is a list of corners of two or three finite numbers"))
+            if piece.ndim != 2 or piece.shape[1] not in (periods, 3) or not np.all(np.isfinite(piece)):
+                many = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")[periods - 1]
+                raise InputError(message(f"a path is a list of corners of {many}"))
             pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-        names = _split_labels([_coordinates(q) for piece in pieces for q in piece] if labels is None else labels, pieces)
+        corners_said = [_coordinates(q[:periods]) for piece in pieces for q in piece] if labels is None else labels
+        names = _split_labels(corners_said, pieces)
     segments: list[Array] = []
     ticks: list[str] = []
     for piece, name in zip(pieces, names, strict=True):
         if len(piece) < 2:
             raise InputError(message("a path needs at least two corners"))
-        if np.any(piece[:, 2] != 0.0):
-            raise InputError(message("the path leaves the plane", "The array is one layer", "Set the third number to 0"))
+        check_inside(piece, periods, "the path")
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
             raise InputError(message("two corners that follow each other on the path are the same point"))
         for start, stop in itertools.pairwise(piece):
@@ -164,7 +187,16 @@ def _split_labels(labels: Sequence[str], pieces: Sequence[Array]) -> list[list[s
 
 def _coordinates(q: Array) -> str:
     """Return the label of a corner that has no name: its coordinates."""
-    return "(" + " ".join(f"{x:.3g}" for x in q[:2]) + ")"
+    return "(" + " ".join(f"{x:.3g}" for x in q) + ")"
+
+
+def check_inside(qpoints: Array, periods: int, what: str) -> None:
+    """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the ``periods`` of the lattice."""
+    if np.any(qpoints[:, periods:] != 0.0):
+        line, mend = (("line", "Set the second and the third number to 0"), ("plane", "Set the third number to 0"))[
+            periods - 1
+        ]
+        raise InputError(message(f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend))
 
 
 # -- paths of a scene -----------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Sequence
 from functools import cached_property
@@ -13,11 +14,10 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from phonopy import Phonopy
 from phonopy.phonon.mesh import Mesh
-from phonopy.phonon.spectrum import SmearingDOSAccumulator, TetrahedronDOSAccumulator
+from phonopy.phonon.spectrum import SmearingDOSAccumulator
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.balls.lattices import BALL
 from granphon.base.arguments import grid_numbers, positive, real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.scales import Units
@@ -30,7 +30,9 @@ from granphon.phonons.calculator import HertzMindlin
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.force_constants import contact_blocks
-from granphon.phonons.paths import LARGEST_COUNT, default_letters, interpolate_path, special_points
+from granphon.phonons.mesh_integrals import integrate_tetrahedra
+from granphon.phonons.paths import LARGEST_COUNT, check_inside, default_letters, interpolate_path, special_points
+from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 from granphon.phonons.phonopy_bridge import ContactPhonopy, load_phonopy, write_phonopy
 
 __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonopy"]
@@ -39,8 +41,8 @@ Array = NDArray[np.float64]
 
 #: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
-#: memory for the tetrahedron weights that are held at a time, bytes
-_WEIGHTS = 2**26
+#: mesh of a density of states for one, two and three periods
+_MESHES = ((1024,), (64, 64), (32, 32, 32))
 
 
 class Phonons:
@@ -52,8 +54,8 @@ class Phonons:
     atoms : another cell of the same balls (a supercell, other masses, a defect), in the reduced units of the state; by
         default one cell of the lattice.
     finite_overlap : deprecated; the state says whether overlap is finite.
-    dim : numbers of cells (n1, n2), or (n1, n2, 1), of the supercell for force constants; by default the fewest with which
-        no two balls touch through two images.
+    dim : numbers of cells of the supercell for force constants, one for each period, such as (n1, n2), or (n1, n2, 1); by
+        default the fewest with which no two balls touch through two images.
 
     Attributes
     ----------
@@ -66,7 +68,6 @@ class Phonons:
     ------
     InputError : a state with several loads; atoms without masses, of other scales, or otherwise refused by
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
-    MechanismError : the lattice of the state is a mechanism (``atoms`` that are given may be one).
     """
 
     def __init__(
@@ -78,12 +79,12 @@ class Phonons:
     ) -> None:
         self.state = state = with_keyword(state, finite_overlap)
         self.scales: Units = state.scales
-        self.calculator = HertzMindlin(state)
         if not isinstance(atoms, Atoms | None):
             raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
-        if not self.atoms.cell[2].any():
-            self.atoms.cell[2, 2] = 1.0  # phonopy needs a cell in three dimensions; the layer is one diameter thick
+        for axis in range(state.packing.structure.periods, 3):
+            if not self.atoms.cell[axis].any():
+                self.atoms.cell[axis, axis] = 1.0  # phonopy needs three dimensions; the layer is one diameter thick
         # one cell of the lattice has the contacts of the state, so no search is needed
         self.lattice: ContactLattice = (
             contact_lattice(state) if atoms is None else self.calculator.contact_lattice(self.atoms)
@@ -102,32 +103,41 @@ class Phonons:
             )
         self.dim = self._choose_dim(dim)
 
-    def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, int]:
+    @cached_property
+    def calculator(self) -> HertzMindlin:
+        """The calculator of the state."""
+        return HertzMindlin(self.state)
+
+    @property
+    def _periods(self) -> int:
+        return self.lattice.periods
+
+    def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, ...]:
+        p = self._periods
         contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
+        if self.lattice.motions.atoms_per_ball > 1:  # atoms a little aside of their balls
+            contact += 2.0 * float(np.linalg.norm(OFFSET))
         # an axis that is not periodic has no images: a very long cell vector keeps them away
-        periodic = np.asarray(self.atoms.pbc)[:2]
+        periodic = np.asarray(self.atoms.pbc)[:p]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
-            dim = grid_numbers("dim", given, LARGEST_COUNT, "3 3 1")
+            dim = grid_numbers("dim", given, LARGEST_COUNT, _pad_example("3", p), p)
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
             if not touch_once_at_most(cell, dim, contact):
                 raise InputError(
                     message(
-                        f"a supercell of {dim[0]} x {dim[1]} cells is too small",
+                        f"a supercell of {' x '.join(map(str, dim))} cells is too small",
                         "Two balls would touch through more than one image, and their contacts could not be told apart",
-                        "Use at least {} x {}".format(*self._choose_dim(None)),
+                        f"Use at least {' x '.join(map(str, self._choose_dim(None)))}",
                     )
                 )
             return dim
-        n1 = n2 = 1
-        while not touch_once_at_most(cell, (n1, n2), contact):
-            # lengthen the shorter side, so that the two sides stay about equal
-            if n1 * np.linalg.norm(cell[0]) <= n2 * np.linalg.norm(cell[1]):
-                n1 += 1
-            else:
-                n2 += 1
-        return (max(n1, n2),) * 2 if len(self.atoms) == 1 and np.all(periodic) else (n1, n2)
+        numbers, lengths = [1] * p, np.linalg.norm(cell, axis=1)
+        while not touch_once_at_most(cell, tuple(numbers), contact):
+            # lengthen the shortest side, so that the sides stay about equal
+            numbers[int(np.argmin(numbers * lengths))] += 1
+        return (max(numbers),) * p if len(self.atoms) == 1 and np.all(periodic) else tuple(numbers)
 
     # -- phonopy ----------------------------------------------------------------------------------------------------
 
@@ -137,68 +147,88 @@ class Phonons:
 
         Its force constants are those of the calculator. The documentation lists what may be done with it; methods that would
         give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
+
+        Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane and (w_x, w_y, u_z) out of
+        it; those that hold no motion give flat branches at zero. Six motions are those of two atoms: "Fe" holds u, and "Sn",
+        a little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball
+        (:mod:`granphon.phonons.phonopy_atoms`).
         """
         bridge = ContactPhonopy(
-            self._make_phonopy_cell(), np.diag([*self.dim, 1]), primitive_matrix="P", is_symmetry=False, log_level=0
+            self._make_phonopy_cell(), np.diag(self._pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
         )
         bridge.unit_conversion_factor = 1.0
         bridge.give_force_constants(self._compute_force_constants(bridge))
         return bridge
 
     def _make_phonopy_cell(self) -> PhonopyAtoms:
-        cell, extent = np.array(self.atoms.cell), float(np.ptp(self.atoms.positions[:, :2], axis=0).sum())
-        for axis in np.flatnonzero(~np.asarray(self.atoms.pbc)[:2]):
+        cell, spread, motions = np.array(self.atoms.cell), np.ptp(self.atoms.positions, axis=0), self.lattice.motions
+        periods = np.arange(3) < self._periods
+        open_ends = np.where(periods, ~np.asarray(self.atoms.pbc), spread > 0.5)
+        for axis in np.flatnonzero(open_ends):
             # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
-            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / np.linalg.norm(cell[axis]))
+            cell[axis] *= 1.0 + np.ceil(2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis]))
         return PhonopyAtoms(
-            symbols=[BALL] * len(self.atoms), cell=cell, masses=self.atoms.get_masses(), positions=self.atoms.positions
-        )
+            symbols=name_atoms(len(self.atoms), motions), cell=cell,
+            masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
+            positions=place_atoms(self.atoms.positions, motions),
+        )  # fmt: skip
 
     def _compute_force_constants(self, bridge: Phonopy) -> Array:
-        """Force constants between balls of the cell and of phonopy's supercell, (n, n_supercell, 3, 3), units of k."""
+        """Force constants between atoms of the cell and of phonopy's supercell, (n, n_supercell, 3, 3), units of k."""
         table, blocks = self.lattice.contacts, contact_blocks(self.lattice)
-        dim = np.array(self.dim)
-        # where[ball, n1, n2]: index in phonopy's supercell of the image of a ball in cell (n1, n2)
+        dim, per_ball = np.array(self.dim), self.lattice.motions.atoms_per_ball
+        # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1, ...)
         cells, unit = bridge.supercell, bridge.unitcell
-        ball = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint((cells.positions - unit.positions[ball]) @ np.linalg.inv(unit.cell)).astype(int)[:, :2] % dim
-        where = np.empty((len(self.atoms), *dim), int)
-        where[ball, place[:, 0], place[:, 1]] = np.arange(len(ball))
-        constants = np.zeros((len(self.atoms), len(ball), 3, 3))
+        atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
+        place = np.rint((cells.positions - unit.positions[atom]) @ np.linalg.inv(unit.cell)).astype(int)
+        where = np.empty((len(unit), *dim), int)
+        where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+        constants = np.zeros((len(unit), len(atom), 3, 3))
         home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
-        i, j = (table.i, slice(0, 3)), (table.j, slice(3, 6))
-        for (one, row), (other, column), cell in ((i, i, home), (j, j, home), (i, j, away), (j, i, back)):
-            np.add.at(constants, (one, where[other, cell[:, 0], cell[:, 1]]), blocks[:, row, column])
+        for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
+            (i, j), (i_too, j_too) = ([per_ball * end + part for end in (table.i, table.j)] for part in (a, b))
+            rows, columns = (slice(3 * part, 3 * part + 3) for part in (a, b))
+            far_rows, far_columns = (slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b))
+            for one, row, other, column, cell in (
+                (i, rows, i_too, columns, home), (j, far_rows, j_too, far_columns, home),
+                (i, rows, j_too, far_columns, away), (j, far_rows, i_too, columns, back),
+            ):  # fmt: skip
+                np.add.at(constants, (one, where[(other, *cell.T)]), blocks[:, row, column])
         return constants
 
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
-        return validity(self.state).warnings
+        return (*validity(self.state).warnings, *getattr(self.lattice, "free_branch_warnings", ()))
 
     # -- spectra ----------------------------------------------------------------------------------------------------
 
     def frequencies(self, qpoints: ArrayLike) -> Array:
-        """Return frequencies (n_q, n_branches), Hz, ascending, at ``qpoints`` (n_q, 2 or 3).
+        """Return frequencies (n_q, n_branches), Hz, ascending, at ``qpoints`` (n_q, p) or (n_q, 3).
 
-        ``qpoints`` are fractions of the reciprocal cell.
+        ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each ball of the cell.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        return self.lattice.frequencies(self.lattice.wavevectors(_check_qpoints(qpoints))) * self.scales.frequency
+        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        return self.lattice.frequencies(q) * self.scales.frequency
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
-        """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints`` (n_q, 2 or 3).
+        """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints``.
 
-        ``qpoints`` are fractions of the reciprocal cell. Where branches touch, and at Gamma, the result is the limit along
-        ``direction`` (Cartesian), which is required at Gamma.
+        ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch, and at Gamma, the result
+        is the limit along ``direction`` (Cartesian), which is required at Gamma.
         """
-        q = self.lattice.wavevectors(_check_qpoints(qpoints))
+        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return PhononModes.of(self.lattice.modes(q, direction), self.scales)
 
     @property
     def special_points(self) -> dict[str, Array]:
         """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of the reciprocal cell."""
-        return special_points(self.atoms.cell[:2, :2])
+        return special_points(self._lattice_vectors)
+
+    @property
+    def _lattice_vectors(self) -> Array:
+        return np.asarray(self.atoms.cell)[: self._periods, : self._periods]
 
     def bands(
         self,
@@ -211,31 +241,33 @@ class Phonons:
         Parameters
         ----------
         path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
-            reciprocal cell; by default around the irreducible zone (GKMG on a hexagonal cell, GXMG on a square one).
+            reciprocal cell; by default the lattice's own (:func:`~granphon.phonons.paths.default_letters`): GKMG on a
+            hexagonal cell, GXMG on a square one, GXWKGL in fcc.
         npoints : points in each segment, both ends counted.
         labels : names of the corners; by default the letters, or the coordinates.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
-        segments, ticks = interpolate_path(default_letters(letters) if path is None else path, npoints, letters, labels)
+        way = default_letters(self._lattice_vectors) if path is None else path
+        segments, ticks = interpolate_path(way, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
-        q = self.lattice.wavevectors(segments)  # (s, p, 2)
+        q = self.lattice.wavevectors(segments)  # (s, p, periods)
         steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
         distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
         along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
-        modes = self.lattice.modes(q.reshape(-1, 2), along)
-        b = self.lattice.n_branches
+        b, d = self.lattice.n_branches, self._periods
+        modes = self.lattice.modes(q.reshape(-1, d), along)
         return Bands(
             segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
-            modes.group_velocities.reshape(s, p, b, 2) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
+            modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales, self._warnings,
+            self.scales, self._warnings, self.lattice.motions,
         )  # fmt: skip
 
     def dos(
         self,
-        mesh: Sequence[int] = (64, 64),
+        mesh: Sequence[int] | None = None,
         method: Literal["tetrahedron", "smearing"] = "tetrahedron",
         sigma: float | None = None,
         points: int = 501,
@@ -244,20 +276,22 @@ class Phonons:
 
         Parameters
         ----------
-        mesh : (n1, n2), or (n1, n2, 1), wave vectors of a Gamma-centred mesh, which the symmetry of the layer reduces.
+        mesh : wave vectors of a Gamma-centred mesh along each period, such as (n1, n2), or (n1, n2, 1), which the symmetry
+            of the lattice reduces; by default 1024, 64 x 64, or 32 x 32 x 32.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
         sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies; by default a hundredth of
             the top frequency, or more if there are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
-        numbers = grid_numbers("mesh", mesh, LARGEST_COUNT, "64 64 1")
+        p = self._periods
+        numbers = grid_numbers("mesh", _MESHES[p - 1] if mesh is None else mesh, LARGEST_COUNT, _pad_example("64", p), p)
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
-        modes = (self.lattice.modes(some, (1.0, 0.0)) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
+        modes = (self.lattice.modes(some, np.eye(p)[0]) for some in np.array_split(q, -(-len(q) // _MESH_POINTS)))
         values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
@@ -268,14 +302,7 @@ class Phonons:
             # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
             # stay finite, and the trapezoidal sum over the points is exactly the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
-            # phonopy holds a weight for each mode and frequency: to save memory, take some frequencies at a time
-            several = np.array_split(edges, -(-8 * values.size * edges.size // _WEIGHTS))
-            integrated = np.concatenate([
-                TetrahedronDOSAccumulator(
-                    values, grid.bz_grid, mode_property=np.moveaxis(parts, 0, -1)[None], ir_grid_points=grid.ir_grid_points,
-                    ir_grid_weights=grid.weights, ir_grid_map=grid.grid_mapping_table, sampling_points=some,
-                ).result.cumulative[0].T for some in several
-            ], axis=1)  # fmt: skip
+            integrated = integrate_tetrahedra(grid, values, parts, edges)
             integrated[:, 0] = 0.0  # modes at zero belong to the first interval
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
@@ -298,36 +325,45 @@ class Phonons:
                 for side in (values, -values)
             )
         density = density / (len(self.atoms) * self.scales.frequency)
-        return DensityOfStates(
-            at * self.scales.frequency, density[0], density[1], method, (numbers[0], numbers[1]), self._warnings
-        )
+        return DensityOfStates(at * self.scales.frequency, density[0], density[1], method, numbers, self._warnings)
 
-    def _make_mesh(self, numbers: tuple[int, int], reduce: bool = True) -> Mesh:
-        """Return a Gamma-centred mesh, reduced by the layer group if the frequencies have its symmetry."""
-        dataset = self._find_layer_dataset() if reduce else None
-        if dataset is not None and numbers[0] != numbers[1] and np.any(dataset.rotations[:, [0, 1], [1, 0]] != 0):
-            dataset = None  # a rotation that mixes the axes does not map this mesh on itself
+    def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
+        """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""
+        dataset, count = self._find_symmetry() if reduce else None, np.array(self._pad(numbers))
+        if dataset is not None and np.any(dataset.rotations[:, count[:, None] != count] != 0):
+            dataset = None  # a rotation that mixes axes of different numbers does not map this mesh on itself
         symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
         return Mesh(
-            self.phonopy.dynamical_matrix, [*numbers, 1], is_gamma_center=True,
+            self.phonopy.dynamical_matrix, count, is_gamma_center=True,
             is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
         )  # fmt: skip
 
-    def _find_layer_dataset(self) -> Any:
-        """Return spglib's dataset of the layer group, or None if the frequencies do not have that symmetry."""
+    def _pad(self, numbers: tuple[int, ...]) -> list[int]:
+        """Return the numbers of cells or wave vectors along three axes."""
+        return [*numbers, *(1,) * (3 - len(numbers))]
+
+    def _find_symmetry(self) -> Any:
+        """Return spglib's dataset of the space or layer group, or None if the frequencies do not have that symmetry."""
         import spglib
+
+        p = self._periods
+        if p == 1:
+            return None
 
         scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
         _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
         cell = (np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
         try:
-            dataset = spglib.get_symmetry_layerdataset(cell, aperiodic_dir=2, symprec=1e-5)
+            if p == 2:
+                dataset = spglib.get_symmetry_layerdataset(cell, aperiodic_dir=2, symprec=1e-5)
+            else:
+                dataset = spglib.get_symmetry_dataset(cell, symprec=1e-5)
         except spglib.SpglibError:
             return None
         if dataset is None:
             return None
         # spglib knows the places of the balls, not the stiffness of contacts: compare frequencies at equivalent q points
-        generic = np.array([0.1234, 0.2871, 0.0])
+        generic = np.array([0.1234, 0.2871, 0.3917][:p] + [0.0] * (3 - p))
         images = np.einsum("rji,j->ri", dataset.rotations, generic)
         values = self.lattice.frequencies(self.lattice.wavevectors(images))
         return dataset if np.ptp(values, axis=0).max() <= 1e-10 * values.max() else None
@@ -339,22 +375,28 @@ class Phonons:
 
         On loading, phonopy symmetrises force constants and takes frequencies for THz. Two measures keep the numbers right.
         One very heavy auxiliary atom at a general position takes up what the force constants lack in the sum rule, and
-        lowers the symmetry to P1; it adds three flat bands at zero. Masses are scaled so that phonopy's "THz" stand for Hz,
+        lowers the symmetry to P1; it adds three flat bands at zero. A ball of six motions is two atoms, as in
+        :attr:`phonopy`. Masses are scaled so that phonopy's "THz" stand for Hz,
         kHz, MHz or another such unit, in which the top frequency lies between 1 and 1000. The file names this unit under
         ``granphon``, with the scales.
 
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
         """
-        flat = 3 + len(self.atoms) * len(self.lattice.motions.still_slots)
-        write_phonopy(self.phonopy, path, self.scales, self.lattice.top_frequency * self.scales.frequency, flat)
+        top = self.lattice.top_frequency * self.scales.frequency
+        write_phonopy(self.phonopy, path, self.scales, top, self.lattice.motions, self._periods)
 
 
-def _check_qpoints(qpoints: ArrayLike) -> Array:
-    """Check that ``qpoints`` lie in the plane, and return them as (n, 3); raises :class:`InputError` if they do not."""
+def _pad_example(number: str, periods: int) -> str:
+    """Return an example of one number for each period, padded with ones: "3 3 1"."""
+    return " ".join([number] * periods + ["1"] * (3 - periods))
+
+
+def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
+    """Check that ``qpoints`` lie in the lattice, and return them as (n, 3); raises :class:`InputError` if they do not."""
     q = real_array("q points", qpoints)
-    if q.ndim != 2 or not len(q) or q.shape[1] not in (2, 3) or not np.all(np.isfinite(q)):
-        raise InputError(message(f"the q points have the shape {q.shape}", mend="Give (n, 2) or (n, 3) finite fractions"))
+    if q.ndim != 2 or not len(q) or q.shape[1] not in (periods, 3) or not np.all(np.isfinite(q)):
+        mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"
+        raise InputError(message(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions"))
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
-    if np.any(q[:, 2] != 0.0):
-        raise InputError(message("a q point lies out of the plane", "The array is one layer", "Set the third number to 0"))
+    check_inside(q, periods, "a q point")
     return q

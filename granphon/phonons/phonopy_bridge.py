@@ -1,12 +1,14 @@
 """The Phonopy object for balls in contact, and its files.
 
-Phonopy's x, y, z hold the three degrees of freedom of a ball, (u_x, u_y, w) with w = R_g phi. A translation of the lattice
-does not change w, which is an axial quantity. Methods that symmetrise force constants, or enforce their sum rule, are
-therefore wrong here: :class:`ContactPhonopy` refuses them, and exported files are made so that they do no harm.
+The coordinates of phonopy's atoms hold the motions of balls (:mod:`granphon.phonons.phonopy_atoms`), in the plane
+(u_x, u_y, w) with w = R_g phi. A translation of the lattice does not change w, which is an axial quantity. Methods that
+symmetrise force constants, or enforce their sum rule, are therefore wrong here: :class:`ContactPhonopy` refuses them, and
+exported files are made so that they do no harm.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any, NoReturn
 
@@ -16,22 +18,23 @@ from phonopy import Phonopy
 from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
-from granphon.balls.lattices import BALL
+from granphon.balls.motions import Motions
 from granphon.base.digests import read_sealed, require_own_file, seal, warn_unverified
 from granphon.base.errors import InputError, UnsupportedError, message
 from granphon.base.reading import plain_yaml
-from granphon.base.scales import HertzPrefix, Units, file_header, read_header
+from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import versions
+from granphon.phonons.phonopy_atoms import make_header, name_atoms, read_motions
 
 __all__ = ["READ_ONLY", "REFUSED", "ContactPhonopy", "load_phonopy", "write_phonopy"]
 
 Array = NDArray[np.float64]
 
-_SYMMETRY = "it imposes the sum rule or the space group of three translations, and the third coordinate is a rotation"
+_SYMMETRY = "it imposes the sum rule or the space group of translations, and some coordinates are rotations"
 _DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
-_QUANTA = "it takes frequencies for THz and the third coordinate for a displacement"
-_VOLUME = "it treats the layer as a three-dimensional crystal; use Phonons.bands or Phonons.dos"
+_QUANTA = "it takes frequencies for THz and rotations for displacements of atoms"
+_VOLUME = "it takes the path and the mesh from the symmetry of a crystal of atoms; use Phonons.bands or Phonons.dos"
 _FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
 _CHARGE = "balls carry no charge"
 _FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
@@ -75,7 +78,7 @@ REFUSED: dict[str, str] = {
     ),
     **dict.fromkeys(("auto_band_structure", "auto_total_dos", "auto_projected_dos"), _VOLUME),
     **dict.fromkeys(("save", "to_phonopy_yaml"), _FILE),
-    "get_Debye_frequency": "it belongs to a density of states quadratic in frequency, and that of a layer is linear",
+    "get_Debye_frequency": "it counts three branches of sound for each atom in space; rotations and a layer have others",
     "run_moment": "it drops modes of negative frequency, so that modes at zero count or not as rounding has it",
     "set_force_constants_zero_with_radius": _FIXED,
     **dict.fromkeys(("copy", "replicate", "ph2ph"), _UNGUARDED),
@@ -94,7 +97,7 @@ _EXPORT_SCALE = 2.0**30
 #: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary atom, see Phonons.save
 _AUXILIARY = "He"
 _AUXILIARY_PLACE = (0.137, 0.291, 0.373)
-_AUXILIARY_MASS = 1e16
+_AUXILIARY_MASS = 1e32
 
 
 def _refuse(name: str, reason: str) -> Any:
@@ -125,18 +128,22 @@ for _name, _reason in READ_ONLY.items():
     setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
 
 
-def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, zero_bands: int) -> None:
+def write_phonopy(
+    bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, motions: Motions, periods: int
+) -> None:
     """Write the force constants of ``bridge`` so that phonopy reads them correctly without options; see ``Phonons.save``.
 
-    ``top`` is the highest frequency, Hz; ``zero_bands`` is the number of flat bands at zero that a reader of the file sees.
+    ``top`` is the highest frequency, Hz; ``motions`` are those of each ball.
     """
     unit = HertzPrefix.for_top(top)
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
     own = bridge.unitcell
     n = len(own)
+    # the auxiliary atom's, and one for each coordinate that holds no motion: what a reader sees at zero besides the branches
+    zero_bands = 3 + n // motions.atoms_per_ball * len(motions.still_slots)
     cell = PhonopyAtoms(
-        symbols=[BALL] * n + [_AUXILIARY], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
+        symbols=[*own.symbols, _AUXILIARY], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
         scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
     )  # fmt: skip
     export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
@@ -144,7 +151,7 @@ def write_phonopy(bridge: ContactPhonopy, path: str | os.PathLike[str], scales: 
     # phonopy writes physical units into the file unless the factor was set, if only to its own value
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
-        *file_header(unit, scales), f"  version: {versions()['granphon']}",
+        *make_header(unit, scales, motions, periods), f"  version: {versions()['granphon']}",
         f"  force_constants_scale: {_EXPORT_SCALE!r}", f"  auxiliary_atom: {_AUXILIARY}", f"  zero_bands: {zero_bands}",
         "  masses:", *(f"  - {float(m)!r}" for m in own.masses), "",
     ]  # fmt: skip
@@ -191,15 +198,16 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         masses, scale = _read_numbers(own["masses"], (-1,)), float(_read_numbers(own["force_constants_scale"], ()))
         n = len(masses)
         points = data["unit_cell"]["points"]
+        symbols, (motions, _) = [point["symbol"] for point in points], read_motions(own)
         matrix = np.array(data["supercell_matrix"])
-        if len(points) != n + 1 or points[n]["symbol"] != _AUXILIARY:
+        if len(points) != n + 1 or symbols != [*name_atoms(n // motions.atoms_per_ball, motions), _AUXILIARY]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
         cells = _count_cells(matrix)
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("Its masses and scales are not above zero")
         constants = _read_force_constants(data["force_constants"], n + 1, cells)
         cell = PhonopyAtoms(
-            symbols=[BALL] * n, cell=_read_numbers(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
+            symbols=symbols[:n], cell=_read_numbers(data["unit_cell"]["lattice"], (3, 3)), masses=masses,
             scaled_positions=_read_numbers([point["coordinates"] for point in points[:n]], (n, 3)),
         )  # fmt: skip
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
@@ -211,15 +219,15 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
 
 
 def _count_cells(matrix: NDArray[Any]) -> int:
-    """Return the number of cells of a supercell n1 x n2 x 1; raises InputError for another matrix.
+    """Return the number of cells of a supercell n1 x n2 x n3; raises InputError for another matrix.
 
     Granphon writes no other matrix, and phonopy may never return from one.
     """
     # Python's integers, whose product does not overflow
-    n1, n2 = (int(matrix[k, k]) for k in (0, 1)) if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else (0, 0)
-    if n1 < 1 or n2 < 1 or not np.array_equal(matrix, np.diag([n1, n2, 1])):
-        raise InputError("Its supercell_matrix is not that of n1 x n2 x 1 cells")
-    return n1 * n2
+    numbers = [int(n) for n in np.diag(matrix)] if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else [0]
+    if min(numbers) < 1 or not np.array_equal(matrix, np.diag(numbers)):
+        raise InputError("Its supercell_matrix is not that of n1 x n2 x n3 cells")
+    return math.prod(numbers)
 
 
 def _read_numbers(values: Any, shape: tuple[int, ...]) -> Array:

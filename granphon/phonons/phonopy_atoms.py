@@ -1,0 +1,100 @@
+"""The atoms, of three coordinates each, that hold the motions of balls in phonopy and its files.
+
+Up to three motions of a ball fit into the coordinates x, y, z of one atom: (u_x, u_y, w_z) in the plane, (w_x, w_y, u_z) out
+of it. Six motions need a second atom, which holds (w_x, w_y, w_z). Phonopy refuses two atoms at one place, so the second one
+is moved aside by a small offset. A wave has the phase exp(i q.r) of the place r of each atom; the eigenvector of the second
+atom therefore lacks the factor exp(i q.offset) that belongs to its ball.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.lattices import BALL
+from granphon.balls.motions import IN_PLANE, Motions, allowed_motions
+from granphon.base.errors import InputError
+from granphon.base.results import read_only
+from granphon.base.scales import HertzPrefix, Units, file_header
+
+__all__ = ["OFFSET", "SPIN", "find_offset_phases", "make_header", "name_atoms", "place_atoms", "read_motions"]
+
+Array = NDArray[np.float64]
+#: chemical symbol of the atoms that hold rotations alone
+SPIN = "Sn"
+#: displacement of these atoms from the centres of the balls, in diameters. It is so short that the nearest images of
+#: touching balls stay the same, and has no symmetry
+OFFSET: Array = read_only([0.0031, 0.0047, 0.0059])
+
+
+def name_atoms(balls: int, motions: Motions) -> list[str]:
+    """Return the chemical symbols of the atoms of ``balls`` balls, ball after ball."""
+    return [BALL, SPIN][: motions.atoms_per_ball] * balls
+
+
+def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
+    """Return the positions of the atoms, ball after ball, from those of the balls (n, 3), both in the unit of ``offset``."""
+    steps = np.stack([np.zeros(3), offset])[: motions.atoms_per_ball]
+    return np.asarray((positions[:, None] + steps).reshape(-1, 3))
+
+
+def find_offset_phases(qpoints: Array, cell: Array) -> NDArray[np.complex128]:
+    """Return exp(i q.offset), (...), for ``qpoints`` (..., 3) in fractions of the reciprocal cell of ``cell`` (3, 3)."""
+    return np.asarray(np.exp(2j * np.pi * (qpoints @ (OFFSET @ np.linalg.inv(cell)))))
+
+
+# -- the head of files ----------------------------------------------------------------------------------------------
+
+
+def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int) -> list[str]:
+    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the atoms of a ball are.
+
+    Motions in the plane are written by schema 1, which has no others; schema 2 names the motions and the periods.
+    """
+    if (motions.name, periods) == (IN_PLANE.name, 2):
+        return file_header(unit, scales, 1, _name_coordinates(IN_PLANE))
+    return [
+        *file_header(unit, scales, 2, _name_coordinates(motions)),
+        f"  periods: {periods}",
+        f"  motions: {motions.name}",
+        f"  rotations: {str(motions.rotate).lower()}",
+    ]
+
+
+def _name_coordinates(motions: Motions) -> list[str]:
+    """Return what each coordinate of the atoms of a ball holds; "0" if it holds no motion."""
+    names = ["0"] * (3 * motions.atoms_per_ball)
+    for slot, letter in zip(motions.slots, motions.letters, strict=True):
+        names[slot] = f"{letter} = R_g phi{letter[1:]}" if letter.startswith("w") else letter
+    return names
+
+
+def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple[Motions, int]:
+    """Read the motions of a ball and the number of periods from a block of :func:`make_header`.
+
+    ``components`` is the number of motions of a ball in the file, if it is known; in schema 1 it alone tells whether balls
+    rotate. Raises
+    :class:`~granphon.base.errors.InputError` for motions that there are not, or that are not so many.
+    """
+    if own["schema"] == 1:
+        motions, periods, coordinates = IN_PLANE, 2, _name_coordinates(IN_PLANE)
+        if components == len(IN_PLANE.translations):
+            motions = replace(IN_PLANE, rotations=())
+    else:
+        periods, rotate = own["periods"], own["rotations"]
+        if periods not in (1, 2, 3) or not isinstance(rotate, bool):
+            raise InputError("It does not say how many periods the lattice has, and whether balls rotate")
+        named = allowed_motions(1)
+        if own["motions"] not in named:
+            raise InputError(f"Its motions are none of {', '.join(named)}")
+        motions = named[own["motions"]] if rotate else replace(named[own["motions"]], rotations=())
+        coordinates = _name_coordinates(motions)
+    if list(map(str, own["coordinates"])) != coordinates:
+        raise InputError(f"its coordinates of a ball are not {', '.join(coordinates)}")
+    if components not in (None, motions.count):
+        raise InputError(f"It has {components} motions for each ball, and its head says {motions.count}")
+    return motions, periods
