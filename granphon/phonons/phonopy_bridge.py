@@ -198,11 +198,11 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         masses, scale = _read_numbers(own["masses"], (-1,)), float(_read_numbers(own["force_constants_scale"], ()))
         n = len(masses)
         points = data["unit_cell"]["points"]
-        symbols, (motions, _) = [point["symbol"] for point in points], read_motions(own)
+        symbols, (motions, periods) = [point["symbol"] for point in points], read_motions(own)
         matrix = np.array(data["supercell_matrix"])
         if len(points) != n + 1 or symbols != [*name_atoms(n // motions.atoms_per_ball, motions), _AUXILIARY]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
-        cells = _count_cells(matrix)
+        cells = _count_cells(matrix, periods)
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("Its masses and scales are not above zero")
         constants = _read_force_constants(data["force_constants"], n + 1, cells)
@@ -218,15 +218,16 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     return bridge, scales
 
 
-def _count_cells(matrix: NDArray[Any]) -> int:
-    """Return the number of cells of a supercell n1 x n2 x n3; raises InputError for another matrix.
+def _count_cells(matrix: NDArray[Any], periods: int) -> int:
+    """Return the number of cells of a supercell n1 x n2 x n3, 1 across the periods; raises InputError for another matrix.
 
     Granphon writes no other matrix, and phonopy may never return from one.
     """
     # Python's integers, whose product does not overflow
     numbers = [int(n) for n in np.diag(matrix)] if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else [0]
-    if min(numbers) < 1 or not np.array_equal(matrix, np.diag(numbers)):
-        raise InputError("Its supercell_matrix is not that of n1 x n2 x n3 cells")
+    if min(numbers) < 1 or set(numbers[periods:]) - {1} or not np.array_equal(matrix, np.diag(numbers)):
+        shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
+        raise InputError(f"Its supercell_matrix is not that of {shown} cells")
     return math.prod(numbers)
 
 
