@@ -649,10 +649,10 @@ def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     assert again.to_yaml() == scene.to_yaml()
 
 
-def test_a_lattice_of_ones_own_has_no_name_in_a_file(steel):
-    chain = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
-    with pytest.raises(InputError, match="a built-in lattice only"):
-        Scene(gp.Packing(steel, 8e-3, lattice=chain), Load("force", 1.0)).to_yaml()
+def test_a_lattice_of_ones_own_is_written_as_a_block(steel):
+    own = gp.Lattice("mine", ((1.0, 0.0), (0.5, math.sqrt(0.75))))
+    scene = Scene(gp.Packing(steel, 8e-3, lattice=own), Load("force", 1.0))
+    assert Scene.from_text(scene.to_yaml()) == scene
 
 
 # -- mistakes in Python ---------------------------------------------------------------------------------------------

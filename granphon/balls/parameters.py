@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
-from granphon.balls.lattices import find_lattice
+from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.arguments import real_list
 from granphon.base.errors import InputError, message
@@ -23,9 +23,12 @@ __all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combination
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
 _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
+#: where a lattice of one, two or three periods extends
+_EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
 PARAMETERS: Mapping[str, str | None] = {
-    **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None,
+    **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None, "motions": None,
+    "torsion": "1", "bending": "1",
 }  # fmt: skip
 
 
@@ -48,12 +51,16 @@ class Axis:
                     f"Did you mean {guess}?" if guess else "Use one of these",
                 )
             )
-        return cls(name, _make_choices(name, given) if PARAMETERS[name] is None else real_list(name, given))
+        plain = PARAMETERS[name] is None or (name == "torsion" and _has_words(given))
+        axis = cls(name, _make_choices(name, given) if plain else real_list(name, given))
+        if name == "lattice":
+            _require_one_dimension(axis.values)
+        return axis
 
     @property
     def unit(self) -> str | None:
-        """SI unit of the values; None for parameters that are not numbers."""
-        return PARAMETERS[self.name]
+        """SI unit of the values; None where they are not numbers: "mindlin" may be among those of torsion."""
+        return None if any(isinstance(value, str) for value in self.values) else PARAMETERS[self.name]
 
     @property
     def labels(self) -> tuple[Any, ...]:
@@ -66,7 +73,9 @@ class Axis:
                 names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
                 seen[name] += 1
             return tuple(names)
-        return self.values
+        if self.name == "motions":
+            return tuple("default" if value is None else value for value in self.values)
+        return self.values if self.name != "torsion" or self.unit else tuple(map(str, self.values))
 
     @property
     def ends(self) -> Axis:
@@ -86,6 +95,26 @@ def _make_choices(name: str, given: Any) -> tuple[Any, ...]:
     if not values:
         raise InputError(message(f"{name} is an empty list", mend="Give at least one value"))
     return values
+
+
+def _has_words(given: Any) -> bool:
+    """Whether values of the torsion are texts, or some of a list are."""
+    return isinstance(given, str) or (isinstance(given, list | tuple) and any(isinstance(one, str) for one in given))
+
+
+def _require_one_dimension(lattices: Sequence[Any]) -> None:
+    """Raise :class:`InputError` if lattices of one sweep have different numbers of periods; unknown names come later."""
+    known = [find_lattice(one) for one in lattices if isinstance(one, Lattice) or (isinstance(one, str) and one in LATTICES)]
+    first = {one.periods: one.name for one in reversed(known)}
+    if len(first) > 1:
+        found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items())).removesuffix(",")
+        raise InputError(
+            message(
+                f"lattices of different dimension in one sweep: {found}",
+                "Their pressures, moduli and directions have different units and sizes",
+                "Make a sweep of each dimension",
+            )
+        )
 
 
 def _name_spread(spread: Any) -> str:

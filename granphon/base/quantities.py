@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from granphon.base.errors import Refused
 from granphon.base.text import closest, show
 
-__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity"]
+__all__ = ["DENSITY", "LENGTH", "LOADS", "MODULUS", "NUMBER", "WIDTH", "Quantity", "load_quantities"]
 
 if TYPE_CHECKING:
     import numpy as np
@@ -199,10 +199,23 @@ DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
 #: width of the distribution of diameters; zero for equal balls
 WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
-#: the quantity of each kind of load; an overlap may be negative where balls differ, and the medium checks whether it may
+#: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and the medium checks that
 LOADS: dict[str, Quantity] = {
     "force": Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
     "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
 }
+#: what a pressure is on a line and in space: a force, and a force per area
+_PRESSURES = {
+    1: Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
+    3: Quantity("force per area", "Pa", "10 kPa", "Pa, kPa, MPa, bar, N/mm^2", negative=_TENSILE),
+}
+
+
+def load_quantities(periods: int) -> dict[str, Quantity]:
+    """The quantity of each kind of load on balls along a line, in a layer or in space (1, 2, 3 ``periods``).
+
+    A pressure is a force on a line, a force per length of the boundary of a layer, and a force per area in space.
+    """
+    return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}

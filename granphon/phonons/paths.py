@@ -202,8 +202,11 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
 # -- paths of a scene -----------------------------------------------------------------------------------------------
 
 
-def read_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]:
-    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates paths that do not join."""
+def read_paths(value: Any, periods: int = 2) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates paths that do not join.
+
+    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
+    """
     allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
     if not isinstance(value, str):
         raise Refused(show(value), allowed, "Write the points as one line of text.")
@@ -214,8 +217,10 @@ def read_paths(value: Any) -> tuple[tuple[tuple[float, float, float], ...], ...]
             found = f"{show(value)}, with {len(numbers)} numbers in a path"
             raise Refused(found, allowed, "A path has two points or more.")
         points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
-        if any(point[2] != 0.0 for point in points):
-            raise Refused(f"{show(value)}, with a third number that is not 0", allowed, "The packing is one layer.")
+        across = [place for point in points for place in range(periods, 3) if point[place] != 0.0]
+        if across:
+            found = f"{show(value)}, with a {('second', 'third')[across[0] - 1]} number that is not 0"
+            raise Refused(found, allowed, ("The packing is one row.", "The packing is one layer.")[periods - 1])
         if any(one == two for one, two in itertools.pairwise(points)):
             raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
@@ -280,11 +285,31 @@ class BandPath:
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
-        """Return the path around the irreducible zone of a lattice: G-K-M-G, or G-X-M-G if the cell has a right angle."""
-        (ax, ay), (bx, by) = structure.cell
+        """Return the path around the irreducible zone of a lattice.
+
+        It is G-X on a line; in the plane G-K-M-G, or G-X-M-G if the cell has a right angle; in space ASE's, from G-X-W-K-G-L
+        of fcc.
+        """
+        if structure.periods != 2:
+            return cls._standard(structure)
+        (ax, ay), (bx, by) = (vector[:2] for vector in structure.cell)
         cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
         letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH
         return cls.parse(points, tuple(letters))
+
+    @classmethod
+    def _standard(cls, structure: Lattice) -> Self:
+        """Return ASE's path through the zone of a lattice on a line or in space."""
+        from ase.cell import Cell
+        from ase.dft.kpoints import parse_path_string
+
+        p, cell = structure.periods, np.eye(3)
+        cell[:p, :p] = structure.vectors[:, :p]
+        path = Cell(cell).bandpath(npoints=0, pbc=np.arange(3) < p)
+        letters = "GXWKGL" if path.path.startswith("GXWKGL") else path.path
+        pieces = parse_path_string(letters)
+        points = (tuple(tuple(map(float, path.special_points[name])) for name in piece) for piece in pieces)
+        return cls(tuple(points), tuple(name for piece in pieces for name in piece))
 
     @property
     def arrays(self) -> list[Array]:

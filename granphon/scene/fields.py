@@ -5,7 +5,9 @@ A rule reads a value or raises :class:`~granphon.base.errors.Refused`, see :mod:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,28 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, find_lattice
 from granphon.balls.material import read_poisson_ratio
-from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, Refused, message
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH
+from granphon.balls.motions import allowed_motions
+from granphon.balls.packing import MINDLIN
+from granphon.balls.parameters import PARAMETERS, Axis
+from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH, Quantity, load_quantities
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import show
-from granphon.base.validation import Rule, block, choice, each, grid, number, text, truth, whole
+from granphon.base.text import closest, show
+from granphon.base.validation import (
+    Rule,
+    block,
+    choice,
+    each,
+    grid,
+    is_whole,
+    number,
+    text,
+    truth,
+    whole,
+    zero_or_above,
+)
 from granphon.media.choice import MEDIA, MediumChoice, medium
 
 __all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly"]
@@ -36,6 +52,10 @@ SCALES = ("log", "linear")
 MOST_DIAMETERS = 1000
 
 AnySpread = Uniform | Normal | Discrete | Measured
+#: where the balls of a lattice of one, two or three dimensions lie
+_PLACES = ("on a line", "in a plane", "in space")
+#: the block of a lattice that has no name of its own
+_OWN_LATTICE = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
 
 
 # -- lists and ranges -----------------------------------------------------------------------------------------------
@@ -197,17 +217,18 @@ def read_media(value: Any) -> tuple[MediumChoice, ...]:
     return found
 
 
-_QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
+def read_parameters(value: Any, folder: Path, lattice: Lattice = TRIANGULAR) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """Read the parameters of the packing that a sweep varies, each with its values, in the order given.
 
-
-def read_parameters(value: Any, folder: Path) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """Read the parameters of the packing that a sweep varies, each with its values, in the order given."""
-    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | {
-        "poisson_ratio": read_poisson_ratio
-    }
-    others: dict[str, Rule] = {"spread": partial(read_spread, folder=folder), "friction": truth, "lattice": read_lattice}
-    rules = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
+    If the lattice is not swept, it is ``lattice``.
+    """
+    numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | _PLAIN
+    others: dict[str, Rule] = {
+        "spread": partial(read_spread, folder=folder), "friction": truth, "motions": partial(read_motions, lattice=lattice),
+    }  # fmt: skip
+    rules: dict[str, Rule] = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
     rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
+    rules["lattice"] = read_lattices
     return tuple(block(value, {name: rules[name] for name in PARAMETERS}).items())
 
 
@@ -215,32 +236,95 @@ def write_parameter(name: str, given: Sequence[Any]) -> Any:
     """Write the values of one parameter so that :func:`read_parameters` reads them back to the last bit."""
     if name in _QUANTITIES:
         return write_values(given, _QUANTITIES[name].write)
-    if name == "poisson_ratio":
+    if name in _PLAIN and not any(isinstance(value, str) for value in given):
         return write_values(given, float)
     others: dict[str, Rule] = {"spread": write_spread, "lattice": write_lattice, "friction": bool}
+    others |= {"motions": str, "torsion": write_torsion}
     return [others[name](value) for value in given]
 
 
 # -- single values --------------------------------------------------------------------------------------------------
 
 
-def read_lattice(value: Any) -> str:
-    """Read the name of a built-in lattice; "hexagonal" is refused, as several lattices are called so."""
+def read_lattice(value: Any) -> str | Lattice:
+    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
+    if isinstance(value, dict):
+        return _read_own_lattice(value)
+    allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
     if value == "hexagonal":
-        raise Refused("'hexagonal'", ", ".join(LATTICES), "Did you mean 'triangular', with six neighbours?")
-    return choice(value, tuple(LATTICES))
+        raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
+    try:
+        return choice(value, tuple(LATTICES))
+    except Refused as refused:
+        raise Refused(refused.found, allowed, refused.mend) from None
 
 
-def write_lattice(lattice: str | Lattice) -> str:
-    """Return the name of a lattice, as a scene file gives it.
+def _read_own_lattice(value: dict[str, Any]) -> Lattice:
+    """Read a block {name, cell, sites}; one ball at the origin if the sites are left out."""
+    rows = partial(each, rule=partial(each, rule=_read_fraction, what="numbers"), what="lists of numbers")
+    given = block(value, {"name": text, "cell": rows, "sites": rows}, ("name", "cell"))
+    try:
+        return Lattice(**given)
+    except InputError as error:
+        raise Refused(show(given["name"]), "a lattice of balls that touch and do not overlap", str(error)) from None
 
-    Raises :class:`~granphon.base.errors.InputError` if no built-in lattice has that name, or the one that has it is
-    different.
-    """
+
+def _read_fraction(value: Any) -> float:
+    """Read a plain number, or a fraction such as "1/3"."""
+    if isinstance(value, str) and (parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)):
+        return int(parts[1]) / int(parts[2])
+    return number(value, -1e3, 1e3)
+
+
+def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
+    """Read a list of lattices of one dimension, which a sweep takes in turn."""
+    found: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
+    try:
+        Axis.of("lattice", found)
+    except InputError as error:
+        raise Refused(show(value), "lattices of one dimension", str(error)) from None
+    return found
+
+
+def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
+    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep in another dimension."""
+    first = find_lattice(swept[0]) if swept else own
+    return own if first.periods == own.periods else first
+
+
+def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
+    """Return the name of a built-in lattice, or the block of another; :func:`read_lattice` reads it back to the last bit."""
     structure = find_lattice(lattice)
-    if LATTICES.get(structure.name) != structure:
-        raise InputError(message("a scene file can name a built-in lattice only", mend="Use one of " + ", ".join(LATTICES)))
-    return structure.name
+    if LATTICES.get(structure.name) == structure:
+        return structure.name
+    return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
+
+
+def read_motions(value: Any, lattice: Lattice) -> str:
+    """Read the name of motions that the balls of a lattice can have."""
+    options = tuple(allowed_motions(lattice.dimension))
+    if isinstance(value, str) and value in options:
+        return value
+    allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
+    meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
+    raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+
+
+def read_torsion(value: Any) -> float | str:
+    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that does not slip."""
+    if value == MINDLIN:
+        return MINDLIN
+    try:
+        return zero_or_above(value)
+    except Refused as refused:
+        meant = closest(value, (MINDLIN,)) if isinstance(value, str) else None
+        allowed = f"{refused.allowed}, or {MINDLIN}"
+        raise Refused(refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend) from None
+
+
+def write_torsion(value: float | str) -> float | str:
+    """Return a torsional stiffness as :func:`read_torsion` reads it."""
+    return value if isinstance(value, str) else float(value)
 
 
 def read_schema(value: Any) -> int:
@@ -264,6 +348,61 @@ def read_observables(value: Any) -> tuple[str, ...]:
     return tuple(name for name in OBSERVABLES if name in names)
 
 
-supercell = partial(grid, low=2, high=100, example="3 3 1")
-mesh_numbers = partial(grid, low=1, high=4096, example="64 64 1")
+# -- numbers that depend on the dimension ---------------------------------------------------------------------------
+
+
+#: the mesh of a density of states for one, two and three periods, if a scene gives none
+MESHES = ((1024,), (64, 64), (32, 32, 32))
+
+
+def supercell(value: Any, lattice: Lattice) -> tuple[int, ...]:
+    """Read the cells of a supercell along each period of a lattice."""
+    return _read_grid(value, lattice, ("3 1 1", "3 3 1", "3 3 3"), 2, 100)
+
+
+def mesh_numbers(value: Any, lattice: Lattice) -> tuple[int, ...]:
+    """Read the wave vectors of a mesh along each period of a lattice; in space a 1 would be the mesh of a plane."""
+    return _read_grid(value, lattice, ("1024 1 1", "64 64 1", "32 32 32"), 2 if lattice.periods == 3 else 1, 4096)
+
+
+def _read_grid(value: Any, lattice: Lattice, examples: Sequence[str], low: int, high: int) -> tuple[int, ...]:
+    p = lattice.periods
+    given = [value] if p == 1 and is_whole(value) else value
+    return grid(given, low, high, examples[p - 1], p)
+
+
+def write_grid(numbers: Sequence[int]) -> str:
+    """Return whole numbers for each period as three words, as phonopy writes them: 1 beyond the periods."""
+    return " ".join(map(str, (*numbers, 1, 1)[:3]))
+
+
+def read_loads(value: Any, kind: str, lattice: Lattice) -> tuple[float, ...]:
+    """Read loads of a ``kind`` on a lattice: its number of periods says what a pressure is."""
+    return read_values(value, partial(_read_load, kind=kind, lattice=lattice))
+
+
+def _read_load(value: Any, kind: str, lattice: Lattice) -> float:
+    quantity = load_quantities(lattice.periods)[kind]
+    try:
+        return quantity.read(value)
+    except Refused as refused:
+        if kind != "pressure" or not _measures_another(value, quantity):
+            raise
+        mend = f"The pressure of the {lattice.name} lattice is in {quantity.unit}."
+        raise Refused(refused.found, refused.allowed, f"{mend} {refused.mend}".rstrip()) from None
+
+
+def _measures_another(value: Any, wanted: Quantity) -> bool:
+    """Whether a text holds a pressure of a lattice with another number of periods."""
+    for other in (load_quantities(p)["pressure"] for p in (1, 2, 3)):
+        if other.unit != wanted.unit:
+            with suppress(Refused):
+                other.read(value)
+                return True
+    return False
+
+
+_QUANTITIES = {"young_modulus": MODULUS, "density": DENSITY, "diameter": LENGTH, "width": WIDTH}
+#: the parameters that are plain numbers
+_PLAIN: dict[str, Rule] = {"poisson_ratio": read_poisson_ratio, "torsion": read_torsion, "bending": zero_or_above}
 segment_points = partial(whole, low=2, high=100_000)

@@ -9,24 +9,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, force_of_frame
+from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis
+from granphon.balls.parameters import Axis, change_packing
 from granphon.base.errors import GranphonError, InputError, Refused, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, load_quantities
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
-from granphon.base.validation import require, truth
+from granphon.base.validation import read_inside, require, truth
 from granphon.media.choice import MediumChoice, Rung, no_simulation
 from granphon.media.state import ContactState
-from granphon.phonons.paths import BandPath
+from granphon.phonons.paths import BandPath, read_paths
 from granphon.scene import fields as rules
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
@@ -56,8 +58,9 @@ class Scene:
     finite_overlap : keep the terms of relative order delta/d.
     observe : which of "velocities", "bands", "dos" to compute.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
-    mesh : numbers of wave vectors along the two reciprocal vectors for the density of states.
-    dim : supercell of the exported force constants; None for the smallest that suffices.
+    mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
+        lattice; None for (1024,), (64, 64) or (32, 32, 32).
+    dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
 
     Raises
@@ -74,8 +77,8 @@ class Scene:
     observe: tuple[str, ...] = ("velocities",)
     band: BandPath | None = None
     band_points: int = 101
-    mesh: tuple[int, int] = (64, 64)
-    dim: tuple[int, int] | None = None
+    mesh: tuple[int, ...] | None = None
+    dim: tuple[int, ...] | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     _origin: Origin = field(default=Origin(), init=False, repr=False, compare=False)
@@ -83,18 +86,25 @@ class Scene:
     def __post_init__(self) -> None:
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
+        swept = dict(self.parameters).get("lattice", ())
+        lattice = rules.choose_lattice(self.packing.structure, swept)
+        if lattice != self.packing.structure:
+            object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
+        if self.mesh is None:
+            object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
         checks: dict[str, Callable[[Any], Any]] = {
             "media": rules.read_media, "finite_overlap": truth, "observe": rules.read_observables,
-            "band_points": rules.segment_points, "mesh": rules.mesh_numbers,
+            "band_points": rules.segment_points, "mesh": partial(rules.mesh_numbers, lattice=lattice),
         }  # fmt: skip
         if self.dim is not None:
-            checks["dim"] = rules.supercell
+            checks["dim"] = partial(rules.supercell, lattice=lattice)
         for name, rule in checks.items():
             object.__setattr__(self, name, require(name, rule, getattr(self, name)))
-        if self.band is None:
-            object.__setattr__(self, "band", BandPath.default(self.packing.structure))
+        # in space ASE knows the path: a scene without bands does not ask it
+        if self.band is None and (lattice.periods == 2 or "bands" in self.observe):
+            object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
             raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
         self._require_consistency()
@@ -102,7 +112,12 @@ class Scene:
     @property
     def path(self) -> BandPath:
         """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
-        return cast("BandPath", self.band)  # __post_init__ has replaced None
+        return BandPath.default(self.packing.structure) if self.band is None else self.band
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """Numbers of wave vectors for the density of states; never None, unlike the argument ``mesh``."""
+        return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
 
     @property
     def inputs(self) -> tuple[Path, ...]:
@@ -228,7 +243,11 @@ class Scene:
         if packing.spread is not None:
             blocks["packing"]["spread"] = rules.write_spread(packing.spread, DIAMETERS_FILE)
         blocks["packing"] |= {"friction": packing.friction, "finite_overlap": self.finite_overlap}
-        blocks["load"] = {self.load.kind: rules.write_values(self.load.values, LOADS[self.load.kind].write)}
+        if packing.motions not in (None, next(iter(allowed_motions(packing.structure.dimension)))):
+            blocks["packing"]["motions"] = packing.motions
+        blocks["packing"] |= {name: value for name in ("torsion", "bending") if (value := getattr(packing, name))}
+        quantity = load_quantities(packing.structure.periods)[self.load.kind]
+        blocks["load"] = {self.load.kind: rules.write_values(self.load.values, quantity.write)}
         if self.load.balls_per_side is not None:
             blocks["load"]["balls_per_side"] = self.load.balls_per_side
         media = [{choice.name: choice.settings} if choice.settings else choice.name for choice in self.media]
@@ -236,11 +255,12 @@ class Scene:
         if self.parameters:
             blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}
         blocks["observe"] = self.observe
-        blocks["phonopy"] = {} if self.dim is None else {"dim": f"{self.dim[0]} {self.dim[1]} 1"}
-        blocks["phonopy"]["band"] = str(self.path)
-        if self.path.labels is not None:
-            blocks["phonopy"]["band_labels"] = self.path.labels
-        blocks["phonopy"] |= {"band_points": self.band_points, "mesh": f"{self.mesh[0]} {self.mesh[1]} 1"}
+        blocks["phonopy"] = {} if self.dim is None else {"dim": rules.write_grid(self.dim)}
+        if self.band is not None:
+            blocks["phonopy"]["band"] = str(self.band)
+            if self.band.labels is not None:
+                blocks["phonopy"]["band_labels"] = self.band.labels
+        blocks["phonopy"] |= {"band_points": self.band_points, "mesh": rules.write_grid(self.grid)}
         text = dump_yaml(blocks)
         if len(text.encode()) > MOST_SCENE_BYTES:
             size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
@@ -269,6 +289,15 @@ class Scene:
         told = progress or silent
         return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
 
+    def _changes_motions(self, name: str) -> bool:
+        """Whether balls have different motions at different values of a swept parameter."""
+        if name not in ("motions", "torsion", "bending"):
+            return False
+        with suppress(InputError):  # a value that the packing cannot have is told with its place later
+            values = dict(self.parameters)[name]
+            return len({change_packing(self.packing, {name: value}).ball_motions for value in values}) > 1
+        return False
+
     # -- values that exclude each other, by the key in the file ---------------------------------------------------------
 
     def _require_consistency(self) -> None:
@@ -276,8 +305,9 @@ class Scene:
         structure, dim, swept = self.packing.structure, self.dim, dict(self.parameters)
         if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
             # two balls of the supercell would touch through two images
-            least = next(n for n in range(1, 100) if touch_once_at_most(structure.vectors, (n, n), 1.0))
-            raise Refused(f"{dim[0]} {dim[1]} 1", f"{least} {least} 1 or more", path=("phonopy", "dim"))
+            sizes = ((n,) * structure.periods for n in range(1, 100))
+            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
+            raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
         if self.finite_overlap:
             try:
                 no_simulation(self.media)
@@ -286,10 +316,13 @@ class Scene:
         if "dos" in self.observe and self.is_sweep:
             allowed = "velocities, bands, where there are several loads or media or a sweep"
             raise Refused("'dos'", allowed, "Make a scene of each state whose density of states you want.", ("observe",))
-        changing = [name for name in ("friction", "lattice") if name in swept]
+        changing = [name for name in swept if name in ("friction", "lattice") or self._changes_motions(name)]
         if "bands" in self.observe and changing:
             allowed = "velocities, as the branches differ in number or zone"
             raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
+        if self.band is not None:
+            path = partial(read_paths, periods=structure.periods)
+            read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))

@@ -10,12 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import read_poisson_ratio
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.base.text import Document, show
-from granphon.base.validation import Rule, block, refuse_unknown_key, truth
+from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key, truth, zero_or_above
 from granphon.phonons.paths import read_labels, read_paths
 from granphon.scene import fields
 
@@ -30,8 +31,11 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 
 
-def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
-    """Return the rule of each key of a scene file and of its blocks; tables named in the file are sought in ``folder``."""
+def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule | dict[str, Rule]]:
+    """Return the rule of each key of a scene file and of its blocks; tables named in the file are sought in ``folder``.
+
+    What motions, pressures, paths and meshes may be depends on the ``lattice``.
+    """
     return {
         "schema": fields.read_schema,
         "material": {
@@ -40,18 +44,20 @@ def scene_rules(folder: Path) -> dict[str, Rule | dict[str, Rule]]:
         },
         "packing": {
             "lattice": fields.read_lattice, "diameter": LENGTH.read, "spread": partial(fields.read_spread, folder=folder),
-            "friction": truth, "finite_overlap": truth,
+            "friction": truth, "finite_overlap": truth, "motions": partial(fields.read_motions, lattice=lattice),
+            "torsion": fields.read_torsion, "bending": zero_or_above,
         },
         "load": {
-            **{kind: partial(fields.read_values, rule=quantity.read) for kind, quantity in LOADS.items()},
+            **{kind: partial(fields.read_loads, kind=kind, lattice=lattice) for kind in LOADS},
             "balls_per_side": balls_on_side,
         },
         "medium": fields.read_media,
-        "sweep": partial(fields.read_parameters, folder=folder),
+        "sweep": partial(fields.read_parameters, folder=folder, lattice=lattice),
         "observe": fields.read_observables,
         "phonopy": {
-            "dim": fields.supercell, "band": read_paths, "band_labels": read_labels,
-            "band_points": fields.segment_points, "mesh": fields.mesh_numbers,
+            "dim": partial(fields.supercell, lattice=lattice), "band": partial(read_paths, periods=lattice.periods),
+            "band_labels": read_labels, "band_points": fields.segment_points,
+            "mesh": partial(fields.mesh_numbers, lattice=lattice),
         },
     }  # fmt: skip
 
@@ -67,6 +73,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         raise document.error((), f"found a list; allowed: a block of keys: {', '.join(rules)}.")
     try:
         _require_known(document.data, rules)
+        rules = scene_rules(folder, _read_lattice(document.data))
         readers = {key: partial(_read_block, key, rule) if isinstance(rule, dict) else rule for key, rule in rules.items()}
         return block(document.data, readers, REQUIRED[""])
     except Refused as refused:
@@ -86,6 +93,17 @@ def _require_known(data: Any, rules: Mapping[str, Rule | dict[str, Rule]]) -> No
                 mend = "" if home == name else f"It belongs under '{home}'." if home else "It belongs at the top level."
                 refused = refuse_unknown_key(key, keys, mend)
                 raise refused.under(name) if name else refused
+
+
+def _read_lattice(data: Any) -> Lattice:
+    """Read the lattice of a scene before its other values, whose rules depend on it."""
+    readers = {"packing": fields.read_lattice, "sweep": fields.read_lattices}
+    found = {}
+    for name, rule in readers.items():
+        inside = data.get(name) if isinstance(data, Mapping) else None
+        if isinstance(inside, Mapping) and "lattice" in inside:
+            found[name] = read_inside(name, partial(read_inside, "lattice", rule), inside["lattice"])
+    return fields.choose_lattice(find_lattice(found.get("packing", TRIANGULAR)), found.get("sweep", ()))
 
 
 def _read_block(name: str, rules: Mapping[str, Rule], value: Any) -> dict[str, Any]:
