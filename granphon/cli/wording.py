@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import LOADS
+from granphon.base.quantities import LOADS, load_quantities
 from granphon.base.scales import prefixed
 
 if TYPE_CHECKING:
@@ -37,10 +37,11 @@ def write_range(value: float | Sequence[float], unit: str) -> str:
     return " to ".join(write_quantity(end, unit) for end in sorted({min(values), max(values)}))
 
 
-def _describe_load(load: Load) -> str:
+def _describe_load(load: Load, periods: int) -> str:
     frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
     several = f", {len(load.values)} of them" if len(load.values) > 1 else ""
-    return f"{load.kind.replace('_', ' ')} {write_range(load.values, LOADS[load.kind].unit)}{several}{frame}"
+    unit = load_quantities(periods)[load.kind].unit
+    return f"{load.kind.replace('_', ' ')} {write_range(load.values, unit)}{several}{frame}"
 
 
 def _describe_spread(packing: Packing) -> str:
@@ -53,6 +54,16 @@ def _describe_spread(packing: Packing) -> str:
     return f"{form}, W = {width} (sqrt(12) times the rms, {write_quantity(packing.width / math.sqrt(12.0), 'm')})"
 
 
+def _describe_resistance(packing: Packing) -> list[str]:
+    """What contacts resist besides compression and shear: torsion and bending, with their stiffness over k d^2."""
+    given = {name: getattr(packing, name) for name in ("torsion", "bending")}
+    return [
+        f"{name} as Hertz contacts that do not slip" if isinstance(value, str) else f"{name}, {value:g} k d^2"
+        for name, value in given.items()
+        if value
+    ]
+
+
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows that describe a scene: names, and values in readable units."""
     packing, material = scene.packing, scene.packing.material
@@ -63,8 +74,10 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     rows = [
         ("material", f"{elastic}, {material.density:g} kg/m^3{yields}"),
         ("packing", f"{packing.structure.name}, balls of {write_quantity(packing.diameter, 'm')}, {friction}"),
+        *([("contacts", f"resist {' and '.join(resists)}")] if (resists := _describe_resistance(packing)) else []),
+        *([("motions", packing.motions.replace("_", " "))] if packing.motions else []),
         ("spread", _describe_spread(packing)),
-        ("load", _describe_load(scene.load)),
+        ("load", _describe_load(scene.load, packing.structure.periods)),
         ("medium", ", ".join(choice.label for choice in scene.media) + same),
     ]
     if not scene.is_sweep and scene.media[0].is_automatic:
@@ -93,7 +106,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
         rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
     if "dos" in scene.observe:
-        rows.append(("mesh", f"{scene.mesh[0]} x {scene.mesh[1]}"))
+        rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
 
 
@@ -114,9 +127,10 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
 
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
-    along = "" if "direction" not in numbers else " along ({:g}, {:g})".format(*numbers["direction"])
-    for name, one in CATALOGUE.items():
-        if one.told and name in numbers:
+    along = f" along ({', '.join(f'{x:g}' for x in numbers['direction'])})" if "direction" in numbers else ""
+    for name in CATALOGUE:
+        one = result.entry(name)
+        if one is not None and one.told and name in numbers:
             error = f" +/- {write_quantity(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
             rows.append(
                 (one.label.lower(), write_range(numbers[name], one.unit) + error + (along if one.unit == "m/s" else ""))

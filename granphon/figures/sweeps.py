@@ -37,6 +37,10 @@ _LARGEST = 1e280
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
+#: the velocities that a sweep may have, with their symbols
+_VELOCITIES = {
+    "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
+}  # fmt: skip
 #: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
 
@@ -122,7 +126,7 @@ def _read_values(dataset: Dataset, name: str) -> Any:
 
 def _list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium."""
-    return [str(name) for name in dataset["longitudinal"].dims if name not in ("load", "medium")]
+    return [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
 
 
 def _list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
@@ -207,16 +211,16 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
 def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
 
-    For a sweep without exponents (finite overlap), or for one ``variable``, there is the upper panel only. Raises what
-    :func:`plot_sweep` raises.
+    A sweep without velocities, as of a mechanism, has the normal stiffness in their place. For a sweep without exponents
+    (finite overlap), or for one ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
     """
     both = variable is None and "exponent" in dataset
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
         ratios = [1.6, 1.0][: 1 + both]
         axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-        if variable is not None:
-            plot_sweep(dataset, axes[0], variable, x, legend=False)
+        if variable is not None or _VELOCITIES.keys().isdisjoint(dataset):
+            plot_sweep(dataset, axes[0], variable or "normal_stiffness", x, legend=False)
         else:
             _plot_velocities(dataset, axes[0], x)
         if both:
@@ -233,10 +237,11 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
 
 
 def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
-    """Draw both velocities, each named at the end of its lines."""
-    for variable, name in (("transverse", "$v_T$"), ("longitudinal", "$v_L$")):
+    """Draw the velocities, each named at the end of its lines."""
+    drawn = {variable: name for variable, name in _VELOCITIES.items() if variable in dataset}
+    for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
         ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
         ax.annotate(name, np.max(ends, axis=0), xytext=(4, 0), textcoords="offset points", va="center")
-    scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in ("longitudinal", "transverse")]))
+    scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")

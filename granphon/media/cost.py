@@ -271,29 +271,29 @@ def bands(points: int, branches: int) -> Cost:
     return Cost(kept=points * (2000.0 + 280.0 * square), known=1e-6 * points * (110.0 + 12.0 * square), parts=(what,))
 
 
-def density_of_states(mesh: tuple[int, int], branches: int) -> Cost:
+def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     """Estimate the cost of a density of states on a mesh.
 
     The numbers are bytes and microseconds. Each point of the mesh needs phonopy's tables of the grid. Each point that
     symmetry leaves (at most an eighth of a mesh with equal sides; of others it may be all) needs its modes and the weights
     of the tetrahedra at 501 frequencies, of which 64 MB are held at a time. Measured on the three lattices, with 128^2 to
-    512^2 wave vectors.
+    512^2 wave vectors. In space symmetry leaves no more; on a line it leaves all.
     """
-    points = mesh[0] * mesh[1]
-    left = points * (0.125 if mesh[0] == mesh[1] else 1.0)
+    points = math.prod(mesh)
+    left = points * (0.125 if len(mesh) > 1 and len(set(mesh)) == 1 else 1.0)
     memory = 1e8 + 180.0 * points + left * (400.0 + 550.0 * branches)
     seconds = 1e-6 * left * (200.0 + 45.0 * branches)
-    return Cost(memory, known=seconds, parts=(f"density of states on {mesh[0]} x {mesh[1]} wave vectors",))
+    return Cost(memory, known=seconds, parts=(f"density of states on {' x '.join(map(str, mesh))} wave vectors",))
 
 
-def force_constants(dim: tuple[int, int], balls: int) -> Cost:
+def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     """Estimate the cost of force constants on phonopy's supercell of ``dim`` cells with ``balls`` each, and of the file.
 
     phonopy compares the atoms of the supercell with each other, once for every cell: this takes 20 bytes for each pair, and
     a time that goes as the number of atoms to the power 2.2. The file has one more atom in each cell.
     """
-    atoms = dim[0] * dim[1] * (balls + 1)
-    what = f"force constants of {dim[0]} x {dim[1]} cells"
+    atoms = math.prod(dim) * (balls + 1)
+    what = f"force constants of {' x '.join(map(str, dim))} cells"
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 

@@ -175,7 +175,9 @@ _LAYER = "of the layer taken one diameter thick"
 _PARAMETERS = {
     "young_modulus": "Young modulus of the material", "poisson_ratio": "Poisson ratio of the material",
     "density": "density of the material", "diameter": "mean diameter", "friction": "whether contacts resist shear",
-    "spread": "distribution of diameters", "lattice": "lattice of the contacts",
+    "spread": "distribution of diameters", "lattice": "lattice of the contacts", "motions": "motions of the balls",
+    "torsion": "stiffness of a contact against twist, over k d^2",
+    "bending": "stiffness of a contact against rolling, over k d^2",
 }  # fmt: skip
 _OBSERVABLES = (
     _make_state_entry("force", "mean contact force", label="Contact force", told=True),

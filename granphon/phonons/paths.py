@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Self
 
 import numpy as np
@@ -281,35 +281,25 @@ class BandPath:
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
         """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as "G K"."""
         named = None if labels is None else require("band_labels", read_labels, labels)
-        return cls(require("band", read_paths, points), named)
+        return cls(require("band", partial(read_paths, periods=3), points), named)
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
         """Return the path around the irreducible zone of a lattice.
 
-        It is G-X on a line; in the plane G-K-M-G, or G-X-M-G if the cell has a right angle; in space ASE's, from G-X-W-K-G-L
-        of fcc.
+        It is that of :func:`default_letters`; in the plane G-K-M-G, or G-X-M-G if the cell has a right angle.
         """
         if structure.periods != 2:
-            return cls._standard(structure)
+            from ase.dft.kpoints import parse_path_string
+
+            known = special_points(structure.vectors)
+            pieces = parse_path_string(default_letters(structure.vectors))
+            paths = tuple(tuple(tuple(known[name].tolist()) for name in piece) for piece in pieces)
+            return cls(paths, tuple(name for piece in pieces for name in piece))
         (ax, ay), (bx, by) = (vector[:2] for vector in structure.cell)
         cosine = (ax * bx + ay * by) / math.hypot(ax, ay) / math.hypot(bx, by)
         letters, points = _SQUARE_PATH if abs(cosine) < 1e-6 else _HEXAGONAL_PATH
         return cls.parse(points, tuple(letters))
-
-    @classmethod
-    def _standard(cls, structure: Lattice) -> Self:
-        """Return ASE's path through the zone of a lattice on a line or in space."""
-        from ase.cell import Cell
-        from ase.dft.kpoints import parse_path_string
-
-        p, cell = structure.periods, np.eye(3)
-        cell[:p, :p] = structure.vectors[:, :p]
-        path = Cell(cell).bandpath(npoints=0, pbc=np.arange(3) < p)
-        letters = "GXWKGL" if path.path.startswith("GXWKGL") else path.path
-        pieces = parse_path_string(letters)
-        points = (tuple(tuple(map(float, path.special_points[name])) for name in piece) for piece in pieces)
-        return cls(tuple(points), tuple(name for piece in pieces for name in piece))
 
     @property
     def arrays(self) -> list[Array]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
+from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, message
 from granphon.media import cost as costs
@@ -184,12 +185,16 @@ class Plan:
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.scene.observe:
-                    ideal_lattice(packing).require_rigid()
-            with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
-                case.medium.of(packing)
+                    # the torsion of a Hertz contact depends on the load; how large it is does not matter here
+                    ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
-            if not (self.scene.is_sweep and listed):
+            later = self.scene.is_sweep and listed
+            with self.origin.at_medium(case.medium.label, "a medium for this lattice"):
+                medium = case.medium.of(packing)
+                if isinstance(medium, EffectiveMedium) and packing.width and not later:
+                    _ = medium.local_field  # the state needs it, and not every lattice has one
+            if not later:
                 one.require()
 
     def _require_values(self) -> None:
@@ -262,7 +267,7 @@ class Plan:
         if "bands" in seen:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
-            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.mesh, branches)))
+            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.grid, branches)))
         if seen and scene.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))

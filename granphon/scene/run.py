@@ -28,22 +28,25 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from granphon.array.atoms import write_extxyz
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.staging import ResultFiles
 from granphon.base.text import dump_yaml, parse_yaml, read_text, versions
 from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.local_field import LocalField
+from granphon.media.acoustics import lattice_without_overlap
 from granphon.media.choice import Rung
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import CATALOGUE, Analysis, find_all, warn_of_missing_error
+from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
-from granphon.sweeps.jobs import LATTICE_BANDS, packages
+from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
 from granphon.sweeps.tasks import open_store
 
 if TYPE_CHECKING:
@@ -59,7 +62,7 @@ __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 #: version number of the layout of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
 #: variables of a sweep whose least and greatest values the summary lists
-_EXTENTS = ("force", "overlap", "longitudinal", "transverse")
+_EXTENTS = ("force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast")
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,22 @@ class RunResult:
         """One sentence for each limit of validity exceeded, each number unknown or left out, and each figure that failed."""
         spectra = self.phonons is not None and bool(self.state.samples)
         left_out = (LATTICE_BANDS,) if spectra else ()
+        if self.velocities is None and self.mechanism is not None:
+            left_out = (describe_mechanism(self.mechanism), *left_out)
         return self.validity.warnings + warn_of_missing_error(self._exponents) + left_out + self.failures
+
+    @cached_property
+    def mechanism(self) -> MechanismError | None:
+        """The error that the velocities of a mechanism raise; None if the lattice is rigid."""
+        try:
+            lattice_without_overlap(self.state).require_rigid()
+        except MechanismError as error:
+            return error
+        return None
+
+    def entry(self, name: str) -> Observable | None:
+        """Return the entry of the catalogue for a number of the summary; None if it has none."""
+        return entry_of(name, self.state.packing) if name in CATALOGUE else None
 
     @cached_property
     def _analysis(self) -> Analysis:
@@ -183,8 +201,14 @@ class SweepResult:
         sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
         out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
         for name in _EXTENTS:
-            out[name] = [float(data[name].min()), float(data[name].max())]
+            if name in data:
+                out[name] = [float(data[name].min()), float(data[name].max())]
         return out | {"valid": bool(data["valid"].all())}
+
+    def entry(self, name: str) -> Observable | None:
+        """Return the entry of the catalogue for a number of the summary; None if it has none."""
+        units = self.dataset[name].attrs if name in self.dataset else {}
+        return replace(CATALOGUE[name], unit=units.get("units", CATALOGUE[name].unit)) if name in CATALOGUE else None
 
     def write(self, place: Path, step: Step) -> None:
         """Write the data set and its table into the existing folder ``place``."""
@@ -327,8 +351,8 @@ def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
         state = scene.state()
         report = validity(state)
         if "velocities" in scene.observe:
-            constants = moduli(state)
-            direction = None if constants.isotropic else (1.0, 0.0)
+            constants = moduli(state) if "longitudinal" in state.wave_names else None
+            direction = None if state.is_isotropic else np.eye(state.packing.structure.periods)[0]
             velocities = sound_velocities(state, direction)
             _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
     phonons, bands, dos = _compute_spectra(scene, state, progress)
@@ -359,7 +383,7 @@ def _compute_spectra(
             bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
     if "dos" in scene.observe:
         with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.mesh)
+            dos = phonons.dos(mesh=scene.grid)
     return phonons, bands, dos
 
 
@@ -383,7 +407,7 @@ def _write_summary(result: RunResult | SweepResult, scene: Scene, used: Mapping[
             **limits,
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
-            "units": {name: CATALOGUE[name].unit for name in numbers if name in CATALOGUE and CATALOGUE[name].unit},
+            "units": {name: one.unit for name in numbers if (one := result.entry(name)) is not None and one.unit},
         }
     )
 

@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, MechanismError
+from granphon.base.quantities import load_quantities
 from granphon.base.results import plain
 from granphon.base.text import versions
-from granphon.media.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.cases import Case
 from granphon.media.choice import MediumChoice, Rung
 from granphon.media.equilibria import sort_by_load
@@ -34,7 +35,7 @@ from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import TaskResult
 
-__all__ = ["LATTICE_BANDS", "Job", "Work", "packages", "to_json", "tell_warnings"]
+__all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "packages", "to_json", "tell_warnings"]
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -70,7 +71,9 @@ class Work:
             rungs = case.rungs
         except InputError as error:
             at = error.load_index
-            raise (_name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error)) from error
+            periods = case.packing.structure.periods
+            located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
+            raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
         return [Job(where, rung, case.finite_overlap, self.qpoints) for where, rung in zip(wheres, rungs, strict=True)]
 
@@ -180,13 +183,26 @@ class Job:
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state, and its "warnings"."""
-        out = find_all(Analysis(state), ("state", "velocities", "exponent"), swept=True)
+        analysis = Analysis(state)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
+        out = find_all(analysis, ("state",), swept=True)
+        try:
+            out |= find_all(analysis, ("velocities",), swept=True)
+        except MechanismError as error:
+            if self.qpoints is None:
+                raise
+            notes.append(describe_mechanism(error))
+        out |= find_all(analysis, ("exponent",), swept=True)
         notes += warn_of_missing_error(out)
         if self.qpoints is not None:
             out["frequencies"] = _compute_frequencies(state, self.qpoints)
             notes += [LATTICE_BANDS] if state.n_samples else []
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
+
+
+def describe_mechanism(error: MechanismError) -> str:
+    """Return the warning that goes with the bands of a mechanism."""
+    return f"velocities and moduli are left out: {error}"
 
 
 def _write_notes(notes: Sequence[Tally | str]) -> NDArray[Any]:
@@ -230,14 +246,14 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
             break
     if at is None:
         return _name_task(job.where, error)
-    located = _name_load(job.where, job.load, at, first)
+    located = _name_load(job.where, job.load, at, first, job.rung.packing.structure.periods)
     located.load_index = int(job.rung.loads[at])
     return located
 
 
-def _name_load(where: str, load: Load, index: int, error: GranphonError) -> GranphonError:
+def _name_load(where: str, load: Load, index: int, error: GranphonError, periods: int) -> GranphonError:
     """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
-    located = type(error)(f"{where}, {load[index]} {load.unit}: {error}")
+    located = type(error)(f"{where}, {load[index]} {load_quantities(periods)[load.kind].unit}: {error}")
     located.load_index = index
     return located
 
@@ -251,10 +267,10 @@ def _compute_frequencies(state: ContactState, qpoints: Array) -> Array:
     """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz.
 
     They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
-    dispersion relation serves all loads.
+    dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
     """
     loads = [state[i] for i in range(len(state.force))]
-    lattices = [contact_lattice(one) for one in (loads if state.finite_overlap else loads[:1])]
+    lattices = [contact_lattice(one) for one in (loads[:1] if has_one_lattice(state) else loads)]
     rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
     hertz = np.array([one.scales.frequency for one in loads])
     out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)

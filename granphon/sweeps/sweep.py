@@ -29,9 +29,10 @@ from granphon.base.staging import ResultFiles
 from granphon.base.text import versions
 from granphon.base.validation import require, truth
 from granphon.base.written_files import is_written, read_written_files
+from granphon.dynamics.long_waves import voigt_names
 from granphon.media.cases import Grid
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.observables.catalogue import CATALOGUE
+from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
 from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
 __all__ = ["sweep", "sweep_grid"]
 
 Array = NDArray[Any]
-#: labels of the rows and columns of an elastic tensor
-_VOIGT = ("xx", "yy", "xy")
+#: direction of the waves on a line, in the plane and in space, as files tell it
+_FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 
 
 # -- the sweep ------------------------------------------------------------------------------------------------------
@@ -74,7 +75,8 @@ def sweep(
     Parameters
     ----------
     packing : the packing whose parameters are varied; those that are not swept keep its values.
-    force, pressure, overlap : the loads, N, N/m or m; one of the three, a number or a list of any order.
+    force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force is in N, an overlap in
+        m, a pressure in N on a line, N/m in the plane and Pa in space.
     media : "ala", "afa", "ema", "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
         {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
         each once.
@@ -95,13 +97,15 @@ def sweep(
     store : where finished tasks are kept, instead of beside ``path``. Results that it holds are used; the caller clears it.
     **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`. A ``width`` (W, m) scales the spread
         and keeps its shape, which is uniform if the packing has no spread; a ``diameter`` leaves the spread as it is.
+        Lattices must have the same number of periods.
 
     Returns
     -------
     Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
-    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along (1, 0) where
-    sound is not isotropic), ``bulk`` and ``shear`` (Pa; the (..., 3, 3) ``tensor`` if a lattice is not isotropic),
-    ``exponent`` and its standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
+    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along x where sound is
+    not isotropic; in space and on a chain that moves across itself ``transverse_slow`` and ``transverse_fast``), ``bulk``
+    and ``shear`` (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
+    standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
     sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
     ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
@@ -111,7 +115,9 @@ def sweep(
     Raises
     ------
     InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
-        bands over parameters that change the number of branches, a simulation with finite overlap.
+        bands over parameters that change the number of branches, a simulation with finite overlap, lattices of different
+        dimension.
+    MechanismError : the lattice is a mechanism; with bands, velocities and moduli are left out instead, with a warning.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and ``overwrite`` is off;
         raised before anything is computed.
     OutputError : the files cannot be written; raised before anything is computed if that can be known by then.
@@ -199,14 +205,15 @@ class _Way:
         if len({(one.structure, one.ball_motions) for one in packings}) > 1:
             raise InputError(
                 message(
-                    "bands cannot be swept over friction or lattices",
+                    "bands cannot be swept over friction, motions or lattices",
                     "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array",
                     "Make a sweep of each",
                 )
             )
-        letters = special_points(first.structure.vectors) if isinstance(bands, str) else {}
-        qpoints, ticks = interpolate_path(bands, npoints, letters, labels)
-        cartesian = qpoints[..., :2] @ np.linalg.inv(first.structure.vectors).T
+        vectors, p = first.structure.vectors, first.structure.periods
+        letters = special_points(vectors) if isinstance(bands, str) else {}
+        qpoints, ticks = interpolate_path(bands, npoints, letters, labels, p)
+        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
         # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
@@ -243,18 +250,18 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
     from xarray import Dataset
 
-    load, finite = grid.load, grid.finite_overlap
-    loads = ("load", load.array, _list_attributes(load.kind, load.array))
+    load, finite, packing = grid.load, grid.finite_overlap, grid.cases[0].packing
+    loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
     coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
     for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
-        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels) | whole)
+        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in grid.media]), "finite_overlap": int(finite),
-        "direction": "(1, 0), Cartesian, where velocities depend on it",
+        "direction": f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it",
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
@@ -284,26 +291,28 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every medium gives; the tensor only where bulk and shear moduli do not replace it
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
-    if "bulk" in names:
+    packing = grid.cases[0].packing
+    if "bulk" in names and ("shear" in names or packing.structure.periods == 1):
         names.remove("tensor")
     variables: dict[str, Any] = {}
     for name in names:
         stack = np.array([part[name] for part in parts])
         stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _list_attributes(name, stack))
+        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _list_attributes(name, stack, packing))
     if "tensor" in names:
-        frame = frame.assign_coords({dim: list(_VOIGT) for dim in CATALOGUE["tensor"].dims})
+        voigt = list(voigt_names(packing.structure.periods))
+        frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     labels = [case.label for case in grid.cases]
     warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
 
 
-def _list_attributes(name: str, values: Array) -> dict[str, str]:
-    """Return the attributes of a variable: its meaning, and the unit of its numbers."""
-    unit = CATALOGUE[name].unit
-    return {"long_name": CATALOGUE[name].title} | ({"units": unit} if unit and values.dtype.kind != "b" else {})
+def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
+    """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
+    entry = entry_of(name, packing)
+    return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
 
 
 def _list_path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
