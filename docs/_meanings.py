@@ -12,24 +12,27 @@ KEYS = {
     "material.poisson_ratio": "Poisson ratio of the material",
     "material.density": "density of the material, not of the packing",
     "material.yield_strength": "uniaxial yield stress; you are warned where contacts would flow",
-    "packing.lattice": "how the balls are arranged",
+    "packing.lattice": "how the balls are arranged, see [lattices](#lattices)",
     "packing.diameter": "diameter of a ball; the mean, if they differ",
     "packing.spread": "how diameters differ, see [spread](#spread)",
-    "packing.friction": "whether contacts resist shear; without friction balls do not rotate",
+    "packing.friction": "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
     "packing.finite_overlap": "keep the [terms of relative order overlap/diameter](../explanation/model.md#finite-overlap)",
+    "packing.motions": "how each ball moves, see [lattices](#lattices)",
+    "packing.torsion": "stiffness of a contact against twist, over k d²; `mindlin`: that of a Hertz contact that does not slip",
+    "packing.bending": "stiffness of a contact against rolling, over k d²",
     "load.force": "mean force between touching balls",
-    "load.pressure": "force per length of the boundary",
+    "load.pressure": "force per length of the boundary; on a chain the force, N; in space the force per area, Pa",
     "load.overlap": "how far touching balls are pressed into each other; may be negative if balls differ",
     "load.side_force": "push F on each side of a hexagonal frame: the contact force is F/(n √3)",
     "load.balls_per_side": "the number n of balls that lean on a side of that frame",
     "medium": "how a spread of diameters is averaged, see [media](#media)",
     "sweep": "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
     "observe": "what to compute; nothing else is computed. `dos` is for one state only",
-    "phonopy.dim": "cells of the supercell for force constants",
+    "phonopy.dim": "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
     "phonopy.band": "corners of the path, three numbers each, in fractions of the reciprocal cell",
     "phonopy.band_labels": "a label for each corner",
     "phonopy.band_points": "points on each segment, both ends counted",
-    "phonopy.mesh": "wave vectors for the density of states",
+    "phonopy.mesh": "wave vectors for the density of states, along each period; `1024 1 1` on a chain, `32 32 32` in space",
 }
 DEFAULTS = {
     "material.yield_strength": "none: not checked",
@@ -37,7 +40,11 @@ DEFAULTS = {
     "medium": "`ema`; `ala` for equal balls",
     "sweep": "none",
     "phonopy.dim": "the smallest that is large enough",
-    "phonopy.band": "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice",
+    "phonopy.band": "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
+    "phonopy.mesh": "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
+    "packing.motions": "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
+    "packing.torsion": "`0`",
+    "packing.bending": "`0`",
     "phonopy.band_labels": "those of the default path; none for another",
 }
 SPREADS = {
@@ -61,7 +68,7 @@ SPREAD_BLOCKS = {
 RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
-    "ema": "effective medium: the neighbours of a ball give way",
+    "ema": "effective medium: the neighbours of a ball give way; for balls that differ, lattices in the plane only",
     "simulation": "every ball of an array by itself; triangular lattice, no `finite_overlap`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
@@ -80,7 +87,10 @@ PACKINGS = {
     "width": "width W; scales the spread and keeps its form, uniform if there is none",
     "friction": "with and without",
     "spread": "forms of the spread",
-    "lattice": "lattices",
+    "lattice": "lattices of one dimension",
+    "motions": "motions of each ball",
+    "torsion": "stiffness against twist, over k d²; numbers, and `mindlin`",
+    "bending": "stiffness against rolling, over k d²",
 }
 RANGE = {
     "from": "the first value",
@@ -202,8 +212,8 @@ SAMPLE = {"contact_force": ("mean force of the contacts of the ball, over that o
 #: variables of a sweep that are not observables
 SWEPT = {
     "medium": "the medium, with its options",
-    "voigt_row": "xx, yy, xy",
-    "voigt_column": "xx, yy, xy",
+    "voigt_row": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
+    "voigt_column": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
 }
 ATTRIBUTES = {
     "format": "`granphon sweep`",

@@ -343,7 +343,7 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
         ({"parameters": ("width", "young")}, "'young' cannot be fitted"),
         ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
-        ({"parameters": ("diameter",)}, "Give width"),
+        ({"parameters": ()}, "Give one or more"),
         ({"parameters": ("width", "width")}, "at most once"),
         ({"branch": "L"}, "unknown branch 'L'"),
         ({"direction": (0.0, 0.0)}, "direction"),

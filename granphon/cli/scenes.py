@@ -17,7 +17,7 @@ from granphon.cli.wording import describe_cost, describe_result, describe_scene
 __all__ = ["check_scene", "draw_results", "run_scene", "write_preset"]
 
 #: the scenes that ``init`` writes; the first is the default
-PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel")
+PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp")
 #: the greatest number of processes of a run: each takes some 100 MB
 MOST_WORKERS = 1024
 #: estimated time of a run, s, above which its cost is printed before it starts

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, Refused, message
+from granphon.base.text import show
 from granphon.cli.app import Force, SceneFile, app
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_fit
@@ -28,7 +29,7 @@ def fit_measurements(
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = None,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Fit this as well as the width: young_modulus, diameter. May be repeated."),
+        typer.Option(metavar="NAME", help="Fit this too: young_modulus, diameter. May be repeated."),
     ] = None,
     frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Of the pulses, such as '6.5 kHz'.")] = None,
     distance: Annotated[str | None, typer.Option(metavar="M", help="How far sound went, such as '0.4 m'.")] = None,
@@ -39,8 +40,13 @@ def fit_measurements(
         list[str] | None,
         typer.Option(metavar="KIND=NAME", help="How a column is headed, such as 'velocity=v (km/s)'. May be repeated."),
     ] = None,
-    branch: Annotated[str, typer.Option(metavar="NAME", help="longitudinal or transverse.")] = "longitudinal",
-    direction: Annotated[tuple[float, float], typer.Option(metavar="X Y", help="Of propagation.")] = (0.0, 1.0),
+    width: Annotated[bool, typer.Option("--width/--no-width", help="Fit the width, or keep the scene's spread.")] = True,
+    branch: Annotated[
+        str, typer.Option(metavar="NAME", help="longitudinal or transverse; in space transverse_slow, transverse_fast.")
+    ] = "longitudinal",
+    direction: Annotated[
+        str | None, typer.Option(metavar="'X Y'", help="Of propagation, as many numbers as the lattice has periods.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Find the width of the distribution of diameters from measured sound velocities.
@@ -56,6 +62,7 @@ def fit_measurements(
       granphon fit scene.yaml data.csv
       granphon fit scene.yaml data.csv -o fit --frequency "6.5 kHz" --parameter young_modulus
       granphon fit scene.yaml data.csv --column "force=F (kN)" --column time=t --distance "430 mm"
+      granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
     """
     from functools import partial
 
@@ -76,7 +83,7 @@ def fit_measurements(
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema"
-    replaced = read.media[0].name == "ala" and not read.balls_differ
+    replaced = width and read.media[0].name == "ala" and not read.balls_differ
     medium = "ema" if replaced else read.media[0]
     balls = read.load.balls_per_side
     measured = Measurements.read(
@@ -85,12 +92,14 @@ def fit_measurements(
         None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
         partial(convert_pressure, read.packing, read.finite_overlap, medium, parameter or ()),
+        read.packing.structure.periods,
     )
     found = fit_width(
         read.packing, measured.force, measured.velocity,
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
-        medium=medium, parameters=("width", *(parameter or ())), branch=branch, direction=direction,
+        medium=medium, parameters=((("width",) if width else ()) + tuple(parameter or ())), branch=branch,
+        direction=None if direction is None else require("--direction", _read_direction, direction),
         finite_overlap=read.finite_overlap,
     )  # fmt: skip
 
@@ -106,6 +115,14 @@ def fit_measurements(
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
+
+
+def _read_direction(value: str) -> list[float]:
+    """Read the numbers of a direction, parted by spaces or commas."""
+    try:
+        return [float(word) for word in value.replace(",", " ").split()]
+    except ValueError:
+        raise Refused(show(value), "numbers parted by spaces, such as '0 1'") from None
 
 
 @app.command("tradeoff")

@@ -16,8 +16,9 @@ NOTHING_WRITTEN = "no result was written."
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
     """Print rows of a name and a text each, in two columns."""
+    width = max(22, *(len(name) + 2 for name, _ in rows)) if rows else 0
     for name, text in rows:
-        say(f"  {name:<22}{text}")
+        say(f"  {name:<{width}}{text}")
 
 
 def say(text: str) -> None:

@@ -52,6 +52,8 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
 
 
 def _describe(fit: WidthFit) -> str:
+    if "width" not in fit.parameters:
+        return fit.medium
     size, unit = readable_unit(fit.width, "m")
     if not fit.errors_are_known:
         return f"{fit.medium}: W = {fit.width / size:.5g} {unit}"

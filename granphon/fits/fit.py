@@ -86,13 +86,13 @@ class WidthFit(Result):
 
     @property
     def width(self) -> float:
-        """Width W of the distribution of diameters, m."""
-        return float(self.values[self.parameters.index("width")])
+        """Width W of the distribution of diameters, m; the packing's own if it was not fitted."""
+        return float(self.values[self.parameters.index("width")]) if "width" in self.parameters else self.packing.width
 
     @property
     def stderr(self) -> float:
-        """Standard error of the width, m."""
-        return float(self.stderrs[self.parameters.index("width")])
+        """Standard error of the width, m; 0 if it was not fitted."""
+        return float(self.stderrs[self.parameters.index("width")]) if "width" in self.parameters else 0.0
 
     @property
     def stderrs(self) -> Array:
@@ -149,7 +149,7 @@ class WidthFit(Result):
         if choice.simulates:
             forces = real_array("force", force)
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), self.waves)
-            return model(model.find_start(self.width))[0].reshape(forces.shape)[()]
+            return model(model.find_start(self.packing.width))[0].reshape(forces.shape)[()]
         return self.waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=self.waves.finite_overlap))[0][()]
 
     def said_units(self) -> dict[str, str]:
@@ -199,10 +199,10 @@ def fit_width(
     medium: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice = "ema",
     parameters: Sequence[str] = ("width",),
     branch: str = "longitudinal",
-    direction: ArrayLike = (0.0, 1.0),
+    direction: ArrayLike | None = None,
     finite_overlap: bool = False,
 ) -> WidthFit:
-    """Find the width of the distribution of diameters at which ``medium`` gives the measured velocities.
+    """Find the width of the distribution of diameters, or other parameters, at which ``medium`` gives measured velocities.
 
     Parameters
     ----------
@@ -216,10 +216,11 @@ def fit_width(
         velocities of long waves.
     medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, with
         deviations in proportion to it. A dozen equilibria for a decade of force serve all widths, by interpolation.
-    parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too.
-    branch : "longitudinal" or "transverse".
-    direction : direction of propagation. (0, 1), across a row of touching balls, is from side to side of the paper's
-        hexagonal frame.
+    parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too; without "width" the packing keeps
+        its spread. If its balls are equal then, every medium is the averaged lattice.
+    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead of the latter.
+    direction : direction of propagation, (p,) for a lattice with p periods; by default along its last axis. In the plane
+        that is (0, 1), across a row of touching balls, from side to side of the paper's hexagonal frame.
     finite_overlap : keep the terms of relative order delta/d in the velocities; derivatives are those of the paper's limit.
 
     Returns
@@ -234,12 +235,17 @@ def fit_width(
     ------
     InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
         parameters (a standard error above the parameter itself, parameters that have the same effect, velocities equal
-        to those of equal balls or higher); loads or a frequency that the medium cannot carry; the medium "auto".
+        to those of equal balls or higher); loads or a frequency that the medium cannot carry; the medium "auto"; a lattice
+        without such waves, or without such a medium for balls that differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
-    waves = Waves(branch, one_direction(direction), data.frequency, finite_overlap)
+    periods = packing.structure.periods
+    along = np.eye(periods)[-1] if direction is None else direction
+    waves = Waves(branch, one_direction(along, periods), data.frequency, finite_overlap)
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium)
+    if "width" not in names and not packing.width:
+        choice = MediumChoice("ala")
     if choice.is_automatic:
         what, why = (
             f"the medium {choice.label!r} cannot be used in a fit",
@@ -280,7 +286,9 @@ def convert_pressure(
     fitted: Sequence[str],
     pressure: float,
 ) -> float:
-    """Return the contact force, N, under a pressure, N/m; with finite overlap, in the ``medium`` at the packing's own width.
+    """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
+
+    With finite overlap it is that in the ``medium`` at the packing's own width.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
     is proportional to it.

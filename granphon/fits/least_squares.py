@@ -122,6 +122,8 @@ def _find_starts(problem: FitProblem) -> list[Array]:
     are left out.
     """
     model, where = problem.model, problem.model.width_index
+    if where is None:
+        return [model.find_start(model.packing.width)]
     others = np.arange(len(model.names)) != where
     starts: list[Array] = []
     squares, effect = [math.inf], 0.0
@@ -177,7 +179,9 @@ def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: 
     same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
     never = same and len(problem.model.names) == len(VARIABLE)  # no data can tell all three apart
     # if the others were known, the standard error of a parameter would be 1/norm
-    if not never and (np.any(norms < 1.0) or logs[problem.model.width_index] < math.log(problem.widths[0])):
+    where = problem.model.width_index
+    vanishing = where is not None and logs[where] < math.log(problem.widths[0])
+    if not never and (np.any(norms < 1.0) or vanishing):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
     if same:
         why = (
@@ -194,7 +198,12 @@ def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
     """Return the error that says why the data do not determine the parameters; ``errors`` are those of the logarithms."""
     model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
-    width, error = float(np.exp(logs[model.width_index])), float(errors[model.width_index])
+    where = model.width_index
+    if where is None:
+        what = f"the data do not determine {' and '.join(model.names)}"
+        why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
+        return InputError(message(what, why, "Measure more precisely, over a wider range of force, or fit fewer parameters"))
+    width, error = float(np.exp(logs[where])), float(errors[where])
     ideal = model.equal_balls(logs)[0]
     excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
     if model.names == ("width",) and excess > _NO_EFFECT:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arguments import finite_list, positive
 from granphon.base.errors import InputError, message
-from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.quantities import LENGTH, LOADS, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import closest
@@ -94,6 +94,7 @@ class Measurements(Result):
         distance: float | None = None,
         frame: Callable[[float], float] | None = None,
         pressed: Callable[[float], float] | None = None,
+        periods: int = 2,
     ) -> Self:
         """Read a table, see :mod:`granphon.base.tables`.
 
@@ -105,7 +106,8 @@ class Measurements(Result):
         columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it.
         frame : converts a side force to the contact force, both in N.
-        pressed : converts a pressure, N/m, to the contact force, N.
+        pressed : converts a pressure to the contact force, N.
+        periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa for 3.
 
         Raises
         ------
@@ -127,7 +129,8 @@ class Measurements(Result):
             return there[0] if there else None
 
         def read(kind: str) -> Array:
-            return table.column(named.get(kind, kind), COLUMNS[kind], _tell_column(kind))
+            quantity = load_quantities(periods)[kind] if kind in LOADS else COLUMNS[kind]
+            return table.column(named.get(kind, kind), quantity, _tell_column(kind))
 
         load = choose("force", "side_force", "pressure")
         if load == "side_force" and frame is None:

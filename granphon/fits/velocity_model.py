@@ -30,7 +30,7 @@ from granphon.base.results import Result
 from granphon.base.text import closest
 from granphon.base.validation import require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
-from granphon.media.acoustics import contact_lattice
+from granphon.media.acoustics import contact_lattice, has_one_lattice, ideal_lattice
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
@@ -40,6 +40,8 @@ from granphon.observables.velocities import local_exponent, sound_velocities
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 
 Array = NDArray[np.float64]
+#: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them
+_BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
 #: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added to it
 VARIABLE: Mapping[str, tuple[float, float]] = {
     "width": (0.25, -1.5), "young_modulus": (0.5, -1.0), "diameter": (-0.25, -0.5),
@@ -56,14 +58,15 @@ class Waves(Result):
 
     Attributes
     ----------
-    branch : "longitudinal" or "transverse"; :class:`~granphon.base.errors.InputError` for another word.
-    direction : direction of propagation, a unit vector.
+    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead of the latter.
+        :class:`~granphon.base.errors.InputError` for another word.
+    direction : direction of propagation, a unit vector (p,).
     frequency : frequency of the pulses, Hz, one number or one for each load; None for long waves.
     finite_overlap : whether terms of relative order delta/d are kept.
     """
 
     units = {"frequency": "Hz"}
-    shapes = {"direction": "2", "frequency": "...?"}
+    shapes = {"direction": "p", "frequency": "...?"}
 
     branch: str
     direction: Array
@@ -71,15 +74,15 @@ class Waves(Result):
     finite_overlap: bool
 
     def __post_init__(self) -> None:
-        if not isinstance(self.branch, str) or self.branch not in ("longitudinal", "transverse"):
-            raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use longitudinal or transverse"))
+        if not isinstance(self.branch, str) or self.branch not in _BRANCHES:
+            raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use " + " or ".join(_BRANCHES[:2])))
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
     def find_tops(self, state: ContactState) -> Array:
         """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
-        several = state.finite_overlap and bool(state.shape)
+        several = not has_one_lattice(state)
         each = [state[n] for n in range(len(state.force))] if several else [state]
         reduced = np.array([follow_acoustic_branches(contact_lattice(one), self.direction)[self.branch].top for one in each])
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
@@ -88,7 +91,7 @@ class Waves(Result):
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v / d log frequency."""
         if self.frequency is None:
-            velocities = np.asarray(getattr(sound_velocities(state, self.direction), self.branch))
+            velocities = np.asarray(state.long_waves(self.direction)[..., state.wave_names.index(self.branch)])
             return velocities, np.zeros(velocities.shape)
         # step to lower frequencies, where the branch is sure to exist
         steps = np.reshape([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape))
@@ -166,8 +169,9 @@ def _make_regular(state: ContactState, stiffness: Array) -> ContactState:
 class VelocityModel:
     """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
 
-    ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; the width is one of them. Raises :class:`InputError`
-    if it is not, or if the medium does not exist for the packing or with finite overlap.
+    ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of them the packing keeps
+    its own. Raises :class:`InputError` for other names, or if the medium does not exist for the packing or with finite
+    overlap, or the lattice has no such waves.
     """
 
     packing: Packing
@@ -182,17 +186,21 @@ class VelocityModel:
                 meant = closest(str(name), VARIABLE)
                 mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
                 raise InputError(message(f"{name!r} cannot be fitted", mend=mend))
-        if "width" not in self.names or len(set(self.names)) < len(self.names):
+        if not self.names or len(set(self.names)) < len(self.names):
             what = f"the parameters are {self.names}"
-            raise InputError(message(what, mend="Give width once, and each other parameter at most once"))
+            raise InputError(message(what, mend="Give one or more, each at most once"))
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self.packing)
+        known = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
+        if self.waves.branch not in known:
+            what = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
+            raise InputError(message(what, mend="Use " + " or ".join(known) if known else "Use other motions"))
 
     @property
-    def width_index(self) -> int:
-        """Index of the width among the parameters."""
-        return self.names.index("width")
+    def width_index(self) -> int | None:
+        """Index of the width among the parameters; None if it is not fitted."""
+        return self.names.index("width") if "width" in self.names else None
 
     def find_start(self, width: float) -> Array:
         """Logarithms (p,) of the packing's own parameters, with this width (m)."""
@@ -245,7 +253,8 @@ class VelocityModel:
     def _make_packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):
             values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-        return change_packing(self.packing, values | {"spread": self._widen(values.pop("width"))})
+        width = values.pop("width", self.packing.width)
+        return change_packing(self.packing, values | ({"spread": self._widen(width)} if width else {}))
 
     def _widen(self, width: float) -> _WidenedSpread:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))

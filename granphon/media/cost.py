@@ -277,10 +277,10 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     The numbers are bytes and microseconds. Each point of the mesh needs phonopy's tables of the grid. Each point that
     symmetry leaves (at most an eighth of a mesh with equal sides; of others it may be all) needs its modes and the weights
     of the tetrahedra at 501 frequencies, of which 64 MB are held at a time. Measured on the three lattices, with 128^2 to
-    512^2 wave vectors. In space symmetry leaves no more; on a line it leaves all.
+    512^2 wave vectors. In space two equal sides suffice.
     """
     points = math.prod(mesh)
-    left = points * (0.125 if len(mesh) > 1 and len(set(mesh)) == 1 else 1.0)
+    left = points * (0.125 if len(set(mesh)) < len(mesh) else 1.0)
     memory = 1e8 + 180.0 * points + left * (400.0 + 550.0 * branches)
     seconds = 1e-6 * left * (200.0 + 45.0 * branches)
     return Cost(memory, known=seconds, parts=(f"density of states on {' x '.join(map(str, mesh))} wave vectors",))

@@ -376,12 +376,8 @@ def write_grid(numbers: Sequence[int]) -> str:
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
 
 
-def read_loads(value: Any, kind: str, lattice: Lattice) -> tuple[float, ...]:
-    """Read loads of a ``kind`` on a lattice: its number of periods says what a pressure is."""
-    return read_values(value, partial(_read_load, kind=kind, lattice=lattice))
-
-
-def _read_load(value: Any, kind: str, lattice: Lattice) -> float:
+def read_load(value: Any, kind: str, lattice: Lattice) -> float:
+    """Read a load of a ``kind`` on a lattice: its number of periods says what a pressure is."""
     quantity = load_quantities(lattice.periods)[kind]
     try:
         return quantity.read(value)

@@ -48,7 +48,10 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
             "torsion": fields.read_torsion, "bending": zero_or_above,
         },
         "load": {
-            **{kind: partial(fields.read_loads, kind=kind, lattice=lattice) for kind in LOADS},
+            **{
+                kind: partial(fields.read_values, rule=partial(fields.read_load, kind=kind, lattice=lattice))
+                for kind in LOADS
+            },
             "balls_per_side": balls_on_side,
         },
         "medium": fields.read_media,
