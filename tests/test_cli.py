@@ -696,7 +696,10 @@ def test_init_does_not_overwrite(work, capsys):
     assert "glass" in (work / "scene.yaml").read_text()
     capsys.readouterr()
     assert main(["init", "other.yaml", "--preset", "hidrogel"]) == 2
-    assert "allowed: steel_hexagon, steel_spread, glass, hydrogel, chain, membrane, fcc, hcp. Did you mean 'hydrogel'" in one_error(capsys)
+    assert (
+        "allowed: steel_hexagon, steel_spread, glass, hydrogel, chain, membrane, fcc, hcp. Did you mean 'hydrogel'"
+        in one_error(capsys)
+    )
     assert tree(work) == {"scene.yaml"}
 
 

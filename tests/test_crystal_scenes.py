@@ -266,7 +266,7 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     assert summary["units"]["pressure"] == {"chain": "N", "membrane": "N/m"}.get(preset, "Pa")
     assert ("Longitudinal".lower() in out) == (preset != "membrane")
     if preset == "fcc":
-        assert "slow transverse velocity  654.11 m/s along (1, 0, 0)" in out
+        assert "slow transverse velocity 654.11 m/s along (1, 0, 0)" in out
     again = main(["run", "small.yaml", "-o", "out", "--resume"])
     assert (again, "is complete" in capsys.readouterr().out) == (0, True)
 

@@ -16,7 +16,7 @@ NOTHING_WRITTEN = "no result was written."
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
     """Print rows of a name and a text each, in two columns."""
-    width = max(22, *(len(name) + 2 for name, _ in rows)) if rows else 0
+    width = max(22, *(len(name) + 1 for name, _ in rows)) if rows else 0
     for name, text in rows:
         say(f"  {name:<{width}}{text}")
 
