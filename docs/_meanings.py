@@ -18,7 +18,7 @@ KEYS = {
     "packing.friction": "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
     "packing.finite_overlap": "keep the [terms of relative order overlap/diameter](../explanation/model.md#finite-overlap)",
     "packing.motions": "how each ball moves, see [lattices](#lattices)",
-    "packing.torsion": "stiffness of a contact against twist, over k d²; `mindlin`: that of a Hertz contact that does not slip",
+    "packing.torsion": "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts without slip",
     "packing.bending": "stiffness of a contact against rolling, over k d²",
     "load.force": "mean force between touching balls",
     "load.pressure": "force per length of the boundary; on a chain the force, N; in space the force per area, Pa",
