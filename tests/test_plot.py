@@ -20,7 +20,7 @@ import granphon as gp
 from granphon.base.errors import FigureError, InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures import bands as plot
-from granphon.figures import scales, style
+from granphon.figures import scales, style, zones
 from granphon.figures.modes import plot_mode
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -114,7 +114,7 @@ def test_a_path_that_jumps_is_not_joined(phonons, ax):
 
 @pytest.mark.parametrize(("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")])
 def test_labels_as_they_are_printed(label, shown):
-    assert plot._print_label(label) == shown
+    assert zones.print_label(label) == shown
 
 
 def test_frequencies_in_another_unit(bands, ax):
@@ -218,7 +218,7 @@ def area(corners):
 )
 def test_the_zone_is_the_wigner_seitz_cell(cell, corners):
     reciprocal = np.linalg.inv(cell).T
-    polygon = plot.zone_polygon(reciprocal)
+    polygon = zones.zone_polygon(reciprocal)
     assert len(polygon) == corners
     assert_allclose(area(polygon), abs(np.linalg.det(reciprocal)), rtol=1e-12)  # anticlockwise: the area is positive
     steps = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 2), axis=-1).reshape(-1, 2)
@@ -230,7 +230,7 @@ def test_the_zone_is_the_wigner_seitz_cell(cell, corners):
 
 
 def test_the_zone_is_drawn_with_the_path(bands, ax):
-    assert plot.plot_zone(bands, ax) is ax
+    assert zones.plot_zone(bands, ax) is ax
     polygon = with_gid(ax, "zone").get_xy()[:-1]
     assert_allclose(area(polygon), 2.0 / np.sqrt(3.0), rtol=1e-12)
     path = np.array(with_gid(ax, "path").get_segments())

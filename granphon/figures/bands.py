@@ -1,4 +1,4 @@
-"""Figures of bands, Brillouin zones and densities of states.
+"""Figures of bands and densities of states.
 
 Every function draws on an Axes and returns it; units change only here. matplotlib's global state is left alone and no window
 is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, which :func:`~granphon.figures.style.save_figure`
@@ -7,34 +7,32 @@ saves. Translation is dark blue and rotation orange throughout, on a scale that 
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 # before matplotlib, whose import this module guards
-from granphon.figures.scales import POLARISATION, ROTATION, hide_axes
+from granphon.figures.scales import POLARISATION, ROTATION
 
 # isort: split
 import matplotlib
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.modes import ContactLattice
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
+from granphon.figures.zones import find_reciprocal, plot_zone, print_label
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
 
-__all__ = ["bands_figure", "plot_asymptotes", "plot_bands", "plot_dos", "plot_zone", "zone_polygon"]
+__all__ = ["bands_figure", "plot_asymptotes", "plot_bands", "plot_dos"]
 
 Array = NDArray[np.float64]
 Asymptotes = SoundVelocities | ContactLattice
@@ -82,7 +80,7 @@ def plot_bands(
         ax.axvline(float(x), color=FRAME, linewidth=0.5, zorder=0.5)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    ax.set_xticks(corners, list(map(_print_label, bands.labels)), **slant)
+    ax.set_xticks(corners, list(map(print_label, bands.labels)), **slant)
     ax.tick_params(axis="x", length=0)
     ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})")
     ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))
@@ -100,12 +98,6 @@ def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
-
-
-def _print_label(label: str) -> str:
-    """Return the label as it is printed: Γ for G, and an index as a subscript."""
-    parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
-    return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
 
 
 def _cut_line(x: Array, y: Array) -> Array:
@@ -131,26 +123,32 @@ def plot_asymptotes(
     ``velocities`` are those of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError`
     for several); or the lattice itself (``Phonons.lattice``), which gives them for each direction, and its rotational branch
     if there is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each segment from or to
-    Gamma along which the long waves are drawn.
+    Gamma along which the long waves are drawn. Waves without a velocity, such as flexural waves, are left out.
     """
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
         raise InputError(
             message("the velocities are those of several loads", mend="Give the velocities at the load of the bands")
         )
+    reciprocal = find_reciprocal(bands)
+    if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
+        raise InputError(
+            message("the velocities are those of one direction", "In space they depend on it", "Give Phonons.lattice")
+        )
     scales, label = bands.scales, "long waves"
     for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]
         if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
             continue
-        way = (bands.qpoints[s, far] - start)[:2] @ _find_reciprocal(bands)
+        way = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
         q = 2.0 * np.pi * reach * np.linalg.norm(way) * np.linspace(0.0, 1.0, 101)  # 1/d
         if isinstance(velocities, SoundVelocities):
-            speeds = np.array([velocities.longitudinal, velocities.transverse]) / scales.velocity
+            named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
+            speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
         else:
-            speeds = velocities.sound_velocities(way)[0]
-        waves = {"longitudinal": speeds[0] * q, "transverse": speeds[1] * q}
-        if isinstance(velocities, ContactLattice) and velocities.motions.rotate and velocities.n_balls == 1:
+            speeds = dict(zip(velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True))
+        waves = {name: v * q for name, v in speeds.items() if name != "out_of_plane"}
+        if isinstance(velocities, ContactLattice) and len(velocities.motions.rotations) == velocities.n_balls == 1:
             squared, curvature = velocities.optical_branch(way)
             inside = 1.0 - curvature * q**2
             waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))
@@ -159,58 +157,6 @@ def plot_asymptotes(
             style: dict[str, Any] = {"color": "black", "linewidth": 0.8, "dashes": (3.5, 1.8), "zorder": 3.0}
             ax.plot(x, y * scales.frequency / unit.hertz, **style, label=label, gid=f"asymptote-{name}-{s}")
             label = "_"
-    return ax
-
-
-def _find_reciprocal(bands: Bands) -> Array:
-    """Return the reciprocal vectors as rows, (2, 2), in units of 2 pi/d."""
-    return np.asarray(np.linalg.inv(bands.cell[:2, :2]).T)
-
-
-def zone_polygon(reciprocal: ArrayLike) -> Array:
-    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the rows of ``reciprocal``.
-
-    ``reciprocal`` is (2, 2); the corners have its unit.
-    """
-    # imported here, as only a figure with a zone needs it
-    from ase.geometry.minkowski_reduction import minkowski_reduce
-
-    cell = np.eye(3)
-    cell[:2, :2] = reciprocal
-    a, b = short = minkowski_reduce(cell, pbc=[True, True, False])[0][:2, :2]
-    b = -b if a @ b > 0.0 else b
-    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
-    # zone is as far from two successive neighbours as from the origin
-    g = np.array([a, a + b, b, -a, -a - b, -b])
-    both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
-    found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
-    found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
-    apart = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1) > 1e-6 * np.linalg.norm(short)
-    return np.asarray(found[apart])
-
-
-def plot_zone(bands: Bands, ax: Axes) -> Axes:
-    """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
-
-    The axes are in units of 2 pi/d and hidden.
-    """
-    reciprocal = _find_reciprocal(bands)
-    corners = zone_polygon(reciprocal)
-    ax.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
-    ends = bands.qpoints[:, [0, -1], :2] @ reciprocal
-    ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, gid="path"), autolim=False)
-    names = {_print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
-    for name, place in names.items():
-        ax.plot(*place, "o", color="black", markersize=2.2)
-        away = place if np.linalg.norm(place) > 1e-9 else -ends.reshape(-1, 2).mean(axis=0)
-        if not name.startswith("("):
-            ax.annotate(
-                name, place, 7.0 * away / max(float(np.linalg.norm(away)), 1e-9), textcoords="offset points", ha="center",
-                va="center", path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
-            )  # fmt: skip
-    points = np.vstack([corners, *ends])
-    low, high = points.min(axis=0), points.max(axis=0)
-    hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
 
 

@@ -1,0 +1,264 @@
+"""Figures of slowness, the inverse of the sound velocity, over the directions of propagation.
+
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. Light blue is transverse
+and dark blue longitudinal. The normal of a slowness surface is the direction in which the energy of the wave travels.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+# before matplotlib, whose import this module guards
+from granphon.figures.scales import POLARISATION, hide_axes
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import one_direction
+from granphon.base.errors import InputError, message
+from granphon.dynamics.branches import connect_branches
+from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_COLOUR
+from granphon.figures.views import HALO, Painter, View
+from granphon.media.state import ContactState
+from granphon.observables.velocities import sound_velocities
+
+__all__ = ["plot_slowness", "plot_slowness_surface", "slowness_figure"]
+
+Array = NDArray[np.float64]
+#: s/km in s/m: slowness is drawn in s/km, which is ms/m
+_UNIT = 1e-3
+_LABEL = "s/km"
+#: number of directions in half a turn, of a cut and of a surface
+_CUT, _SURFACE = 180, 48
+#: the directions, Cartesian, that span the two cuts through a surface in space
+_CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+#: part of the energy across the cut from which a wave counts as polarised across it
+_ACROSS = 0.5
+
+
+def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array, Array]:
+    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p).
+
+    Flexural waves, which have no velocity, are left out.
+
+    Raises
+    ------
+    InputError : the state has several loads, or the lattice has one period.
+    MechanismError : a motion of the lattice costs no energy.
+    """
+    lattice, periods = state.packing.structure, state.packing.structure.periods
+    if periods == 1:
+        raise InputError(
+            message(f"the lattice {lattice.name} has one period", "Its sound has one direction", "Use sound_velocities")
+        )
+    if not state.is_single:
+        raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
+    found = sound_velocities(state, directions)
+    polarisations = np.asarray(found.polarisations)
+    axes = state.packing.ball_motions.translations
+    toward = np.zeros((len(directions), len(axes)))
+    for axis in set(range(periods)) & set(axes):
+        toward[:, axes.index(axis)] = directions[:, axis]
+    flexural = np.zeros(polarisations.shape[::2], bool)
+    if found.out_of_plane is not None:
+        flexural = np.argmax(np.abs(polarisations[:, axes.index(2)]), axis=1)[:, None] == np.arange(len(axes))
+    waves = len(axes) - int(flexural[0].sum())
+    if not waves:
+        raise InputError(message("these balls move across the plane only", "Their long waves are flexural: no velocity"))
+    kept = ~flexural
+    velocities = np.asarray(found.velocities)[kept].reshape(-1, waves)
+    polarisations = polarisations.swapaxes(1, 2)[kept].reshape(-1, waves, len(axes)).swapaxes(1, 2)
+    along = np.einsum("nu,nub->nb", toward, polarisations) ** 2
+    return 1.0 / (velocities * _UNIT), along, polarisations
+
+
+def plot_slowness(
+    state: ContactState, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True
+) -> Axes:
+    """Draw the slowness of sound over the directions of a plane, coloured by the longitudinal part of the polarisation.
+
+    In the cut through a crystal in space, waves polarised across the cut are dashed. Flexural waves have no velocity and are
+    left out.
+
+    Parameters
+    ----------
+    state : the state of the contacts, at one load; its lattice has two or three periods.
+    plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is turned so that it is
+        perpendicular to the first. By default x and y.
+    colorbar : whether to draw the colour bar, above the axes.
+
+    Raises
+    ------
+    InputError : several loads, one period, or a ``plane`` that is not two different directions.
+    MechanismError : a motion of the lattice costs no energy.
+    """
+    periods = state.packing.structure.periods
+    if periods == 2 and plane is not None:
+        raise InputError(message("the lattice is a plane", "It has no other cut", "Leave plane out"))
+    span = _span(_CUTS[0] if plane is None else plane)
+    # between the directions of high symmetry, in which the polarisations of transverse waves are any
+    angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    slowness, along, polarisations = _find_slowness(state, circle if periods == 2 else circle @ span)
+    across = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2 if periods == 3 else np.zeros_like(along)
+    order = connect_branches(polarisations)
+    slowness, along, across = (np.take_along_axis(values, order, 1) for values in (slowness, along, across))
+    for b in range(slowness.shape[1]):
+        points = slowness[:, b, None] * circle
+        dashed = across[:, b].mean() > _ACROSS
+        pieces = np.stack([points[:-1], points[1:]], axis=1)
+        shades: dict[str, Any] = {"array": 0.5 * (along[1:, b] + along[:-1, b]), "cmap": POLARISATION, "norm": Normalize(0, 1)}
+        if dashed:
+            # five degrees drawn, five left out
+            drawn = np.arange(len(pieces)) % 10 < 5
+            pieces, shades["array"] = pieces[drawn], shades["array"][drawn]
+        lines = LineCollection(list(pieces), linewidths=1.5, capstyle="butt" if dashed else "round", **shades, gid=f"wave-{b}")
+        ax.add_collection(lines, autolim=False)
+    far = 1.12 * float(slowness.max())
+    for draw in (ax.axhline, ax.axvline):
+        draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
+    names = ("x", "y") if periods == 2 else tuple(map(_name_direction, span))
+    ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
+    ax.set(xlim=(-far, far), ylim=(-far, far), aspect="equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], symmetric=True))
+        axis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+    if colorbar:
+        _add_colorbar(ax.get_figure(), ax)
+    return ax
+
+
+def _span(plane: ArrayLike) -> Array:
+    """Return two perpendicular unit vectors (2, 3) that span ``plane``."""
+    try:
+        first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise InputError(message("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
+    second = second - (first @ second) * first
+    if np.linalg.norm(second) < 1e-9:
+        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
+    return np.array([first, second / np.linalg.norm(second)])
+
+
+def _name_direction(way: Array) -> str:
+    """Return the name of a direction as it is printed, a sum of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"."""
+    there = np.abs(way) > 1e-9
+    whole = way / np.abs(way[there]).min()
+    shown = np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
+    terms = [f"{x:+g}{axis}" for x, axis in zip(shown, "xyz", strict=True) if x]
+    return re.sub(r"(?<![\d.])1(?=[xyz])", "", "".join(terms)).removeprefix("+").replace("-", "−")
+
+
+def _add_colorbar(figure: Any, axes: Any) -> None:
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), POLARISATION), ax=axes, location="top", aspect=40, pad=0.02)
+    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+    bar.set_label("Longitudinal part of the polarisation")
+
+
+def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32.0, 24.0), colorbar: bool = True) -> Axes:
+    """Draw the three slowness surfaces of a crystal in space, coloured by the longitudinal part of the polarisation.
+
+    The octant that faces the viewer is taken from the two outer surfaces, those of the slower waves, so that the inner ones
+    show. Arrows mark the Cartesian axes; the bar is a unit of slowness.
+
+    Parameters
+    ----------
+    state : the state of the contacts, at one load; its lattice has three periods.
+    view : the direction from which the surfaces are seen.
+    colorbar : whether to draw the colour bar, above the axes.
+
+    Raises
+    ------
+    InputError : several loads, or fewer than three periods.
+    MechanismError : a motion of the lattice costs no energy.
+    """
+    lattice = state.packing.structure
+    if lattice.periods != 3:
+        what = f"the lattice {lattice.name} has {lattice.periods} period{'s' * (lattice.periods > 1)}"
+        raise InputError(message(what, "Surfaces belong to three", "Use plot_slowness"))
+    # the edges of the octant that is taken out are lines of this mesh
+    polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
+    theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
+    ways = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    slowness, along, _ = _find_slowness(state, ways.reshape(-1, 3))
+    slowness, along = slowness.reshape(*theta.shape, 3), along.reshape(*theta.shape, 3)
+    painter, facing = Painter(view), np.where(view.axes[2] >= 0.0, 1.0, -1.0)
+    light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
+    for wave in range(3):
+        points = slowness[..., wave, None] * ways
+        faces = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+        part = along[..., wave]
+        part = 0.25 * (part[:-1, :-1] + part[1:, :-1] + part[1:, 1:] + part[:-1, 1:]).ravel()
+        middle = faces.mean(axis=1)
+        normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
+        near = view.nearness(outwards)
+        shown = np.any(middle * facing < 0.0, axis=1) if wave < 2 else near > -0.1
+        # the inside of a surface, seen through the cut, is darker
+        bright = np.where(near > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
+        colours = np.array(POLARISATION(part))
+        colours[:, :3] *= bright[:, None]
+        for face, colour in zip(faces[shown], colours[shown], strict=True):
+            painter.add_polygon(face, face=colour, edge=colour, width=0.3)
+        if wave < 2:
+            for rim in _list_rims(points, ways, facing):
+                painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
+    longest = float(slowness.max())
+    for axis, name in enumerate("xyz"):
+        tip = np.eye(3)[axis] * facing[axis] * 1.42 * longest
+        start = tip * float(slowness.min()) / float(np.linalg.norm(tip))
+        painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
+        flat = view.project(1.07 * tip)
+        ax.annotate(("" if facing[axis] > 0.0 else "−") + name, flat, ha="center", va="center", zorder=3.0, path_effects=[HALO])
+    painter.draw(ax, "surfaces", rasterized=True)
+    low, high = painter.extent
+    unit = 10.0 ** np.floor(np.log10(longest))
+    corner = np.array([low[0], low[1] - 0.08 * longest])
+    ax.plot([corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit")
+    ax.annotate(f"{unit:g} {_LABEL}", corner + [0.5 * unit, 0.0], (0.0, -3.0), textcoords="offset points", ha="center", va="top")
+    hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
+    if colorbar:
+        _add_colorbar(ax.get_figure(), ax)
+    return ax
+
+
+def _list_rims(points: Array, ways: Array, facing: Array) -> list[Array]:
+    """Return the edges of the octant that ``facing`` points to, on the surface ``points`` (n_polar, n_azimuth, 3)."""
+    half, quarter = (len(points) - 1) // 2, (points.shape[1] - 1) // 4
+    polar = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
+    at = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[float(facing[0]), float(facing[1])]
+    start, stop = at * quarter, (at + 1) * quarter
+    return [points[polar, start], points[polar, stop], points[half, start : stop + 1]]
+
+
+def slowness_figure(state: ContactState, *, title: str | None = None) -> Figure:
+    """Draw a figure of slowness, one column wide: in the plane its curves; in space its surfaces, and two cuts beneath them.
+
+    The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
+    """
+    space = state.packing.structure.periods == 3
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, 5.0 if space else 3.6), dpi=DPI, layout="constrained")
+        if space:
+            rows = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
+            plot_slowness_surface(state, rows[0].subplots())
+            for ax, plane in zip(rows[1].subplots(1, 2), _CUTS, strict=True):
+                plot_slowness(state, ax, plane=plane, colorbar=False)
+            ways = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
+            lines = [Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name) for name, dashes in ways.items()]
+            rows[1].legend(handles=lines, loc="outside lower center", ncols=2)
+        else:
+            plot_slowness(state, figure.subplots())
+        figure.suptitle(title or "")
+    return figure

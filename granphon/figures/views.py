@@ -1,0 +1,127 @@
+"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and what is nearer is drawn later."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+# before matplotlib, whose import this module guards
+import granphon.figures.scales  # noqa: F401
+
+# isort: split
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgba
+from matplotlib.path import Path
+from matplotlib.typing import ColorType
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["HALO", "Painter", "View"]
+
+Array = NDArray[np.float64]
+#: white border of letters that stand on a drawing
+HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
+#: length and half width of the head of an arrow, over the width of its shaft
+_HEAD_LENGTH, _HEAD_HALF_WIDTH = 3.6, 1.7
+
+
+@dataclass(frozen=True)
+class View:
+    """The direction from which a drawing is seen, in parallel projection; z is upright.
+
+    Attributes
+    ----------
+    azimuth : angle of the viewer about z, from x towards y, degrees.
+    elevation : angle of the viewer above the xy plane, degrees.
+    """
+
+    azimuth: float = -60.0
+    elevation: float = 20.0
+
+    @cached_property
+    def axes(self) -> Array:
+        """(3, 3), rows: the unit vectors to the right, upwards, and towards the viewer."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        return np.array([right, np.cross(toward, right), toward])
+
+    def project(self, points: ArrayLike) -> Array:
+        """Project points (..., 3) on the paper, (..., 2)."""
+        return np.asarray(np.asarray(points) @ self.axes[:2].T)
+
+    def nearness(self, points: ArrayLike) -> Array:
+        """Find how near to the viewer points (..., 3) are, (...)."""
+        return np.asarray(np.asarray(points) @ self.axes[2])
+
+
+class Painter:
+    """Shapes in space, which are collected and then drawn from the farthest to the nearest."""
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+        self._shapes: list[tuple[float, Path, ColorType, ColorType, float]] = []
+
+    def add(
+        self, nearness: float, path: Path, *, face: ColorType = "none", edge: ColorType = "none", width: float = 0.0
+    ) -> None:
+        """Add a shape on the paper; of shapes that are equally near, the later one is drawn later."""
+        self._shapes.append((nearness, path, face, edge, width))
+
+    def add_line(self, points: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
+        """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
+        near = float(self.view.nearness(points).mean()) if nearness is None else nearness
+        self.add(near, Path(self.view.project(points)), edge=color, width=width)
+
+    def add_polygon(self, corners: Array, *, nearness: float | None = None, **look: Any) -> None:
+        """Add a flat face with corners (n, 3), as near as their mean unless ``nearness`` is given; ``look`` as in add."""
+        near = float(self.view.nearness(corners).mean()) if nearness is None else nearness
+        flat = self.view.project(corners)
+        self.add(near, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
+
+    def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
+        """Add a ball lit from the upper left."""
+        near, middle, base = float(self.view.nearness(centre)), self.view.project(centre), np.array(to_rgba(color))
+        for part in np.linspace(0.0, 1.0, 9):
+            # discs that shrink towards the light, each a step brighter
+            shade = base * [*[0.62 + 0.38 * np.sqrt(part)] * 3, 1.0]
+            shade[:3] += (1.0 - shade[:3]) * 0.75 * part**3
+            disc = Path.circle(middle + radius * 0.38 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.9 * part))
+            self.add(near, disc, face=shade, edge="0.35" if part == 0.0 else "none", width=0.5)
+
+    def add_arrow(
+        self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None
+    ) -> None:
+        """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in units of length."""
+        near = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
+        tail, way = self.view.project(start), self.view.project(along)
+        length = float(np.linalg.norm(way))
+        if length < 1e-9 * max(1.0, float(np.linalg.norm(along))):
+            return  # it points along the line of sight
+        x = way / length
+        y = np.array([-x[1], x[0]])
+        # an arrow that is seen short keeps its shape, and is drawn smaller
+        head = min(_HEAD_LENGTH * width, 0.6 * length)
+        half, wing = 0.5 * head / _HEAD_LENGTH, _HEAD_HALF_WIDTH * head / _HEAD_LENGTH
+        neck = length - head
+        along_x, along_y = [0.0, neck, neck, length, neck, neck, 0.0], [-half, -half, -wing, 0.0, wing, half, half]
+        outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
+        self.add(near, Path(np.vstack([outline, outline[:1]]), closed=True), face=color, edge="white", width=0.25)
+
+    def draw(self, ax: Axes, gid: str, **options: Any) -> PathCollection:
+        """Draw all shapes as one collection of paths."""
+        shapes = sorted(self._shapes, key=lambda shape: shape[0])
+        _, paths, faces, edges, widths = zip(*shapes, strict=True)
+        look: dict[str, Any] = {"facecolors": faces, "edgecolors": edges, "linewidths": widths}
+        drawn = PathCollection(list(paths), **look, capstyle="round", joinstyle="round", gid=gid, **options)
+        ax.add_collection(drawn, autolim=False)
+        return drawn
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """The lowest and highest coordinates on the paper, (2,) and (2,)."""
+        ends = np.array([path.get_extents().get_points() for _, path, *_ in self._shapes])
+        return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)

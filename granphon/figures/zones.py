@@ -1,0 +1,176 @@
+"""Drawings of the Brillouin zone, on a line, in a plane and in space, with a path through it."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Any
+
+# before matplotlib, whose import this module guards
+from granphon.figures.scales import hide_axes
+
+# isort: split
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Polygon
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.figures.views import HALO, Painter, View
+from granphon.phonons.bands import Bands
+
+__all__ = ["find_reciprocal", "plot_zone", "print_label", "zone_faces", "zone_polygon"]
+
+Array = NDArray[np.float64]
+#: corners of the zone that are closer than this part of its size are one corner
+_SAME = 1e-6
+#: directions, degrees, among which the one is chosen from which a zone in space is seen
+_AZIMUTHS, _ELEVATIONS = range(0, 360, 6), (10, 16, 22, 28)
+
+
+def find_reciprocal(bands: Bands) -> Array:
+    """Return the reciprocal vectors of the cell of ``bands`` as rows, (p, p), in units of 2 pi/d, for p periods."""
+    periods = bands.group_velocities.shape[-1]
+    return np.asarray(np.linalg.inv(bands.cell[:periods, :periods]).T)
+
+
+def print_label(label: str) -> str:
+    """Return the label of a corner as it is printed: Γ for G, and an index as a subscript."""
+    parts = [re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", part) for part in label.split("|")]
+    return "|".join("Γ" if part in ("G", "GAMMA", "Gamma") else part for part in parts)
+
+
+def zone_polygon(reciprocal: ArrayLike) -> Array:
+    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the rows of ``reciprocal``.
+
+    ``reciprocal`` is (2, 2); the corners have its unit.
+    """
+    a, b = short = _reduce(reciprocal)
+    b = -b if a @ b > 0.0 else b
+    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
+    # zone is as far from two successive neighbours as from the origin
+    g = np.array([a, a + b, b, -a, -a - b, -b])
+    both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
+    found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
+    found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
+    apart = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1) > _SAME * np.linalg.norm(short)
+    return np.asarray(found[apart])
+
+
+def zone_faces(reciprocal: ArrayLike) -> list[Array]:
+    """Find the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of ``reciprocal``.
+
+    ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the same unit.
+    """
+    # imported here, as only a zone in space needs it
+    from scipy.spatial import Voronoi
+
+    short = _reduce(reciprocal)
+    size = float(np.linalg.norm(short, axis=1).max())
+    # of reduced vectors, no face of the zone is that of a neighbour more than two steps away
+    steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = steps @ short / size
+    cells, faces = Voronoi(points), []
+    origin = int(np.flatnonzero(np.all(steps == 0, axis=1))[0])
+    for pair, ridge in zip(cells.ridge_points, cells.ridge_vertices, strict=True):
+        if origin not in pair:
+            continue
+        toward = points[pair.sum() - origin]
+        toward = toward / np.linalg.norm(toward)
+        corners = cells.vertices[ridge]
+        right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
+        right /= np.linalg.norm(right)
+        from_middle = corners - corners.mean(axis=0)
+        corners = corners[np.argsort(np.arctan2(from_middle @ np.cross(toward, right), from_middle @ right))]
+        # a neighbour that the zone touches in an edge or a corner only gives a face without area
+        corners = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > _SAME]
+        if len(corners) >= 3 and np.linalg.norm(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0])) > _SAME:
+            faces.append(np.asarray(corners * size))
+    return faces
+
+
+def _reduce(reciprocal: ArrayLike) -> Array:
+    """Return the shortest vectors (p, p) of the lattice of the rows of ``reciprocal``, p = 2 or 3."""
+    # imported here, as only a figure with a zone needs it
+    from ase.geometry.minkowski_reduction import minkowski_reduce
+
+    given = np.asarray(reciprocal, dtype=np.float64)
+    p, cell = len(given), np.eye(3)
+    cell[:p, :p] = given
+    return np.asarray(minkowski_reduce(cell, pbc=np.arange(3) < p)[0][:p, :p])
+
+
+def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
+    """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
+
+    The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default one from which the corners
+    of the path lie apart on the paper and on the near side; far edges are thin and light. On a line the zone is a line with two ends.
+    """
+    reciprocal = find_reciprocal(bands)
+    periods = len(reciprocal)
+    ends = bands.qpoints[:, [0, -1], :periods] @ reciprocal
+    if periods == 3:
+        faces = zone_faces(reciprocal)
+        view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
+        outline = _draw_faces(faces, view, ax)
+        ends = view.project(ends)
+    elif periods == 2:
+        outline = zone_polygon(reciprocal)
+        ax.add_patch(Polygon(outline, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
+    else:
+        half = 0.5 * float(abs(reciprocal[0, 0]))
+        outline = np.array([[-half, 0.0], [half, 0.0]])
+        ends = np.concatenate([ends, np.zeros_like(ends)], axis=-1)
+        bars = outline[:, None] + np.array([[0.0, -0.08], [0.0, 0.08]]) * half
+        style: dict[str, Any] = {"colors": "0.3", "linewidths": 0.7}
+        ax.add_collection(LineCollection([outline, *bars], **style, gid="zone"), autolim=False)
+    ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
+    middle = outline.mean(axis=0) if periods < 3 else ends.reshape(-1, 2).mean(axis=0)
+    names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
+    for name, place in names.items():
+        ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
+        away = place - middle
+        if np.linalg.norm(away) <= 1e-9:
+            away = middle - ends.reshape(-1, 2).mean(axis=0)
+        if periods == 1:
+            away = np.array([0.0, -1.0])
+        if not name.startswith("("):
+            ax.annotate(
+                name, place, 7.0 * away / max(float(np.linalg.norm(away)), 1e-9), textcoords="offset points", ha="center",
+                va="center", zorder=3.0, path_effects=[HALO],
+            )  # fmt: skip
+    points = np.vstack([outline, *ends])
+    low, high = points.min(axis=0), points.max(axis=0)
+    hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
+    return ax
+
+
+def _draw_faces(faces: list[Array], view: View, ax: Axes) -> Array:
+    """Draw the faces of a zone, translucent, far edges thin; return its corners on the paper, (n, 2)."""
+    near = [face for face in faces if view.nearness(face.mean(axis=0)) > 0.0]
+    far = [face for face in faces if view.nearness(face.mean(axis=0)) <= 0.0]
+    painter = Painter(view)
+    for group, edge, width, face_colour in ((far, "0.75", 0.4, "none"), (near, "0.3", 0.7, (0.6, 0.75, 0.9, 0.18))):
+        for face in group:
+            painter.add_polygon(face, face=face_colour, edge=edge, width=width, nearness=float(group is near))
+    painter.draw(ax, "zone")
+    return view.project(np.concatenate(faces))
+
+
+def _choose_view(corners: Array, faces: list[Array]) -> View:
+    """Choose the view in which the corners (n, 3) of a path lie far apart on the paper, on the near side, and no face is
+    seen along its plane.
+    """
+    apart, middles = np.unique(np.round(corners, 9), axis=0), np.array([face.mean(axis=0) for face in faces])
+    # the middle of a face is not always on its normal, but near enough to it
+    normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
+    one, two = np.triu_indices(len(apart), 1)
+    best, found = -np.inf, View()
+    for azimuth, elevation in itertools.product(_AZIMUTHS, _ELEVATIONS):
+        view = View(azimuth, elevation)
+        flat = view.project(apart)
+        distance = float(np.linalg.norm(flat[one] - flat[two], axis=1).min(initial=np.inf))
+        score = distance * min(float(np.abs(view.nearness(normals)).min()), 0.15)
+        if score > best and view.nearness(apart).mean() >= 0.0:
+            best, found = score, view
+    return found
