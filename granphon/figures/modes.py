@@ -5,35 +5,69 @@ As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.arguments import real_array
+from granphon.base.arguments import positive, real_array, whole_number
 
 # before matplotlib, whose import this module guards
 from granphon.figures.scales import hide_axes
 
 # isort: split
+import matplotlib
 import numpy as np
+from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_table import steps_within
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.figures.style import BLUE, VERMILION, print_hertz
+from granphon.dynamics.compatibility import GYRATION
+from granphon.dynamics.modes import ContactLattice
+from granphon.figures.spheres import draw_moved_spheres, draw_spheres
+from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
+from granphon.figures.views import View
 
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
 
-__all__ = ["plot_mode"]
+__all__ = ["animate_mode", "plot_mode"]
 
 Array = NDArray[np.float64]
 #: longest displacement in the drawing, in diameters; spins are drawn on the same scale
 _LARGEST = 0.4
 #: angle of the mark of a ball at rest, rad
 _MARK = np.pi / 2.0
+#: edge of the cube in space whose balls are drawn, in diameters
+_CUBE = 2.4
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A mode on the balls that are drawn; lengths in diameters, and m balls."""
+
+    places: Array  # (m, 3) centres at rest
+    radii: Array  # (m,)
+    pairs: NDArray[np.intp]  # (m_c, 2) balls in contact
+    shift: NDArray[Any]  # (m, 3) displacements at phase 0, complex
+    turn: NDArray[Any]  # (m, 3) angles at phase 0, complex, rad
+    rotate: bool
+    planar: bool  # balls of a plane or a line that stay in it
+    title: str
+
+    @property
+    def view(self) -> View:
+        """Where spheres are seen from: oblique to all rows of the common lattices, higher above those of a plane."""
+        return View(-75.0, 18.0 if np.ptp(self.places[:, 2]) > 0.5 else 30.0)
+
+    def at(self, phase: float) -> tuple[Array, Array]:
+        """Displacements (m, 3) and angles (m, 3) at a phase."""
+        return (self.shift * np.exp(1j * phase)).real, (self.turn * np.exp(1j * phase)).real
 
 
 def plot_mode(
@@ -42,66 +76,170 @@ def plot_mode(
     branch: int,
     ax: Axes,
     *,
-    cells: tuple[int, int] = (4, 4),
+    cells: tuple[int, ...] | None = None,
     phase: float = 0.0,
     direction: ArrayLike | None = None,
+    view: View | None = None,
+    size: float = 0.5,
 ) -> Axes:
-    """Draw the mode of branch ``branch`` at ``q`` on balls at their real size; axes in mean diameters, hidden.
+    """Draw the mode of branch ``branch`` at ``q``; axes in mean diameters, hidden.
 
-    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), an arrow from its centre, and is turned by the
-    angle phi = w/R_g: the sector between the upright and its mark, in vermilion anticlockwise and in blue clockwise.
+    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the angle phi = w/R_g.
     Displacements and w have one scale, on which the largest of them in a period is 0.4 d. The free phase of the eigenvector
     is such that the largest of its components is real and positive, so that nothing stands still at phase 0.
 
+    Balls that stay in their plane are drawn at their real size, with an arrow from the centre for the displacement; the
+    angle is the sector between the upright and a mark, in vermilion anticlockwise and in blue clockwise. Other balls are
+    spheres in parallel projection, made smaller so that the ones behind show, with lines between those in contact. There a
+    displacement is a black arrow, and a rotation a vermilion one along its axis, of the length w, with an arc that is
+    turned by phi; both arrows start at the surface.
+
     Parameters
     ----------
-    q : (2,) or (3,), fractions of the reciprocal cell.
+    q : (p,) or (3,), fractions of the reciprocal cell.
     branch : counted from 0, in ascending frequency.
-    cells : number of cells to draw along each lattice vector.
+    cells : number of cells to draw along each lattice vector: by default eight on a line and four by four in a plane, and
+        in space all balls in a cube of 2.4 d.
     phase : phase of the motion, rad; at time t it is -omega t.
     direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch, and (required) at Gamma.
+    view : direction from which spheres are seen.
+    size : size of spheres over their real size.
     """
+    motion = _find_motion(phonons, q, branch, cells, direction)
+    shift, turn = motion.at(phase)
+    if motion.planar:
+        _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
+    else:
+        radii = positive("size", size) * motion.radii
+        draw_spheres(ax, view or motion.view, motion.places, radii, motion.pairs, shift, turn, GYRATION)
+    ax.set_title(motion.title)
+    return ax
+
+
+def animate_mode(
+    phonons: Phonons,
+    q: ArrayLike,
+    branch: int,
+    *,
+    cells: tuple[int, ...] | None = None,
+    direction: ArrayLike | None = None,
+    view: View | None = None,
+    size: float = 0.5,
+    frames: int = 24,
+) -> FuncAnimation:
+    """Draw one period of a mode as an animation, one column wide, for ``animation.save("mode.gif", writer="pillow")``.
+
+    Spheres move, and great circles on them turn; balls that stay in their plane are drawn as by :func:`plot_mode`, of which
+    the arguments are the same. ``frames`` is the number of pictures in a period.
+    """
+    motion = _find_motion(phonons, q, branch, cells, direction)
+    count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
+    seen = view or motion.view
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, COLUMN_WIDTH), dpi=150, layout="constrained")
+        ax = figure.subplots()
+
+    def draw(frame: int) -> None:
+        shift, turn = motion.at(-2.0 * np.pi * frame / count)
+        ax.clear()
+        with matplotlib.rc_context(STYLE):
+            if motion.planar:
+                _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
+            else:
+                draw_moved_spheres(ax, seen, motion.places, part * motion.radii, motion.pairs, shift, turn)
+                # all pictures have the same limits
+                places = seen.project(motion.places)
+                room = _LARGEST + part * motion.radii.max() + 0.05
+                hide_axes(ax, places.min(axis=0) - room, places.max(axis=0) + room)
+            ax.set_title(motion.title)
+
+    return FuncAnimation(figure, draw, frames=count, interval=2000 // count)
+
+
+def _find_motion(
+    phonons: Phonons, q: ArrayLike, branch: int, cells: tuple[int, ...] | None, direction: ArrayLike | None
+) -> _Motion:
+    """Find the motion of the balls that are drawn in the mode of ``branch`` at ``q``."""
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
         raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
     lattice = phonons.lattice
-    n = lattice.n_balls
+    n, p, moving = lattice.n_balls, lattice.periods, lattice.motions
     motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
     largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
-    motion = motion * (abs(largest) / largest) * _LARGEST / _find_amplitude(motion)
-    steps = np.array(list(np.ndindex(*cells)))
-    places = (steps @ lattice.cell)[:, None] + lattice.positions
-    wave = np.exp(1j * (places @ (modes.wavevectors[0] * phonons.scales.length) + phase))
-    now = (motion[None] * wave[..., None]).real.reshape(len(steps) * n, -1)
-    centres = places.reshape(-1, 2)
-    radius = np.tile(phonons.atoms.arrays.get("radius", np.full(n, 0.5)), len(steps))
-    balls = [Circle((x, y), r) for (x, y), r in zip(centres, radius, strict=True)]
-    ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
-    if lattice.motions.rotate:
-        _draw_spins(ax, centres, radius, now[:, lattice.motions.turning][:, 0] / np.tile(lattice.gyration, len(steps)))
-    ax.quiver(
-        *centres.T, now[:, 0], now[:, 1], angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
-        headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
-    )  # fmt: skip
-    low, high = (centres - radius[:, None]).min(axis=0), (centres + radius[:, None]).max(axis=0)
-    hide_axes(ax, low - 0.1, high + 0.1)
+    motion = motion * (abs(largest) / largest)
+    u, w = np.zeros((2, n, 3), complex)
+    u[:, list(moving.translations)] = motion[:, moving.translating]
+    w[:, list(moving.rotations)] = motion[:, moving.turning]
+    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    places, balls, pairs = _place_balls(lattice, cells)
+    wave = np.exp(1j * (places[:, :p] @ (modes.wavevectors[0] * phonons.scales.length)))[:, None]
+    radii = phonons.atoms.arrays.get("radius", np.full(n, 0.5))[balls]
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
-    near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:2]]
+    near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:p]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if lattice.motions.rotate else ""
+    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if moving.rotate else ""
     # rounding may leave this part of the highest frequency in place of zero
     zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
-    ax.set_title(f"q = ({fractions})\n{'zero frequency' if zero else f'{hertz / unit.hertz:.1f} {print_hertz(unit)}'}{part}")
-    return ax
+    said = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    planar = p < 3 and not places[:, 2].any() and 2 not in moving.translations and set(moving.rotations) <= {2}
+    return _Motion(
+        places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave, moving.rotate,
+        planar, f"q = ({fractions})\n{said}{part}",
+    )  # fmt: skip
+
+
+def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    """Return the places (m, 3) of the balls that are drawn, their indices in the cell (m,), and the contacts (m_c, 2)."""
+    p, d = lattice.cell.shape
+    cell, sites = np.zeros((p, 3)), np.zeros((lattice.n_balls, 3))
+    cell[:, :d], sites[:, :d] = lattice.cell, lattice.positions
+    cube = cells is None and p == 3
+    if cube:
+        steps = steps_within(lattice.cell, _CUBE * np.sqrt(3.0) + float(np.ptp(sites, axis=0).max()))
+    else:
+        steps = np.array(list(np.ndindex(*((8,), (4, 4))[p - 1] if cells is None else cells)))
+    if steps.shape[1:] != (p,):
+        raise InputError(message(f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"))
+    step, ball = (grid.ravel() for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij"))
+    places = steps[step] @ cell + sites[ball]
+    if cube:
+        from_first = places - sites[0]
+        inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
+        step, ball, places = step[inside], ball[inside], places[inside]
+    index = {(b, *s): k for k, (b, s) in enumerate(zip(ball.tolist(), steps[step].tolist(), strict=True))}
+    table = lattice.contacts
+    ends = zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True)
+    pairs = [
+        (k, index[other])
+        for i, j, shift in ends
+        for (b, *s), k in index.items()
+        if b == i and (other := (j, *(x + y for x, y in zip(s, shift, strict=True)))) in index
+    ]
+    return places, ball, np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
+    """Draw discs with their displacements (m, 2) and angles (m,)."""
+    centres, radii = motion.places[:, :2], motion.radii
+    balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
+    ax.add_collection(PatchCollection(balls, facecolor="0.94", edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls"))
+    if motion.rotate:
+        _draw_spins(ax, centres, radii, angles)
+    ax.quiver(
+        *centres.T, *shift.T, angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
+        headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
+    )  # fmt: skip
+    low, high = (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
+    hide_axes(ax, low - 0.1, high + 0.1)
 
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
-    """Return the largest displacement, or w, of any ball in a period; on an elliptic path, the longer half axis."""
-    u = motion[:, :2]
-    longest = np.sqrt(0.5 * (np.sum(np.abs(u) ** 2, axis=1) + np.abs(np.sum(u * u, axis=1))))
-    return float(max(longest.max(), np.abs(motion[:, 2:]).max(initial=0.0)))
+    """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half axis."""
+    longest = np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1))))
+    return float(longest.max())
 
 
 def _draw_spins(ax: Axes, centres: Array, radius: Array, angles: Array) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgba, to_rgba_array
 from matplotlib.path import Path
 from matplotlib.typing import ColorType
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
 #: length and half width of the head of an arrow, over the width of its shaft
 _HEAD_LENGTH, _HEAD_HALF_WIDTH = 3.6, 1.7
+#: number of discs that shade a ball
+_DISCS = 15
 
 
 @dataclass(frozen=True)
@@ -85,11 +87,11 @@ class Painter:
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
         near, middle, base = float(self.view.nearness(centre)), self.view.project(centre), np.array(to_rgba(color))
-        for part in np.linspace(0.0, 1.0, 9):
+        for part in np.linspace(0.0, 1.0, _DISCS):
             # discs that shrink towards the light, each a step brighter
-            shade = base * [*[0.62 + 0.38 * np.sqrt(part)] * 3, 1.0]
-            shade[:3] += (1.0 - shade[:3]) * 0.75 * part**3
-            disc = Path.circle(middle + radius * 0.38 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.9 * part))
+            shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
+            shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
+            disc = Path.circle(middle + radius * 0.36 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.95 * part))
             self.add(near, disc, face=shade, edge="0.35" if part == 0.0 else "none", width=0.5)
 
     def add_arrow(
@@ -111,12 +113,16 @@ class Painter:
         outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
         self.add(near, Path(np.vstack([outline, outline[:1]]), closed=True), face=color, edge="white", width=0.25)
 
-    def draw(self, ax: Axes, gid: str, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths."""
-        shapes = sorted(self._shapes, key=lambda shape: shape[0])
-        _, paths, faces, edges, widths = zip(*shapes, strict=True)
-        look: dict[str, Any] = {"facecolors": faces, "edgecolors": edges, "linewidths": widths}
-        drawn = PathCollection(list(paths), **look, capstyle="round", joinstyle="round", gid=gid, **options)
+    def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
+        """Draw all shapes as one collection of paths; the colour of the farthest is the part ``fade`` white."""
+        near, paths, faces, edges, widths = zip(*sorted(self._shapes, key=lambda shape: shape[0]), strict=True)
+        white = fade * (near[-1] - np.array(near)[:, None]) / max(near[-1] - near[0], 1e-9)
+        look: dict[str, Any] = {"linewidths": widths, "capstyle": "round", "joinstyle": "round", "gid": gid}
+        for name, colours in (("facecolors", faces), ("edgecolors", edges)):
+            rgba = to_rgba_array(colours)
+            rgba[:, :3] += white * (1.0 - rgba[:, :3])
+            look[name] = rgba
+        drawn = PathCollection(list(paths), **look, **options)
         ax.add_collection(drawn, autolim=False)
         return drawn
 
