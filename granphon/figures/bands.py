@@ -44,6 +44,8 @@ _ROTATING = ROTATION(1.0)
 _LINE_WIDTH = 1.5
 #: frequencies closer than this part of the top one are one line in print
 _COINCIDENT = 1e-6
+#: part of the fastest sound below which the velocity of a wave is the rounding of zero
+_STILL = 1e-9
 
 
 def plot_bands(
@@ -147,7 +149,7 @@ def plot_asymptotes(
             speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
         else:
             speeds = dict(zip(velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True))
-        waves = {name: v * q for name, v in speeds.items() if name != "out_of_plane"}
+        waves = {name: v * q for name, v in speeds.items() if v > _STILL * max(speeds.values())}
         if isinstance(velocities, ContactLattice) and len(velocities.motions.rotations) == velocities.n_balls == 1:
             squared, curvature = velocities.optical_branch(way)
             inside = 1.0 - curvature * q**2
@@ -195,24 +197,33 @@ def bands_figure(
     asymptotes: Asymptotes | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Draw a figure of bands with the Brillouin zone inset, and the density of states beside them on the same axis.
+    """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
 
-    The figure is one column wide. Either may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
+    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands. Either may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
     if first is None:
         raise InputError(message("there is nothing to draw", mend="Give bands, a density of states, or both"))
     unit, both = _choose_unit(first), bands is not None and dos is not None
+    # a zone in space has too many corners for an inset
+    space = bands is not None and len(find_reciprocal(bands)) == 3
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 2.4 if bands is None else 3.1), dpi=DPI, layout="constrained")
-        axes = figure.subplots(1, 1 + both, sharey=both, width_ratios=[2.4, 1.0][: 1 + both], squeeze=False)[0]
+        figure = Figure(
+            figsize=(COLUMN_WIDTH, 2.4 if bands is None else 4.4 if space else 3.1), dpi=DPI, layout="constrained"
+        )
+        rows = figure.add_gridspec(1 + space, 1, height_ratios=[1.0, 0.5][: 1 + space])
+        grid = rows[0].subgridspec(1, 1 + both, width_ratios=[2.4, 1.0][: 1 + both])
+        axes = grid.subplots(sharey=both, squeeze=False)[0]
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
             plot_bands(bands, axes[0], asymptotes=asymptotes, unit=unit)
-            inset = axes[0].inset_axes(_find_free_place(axes[0]))
-            inset.set_in_layout(False)
+            if space:
+                inset = figure.add_subplot(rows[1])
+            else:
+                inset = axes[0].inset_axes(_find_free_place(axes[0]))
+                inset.set_in_layout(False)
             plot_zone(bands, inset)
         if both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)

@@ -82,9 +82,7 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
     return 1.0 / (velocities * _UNIT), along, polarisations
 
 
-def plot_slowness(
-    state: ContactState, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True
-) -> Axes:
+def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True) -> Axes:
     """Draw the slowness of sound over the directions of a plane, coloured by the longitudinal part of the polarisation.
 
     In the cut through a crystal in space, waves polarised across the cut are dashed. Flexural waves have no velocity and are
@@ -117,12 +115,18 @@ def plot_slowness(
         points = slowness[:, b, None] * circle
         dashed = across[:, b].mean() > _ACROSS
         pieces = np.stack([points[:-1], points[1:]], axis=1)
-        shades: dict[str, Any] = {"array": 0.5 * (along[1:, b] + along[:-1, b]), "cmap": POLARISATION, "norm": Normalize(0, 1)}
+        shades: dict[str, Any] = {
+            "array": 0.5 * (along[1:, b] + along[:-1, b]),
+            "cmap": POLARISATION,
+            "norm": Normalize(0, 1),
+        }
         if dashed:
             # five degrees drawn, five left out
             drawn = np.arange(len(pieces)) % 10 < 5
             pieces, shades["array"] = pieces[drawn], shades["array"][drawn]
-        lines = LineCollection(list(pieces), linewidths=1.5, capstyle="butt" if dashed else "round", **shades, gid=f"wave-{b}")
+        lines = LineCollection(
+            list(pieces), linewidths=1.5, capstyle="butt" if dashed else "round", **shades, gid=f"wave-{b}"
+        )
         ax.add_collection(lines, autolim=False)
     far = 1.12 * float(slowness.max())
     for draw in (ax.axhline, ax.axvline):
@@ -143,7 +147,9 @@ def _span(plane: ArrayLike) -> Array:
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(message("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
+        raise InputError(
+            message("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))")
+        ) from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
         raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
@@ -220,13 +226,17 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
         start = tip * float(slowness.min()) / float(np.linalg.norm(tip))
         painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
         flat = view.project(1.07 * tip)
-        ax.annotate(("" if facing[axis] > 0.0 else "−") + name, flat, ha="center", va="center", zorder=3.0, path_effects=[HALO])
+        ax.annotate(
+            ("" if facing[axis] > 0.0 else "−") + name, flat, ha="center", va="center", zorder=3.0, path_effects=[HALO]
+        )
     painter.draw(ax, "surfaces", rasterized=True)
     low, high = painter.extent
     unit = 10.0 ** np.floor(np.log10(longest))
     corner = np.array([low[0], low[1] - 0.08 * longest])
     ax.plot([corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit")
-    ax.annotate(f"{unit:g} {_LABEL}", corner + [0.5 * unit, 0.0], (0.0, -3.0), textcoords="offset points", ha="center", va="top")
+    ax.annotate(
+        f"{unit:g} {_LABEL}", corner + [0.5 * unit, 0.0], (0.0, -3.0), textcoords="offset points", ha="center", va="top"
+    )
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
         _add_colorbar(ax.get_figure(), ax)

@@ -94,14 +94,12 @@ class Painter:
             disc = Path.circle(middle + radius * 0.36 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.95 * part))
             self.add(near, disc, face=shade, edge="0.35" if part == 0.0 else "none", width=0.5)
 
-    def add_arrow(
-        self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None
-    ) -> None:
+    def add_arrow(self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in units of length."""
         near = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
         tail, way = self.view.project(start), self.view.project(along)
         length = float(np.linalg.norm(way))
-        if length < 1e-9 * max(1.0, float(np.linalg.norm(along))):
+        if length < width:
             return  # it points along the line of sight
         x = way / length
         y = np.array([-x[1], x[0]])
