@@ -24,8 +24,8 @@ pressure = np.logspace(4.0, 7.0, 31)  # Pa
 states = {name: medium.at_pressure(pressure) for name, medium in media.items()}
 
 # %%
-# At the same pressure the contacts carry the same force: both packings have twelve contacts to a ball, and are equally dense.
-# Sound velocities go as the sixth root of the pressure. Along the stacking axis those of the two are equal.
+# At the same pressure the contacts carry the same force: in both packings a ball has twelve contacts, and both are equally
+# dense. Sound velocities go as the sixth root of the pressure. Along the stacking axis those of the two are equal.
 
 stacking = {"fcc": (1, 1, 1), "hcp": (0, 0, 1)}
 sound = {name: gp.sound_velocities(state, stacking[name]) for name, state in states.items()}

@@ -199,8 +199,8 @@ def bands_figure(
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
 
-    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands. Either may be left out; ``asymptotes`` as in :func:`plot_asymptotes`. Raises
-    :class:`~granphon.base.errors.InputError` if both are left out.
+    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands. Either may be left out;
+    ``asymptotes`` as in :func:`plot_asymptotes`. Raises :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
     if first is None:

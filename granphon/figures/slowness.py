@@ -30,7 +30,6 @@ from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import ContactState
-from granphon.observables.velocities import sound_velocities
 
 __all__ = ["plot_slowness", "plot_slowness_surface", "slowness_figure"]
 
@@ -42,6 +41,8 @@ _LABEL = "s/km"
 _CUT, _SURFACE = 180, 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
 _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+#: direction from which surfaces are seen: the octant of positive x, y, z faces the viewer
+_VIEW = View(32.0, 24.0)
 #: part of the energy across the cut from which a wave counts as polarised across it
 _ACROSS = 0.5
 
@@ -49,7 +50,7 @@ _ACROSS = 0.5
 def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array, Array]:
     """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p).
 
-    Flexural waves, which have no velocity, are left out.
+    The waves are in the order of ``state.wave_names``. Flexural waves, which have no velocity, are left out.
 
     Raises
     ------
@@ -63,23 +64,16 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
         )
     if not state.is_single:
         raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
-    found = sound_velocities(state, directions)
-    polarisations = np.asarray(found.polarisations)
-    axes = state.packing.ball_motions.translations
-    toward = np.zeros((len(directions), len(axes)))
-    for axis in set(range(periods)) & set(axes):
-        toward[:, axes.index(axis)] = directions[:, axis]
-    flexural = np.zeros(polarisations.shape[::2], bool)
-    if found.out_of_plane is not None:
-        flexural = np.argmax(np.abs(polarisations[:, axes.index(2)]), axis=1)[:, None] == np.arange(len(axes))
-    waves = len(axes) - int(flexural[0].sum())
+    # a flexural wave is the last
+    waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
     if not waves:
         raise InputError(message("these balls move across the plane only", "Their long waves are flexural: no velocity"))
-    kept = ~flexural
-    velocities = np.asarray(found.velocities)[kept].reshape(-1, waves)
-    polarisations = polarisations.swapaxes(1, 2)[kept].reshape(-1, waves, len(axes)).swapaxes(1, 2)
-    along = np.einsum("nu,nub->nb", toward, polarisations) ** 2
-    return 1.0 / (velocities * _UNIT), along, polarisations
+    slowness = 1.0 / (state.long_waves(directions)[:, :waves] * _UNIT)
+    polarisations = state.polarisations(directions)[:, :, :waves]
+    axes = state.packing.ball_motions.translations
+    inside = [place for place, axis in enumerate(axes) if axis < periods]
+    toward = directions[:, [axes[place] for place in inside]]
+    return slowness, np.einsum("nu,nub->nb", toward, polarisations[:, inside]) ** 2, polarisations
 
 
 def plot_slowness(state: ContactState, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True) -> Axes:
@@ -171,7 +165,7 @@ def _add_colorbar(figure: Any, axes: Any) -> None:
     bar.set_label("Longitudinal part of the polarisation")
 
 
-def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32.0, 24.0), colorbar: bool = True) -> Axes:
+def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:
     """Draw the three slowness surfaces of a crystal in space, coloured by the longitudinal part of the polarisation.
 
     The octant that faces the viewer is taken from the two outer surfaces, those of the slower waves, so that the inner ones
@@ -180,7 +174,7 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
     Parameters
     ----------
     state : the state of the contacts, at one load; its lattice has three periods.
-    view : the direction from which the surfaces are seen.
+    view : the direction from which the surfaces are seen; by default the octant of positive x, y and z is cut.
     colorbar : whether to draw the colour bar, above the axes.
 
     Raises
@@ -192,6 +186,7 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
     if lattice.periods != 3:
         what = f"the lattice {lattice.name} has {lattice.periods} period{'s' * (lattice.periods > 1)}"
         raise InputError(message(what, "Surfaces belong to three", "Use plot_slowness"))
+    view = _VIEW if view is None else view
     # the edges of the octant that is taken out are lines of this mesh
     polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
@@ -210,14 +205,14 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
         near = view.nearness(outwards)
-        shown = np.any(middle * facing < 0.0, axis=1) if wave < 2 else near > -0.1
+        shown = np.any(middle * facing < 0.0, axis=1) if wave else near > -0.1
         # the inside of a surface, seen through the cut, is darker
         bright = np.where(near > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
         colours = np.array(POLARISATION(part))
         colours[:, :3] *= bright[:, None]
         for face, colour in zip(faces[shown], colours[shown], strict=True):
             painter.add_polygon(face, face=colour, edge=colour, width=0.3)
-        if wave < 2:
+        if wave:
             for rim in _list_rims(points, ways, facing):
                 painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
     longest = float(slowness.max())
@@ -225,9 +220,9 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
         tip = np.eye(3)[axis] * facing[axis] * 1.42 * longest
         start = tip * float(slowness.min()) / float(np.linalg.norm(tip))
         painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
-        flat = view.project(1.07 * tip)
+        x, y = view.project(1.07 * tip).tolist()
         ax.annotate(
-            ("" if facing[axis] > 0.0 else "−") + name, flat, ha="center", va="center", zorder=3.0, path_effects=[HALO]
+            ("" if facing[axis] > 0.0 else "−") + name, (x, y), ha="center", va="center", zorder=3.0, path_effects=[HALO]
         )
     painter.draw(ax, "surfaces", rasterized=True)
     low, high = painter.extent
@@ -235,7 +230,12 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View = View(32
     corner = np.array([low[0], low[1] - 0.08 * longest])
     ax.plot([corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit")
     ax.annotate(
-        f"{unit:g} {_LABEL}", corner + [0.5 * unit, 0.0], (0.0, -3.0), textcoords="offset points", ha="center", va="top"
+        f"{unit:g} {_LABEL}",
+        (corner[0] + 0.5 * unit, corner[1]),
+        (0.0, -3.0),
+        textcoords="offset points",
+        ha="center",
+        va="top",
     )
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
@@ -261,11 +261,11 @@ def slowness_figure(state: ContactState, *, title: str | None = None) -> Figure:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 5.0 if space else 3.6), dpi=DPI, layout="constrained")
         if space:
-            rows = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
+            rows: Any = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
             plot_slowness_surface(state, rows[0].subplots())
             for ax, plane in zip(rows[1].subplots(1, 2), _CUTS, strict=True):
                 plot_slowness(state, ax, plane=plane, colorbar=False)
-            ways = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
+            ways: dict[str, Any] = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
             lines = [Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name) for name, dashes in ways.items()]
             rows[1].legend(handles=lines, loc="outside lower center", ncols=2)
         else:

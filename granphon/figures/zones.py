@@ -30,8 +30,7 @@ _AZIMUTHS, _ELEVATIONS = range(0, 360, 6), (10, 16, 22, 28)
 
 def find_reciprocal(bands: Bands) -> Array:
     """Return the reciprocal vectors of the cell of ``bands`` as rows, (p, p), in units of 2 pi/d, for p periods."""
-    periods = bands.group_velocities.shape[-1]
-    return np.asarray(np.linalg.inv(bands.cell[:periods, :periods]).T)
+    return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
 def print_label(label: str) -> str:
@@ -103,8 +102,9 @@ def _reduce(reciprocal: ArrayLike) -> Array:
 def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
 
-    The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default one from which the corners
-    of the path lie apart on the paper and on the near side; far edges are thin and light. On a line the zone is a line with two ends.
+    The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default one from which the
+    corners of the path lie apart on the paper and on the near side; far edges are thin and light. On a line the zone is a
+    line with two ends.
     """
     reciprocal = find_reciprocal(bands)
     periods = len(reciprocal)

@@ -1,0 +1,361 @@
+"""Figures of crystals on a line, in a plane and in space: what is drawn is what was computed."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose, assert_array_equal
+
+import granphon as gp
+from granphon.balls.lattices import LATTICES
+from granphon.base.errors import InputError, MechanismError
+from granphon.figures import slowness, zones
+from granphon.figures.bands import bands_figure, plot_asymptotes
+from granphon.figures.modes import animate_mode, plot_mode
+from granphon.figures.views import Painter, View
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+
+
+def state_of(lattice, **options):
+    return gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice, **options)).at_force(18.446)
+
+
+@pytest.fixture(scope="module")
+def fcc():
+    return gp.Phonons(state_of("fcc"))
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return gp.Phonons(state_of("chain", motions="all", torsion=0.02, bending=0.01))
+
+
+@pytest.fixture
+def ax():
+    return Figure(layout="constrained").subplots()
+
+
+def with_gid(ax, gid):
+    return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
+
+
+# -- projection -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("view", [View(), View(0.0, 0.0), View(33.0, 71.0), View(-120.0, -15.0)])
+def test_a_view_is_a_rotation_that_keeps_z_upright(view):
+    assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(view.axes) == pytest.approx(1.0)
+    right, up = view.project([0.0, 0.0, 1.0])
+    assert right == pytest.approx(0.0, abs=1e-15)
+    assert up > 0.0
+
+
+def test_the_viewer_stands_at_the_azimuth_and_the_elevation():
+    # from x: y to the right, z upwards; from above: x would point down
+    assert_allclose(View(0.0, 0.0).axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]], atol=1e-15)
+    assert View(0.0, 90.0).nearness([0.0, 0.0, 2.0]) == pytest.approx(2.0)
+
+
+def test_what_is_nearer_is_drawn_later(ax):
+    painter = Painter(View(0.0, 0.0))
+    for x, colour in ((3.0, "red"), (1.0, "green"), (2.0, "blue")):
+        painter.add_line(np.array([[x, 0.0, 0.0], [x, 1.0, 0.0]]), colour, 1.0)
+    drawn = painter.draw(ax, "lines")
+    assert_array_equal(drawn.get_edgecolor()[:, :3], [[0.0, 128 / 255, 0.0], [0, 0, 1], [1, 0, 0]])
+    painter.draw(ax, "faded", fade=0.5)
+    assert_allclose(with_gid(ax, "faded").get_edgecolor()[:, :3], [[0.5, 0.5 + 64 / 255, 0.5], [0.25, 0.25, 1], [1, 0, 0]])
+
+
+# -- the zone in space ----------------------------------------------------------------------------------------------
+
+
+def volume(faces):
+    """Volume of the body with these faces, anticlockwise as seen from outside: sum of tetrahedra from the origin."""
+    return sum(np.linalg.det([face[0], b, c]) / 6.0 for face in faces for b, c in itertools.pairwise(face[1:]))
+
+
+@pytest.mark.parametrize(
+    ("cell", "corners"),
+    [
+        (LATTICES["sc"].cell, [4] * 6),
+        (LATTICES["bcc"].cell, [4] * 12),  # a rhombic dodecahedron
+        (LATTICES["fcc"].cell, [4] * 6 + [6] * 8),  # a truncated octahedron
+        (LATTICES["hcp"].cell, [4] * 6 + [6] * 2),  # a prism
+        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0]], [4] * 6),
+        ([[1.0, 0.0, 0.0], [2.3, 1.2, 0.0], [-1.1, 1.3, 0.9]], None),  # slanted
+        (1e-3 * np.array(LATTICES["fcc"].cell)[::-1], [4] * 6 + [6] * 8),  # small, and left-handed
+    ],
+)
+def test_the_zone_in_space_is_the_wigner_seitz_cell(cell, corners):
+    reciprocal = np.linalg.inv(cell).T
+    faces = zones.zone_faces(reciprocal)
+    if corners is not None:
+        assert sorted(map(len, faces)) == corners
+    assert volume(faces) == pytest.approx(abs(np.linalg.det(reciprocal)), rel=1e-9)
+    points = np.concatenate(faces)
+    steps = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 3), axis=-1).reshape(-1, 3)
+    distance = np.linalg.norm(points[:, None] - steps @ reciprocal, axis=2)
+    # a corner is nearest to the origin, and as near to three others
+    own = np.linalg.norm(points, axis=1)
+    assert np.all(distance >= own[:, None] * (1.0 - 1e-9))
+    assert np.all(np.sum(distance <= own[:, None] * (1.0 + 1e-6), axis=1) >= 4)
+
+
+def test_the_zone_in_space_is_drawn_with_the_path(fcc, ax):
+    bands, view = fcc.bands("GXWKGL", npoints=3), View(40.0, 20.0)
+    assert zones.plot_zone(bands, ax, view=view) is ax
+    path = np.array(with_gid(ax, "path").get_segments())
+    corners = np.array([fcc.special_points[name] for name in "GXWKGL"]) @ fcc.lattice.reciprocal / (2.0 * np.pi)
+    assert_allclose(path, np.stack([view.project(corners[:-1]), view.project(corners[1:])], axis=1), atol=1e-12)
+    assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {"Γ", "X", "W", "K", "L"}
+    assert len(with_gid(ax, "zone").get_paths()) == 14
+
+
+@pytest.mark.parametrize(
+    ("lattice", "path"), [("sc", "GXMGRX,MR"), ("bcc", "GHNGPH,PN"), ("fcc", "GXWKGL"), ("hcp", "GMKGALHA")]
+)
+def test_the_corners_of_a_path_lie_apart_in_the_drawing_of_the_zone(lattice, path, ax):
+    bands = gp.Phonons(state_of(lattice)).bands(path, npoints=2)
+    zones.plot_zone(bands, ax)
+    places = np.array([text.xy for text in ax.texts])
+    width = np.ptp(with_gid(ax, "zone").get_paths()[0].vertices, axis=0).max()
+    distance = np.linalg.norm(places[:, None] - places, axis=2) + 9.0 * np.eye(len(places))
+    assert distance.min() > 0.1 * width
+
+
+def test_the_zone_of_a_chain_is_a_line(chain, ax):
+    zones.plot_zone(chain.bands(npoints=3), ax)
+    (outline, *_) = with_gid(ax, "zone").get_segments()
+    assert_allclose(outline, [[-0.5, 0.0], [0.5, 0.0]], atol=1e-15)
+    assert_allclose(with_gid(ax, "path").get_segments(), [[[0.0, 0.0], [0.5, 0.0]]], atol=1e-15)
+    assert ax.texts[0].get_text() == "Γ"
+
+
+# -- bands ----------------------------------------------------------------------------------------------------------
+
+
+def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
+    figure = bands_figure(fcc.bands("GXWKGL", npoints=5), fcc.dos((3, 3, 3)), asymptotes=fcc.lattice)
+    figure.savefig(tmp_path / "bands.png", dpi=50)
+    assert [ax for ax in figure.axes if any(a.get_gid() == "zone" for a in ax.get_children())]
+    assert not figure.axes[0].child_axes
+
+
+def test_long_waves_in_space_are_three_lines_with_the_velocities_of_their_direction(fcc, ax):
+    bands = fcc.bands("GX", npoints=5)
+    plot_asymptotes(bands, fcc.lattice, ax)
+    speeds = gp.sound_velocities(fcc.state, fcc.lattice.wavevectors(bands.qpoints[0, -1])).velocities
+    slopes = []
+    for line in ax.lines:
+        x, y = line.get_data()
+        # x is q over 2 pi, in 1/d; y is in kHz
+        slopes.append(1e3 * (y[-1] - y[0]) / (x[-1] - x[0]) * fcc.scales.length)
+    assert_allclose(np.sort(slopes), speeds, rtol=1e-9)
+    with pytest.raises(InputError, match="one direction"):
+        plot_asymptotes(bands, gp.sound_velocities(fcc.state, (1, 0, 0)), ax)
+
+
+def test_flexural_waves_have_no_long_waves_to_draw(chain, ax):
+    plot_asymptotes(chain.bands(npoints=5), chain.lattice, ax)
+    assert len(ax.lines) == 1  # the longitudinal one
+
+
+# -- slowness -------------------------------------------------------------------------------------------------------
+
+
+def drawn_waves(ax):
+    lines = [artist for artist in ax.get_children() if str(artist.get_gid()).startswith("wave")]
+    return [np.concatenate(line.get_segments()) for line in lines], lines
+
+
+def test_slowness_in_the_plane_is_the_inverse_of_the_velocity(ax):
+    state = state_of("square")
+    assert slowness.plot_slowness(state, ax) is ax
+    curves, lines = drawn_waves(ax)
+    assert len(curves) == 2
+    for points, line in zip(curves, lines, strict=True):
+        radius = np.linalg.norm(points, axis=1)
+        velocities = gp.sound_velocities(state, points[::7] / radius[::7, None]).velocities
+        assert_allclose(np.abs(velocities * radius[::7, None] / 1e3 - 1.0).min(axis=1), 0.0, atol=1e-9)
+        assert line.norm.vmax == 1.0
+    # the fast wave is longitudinal
+    fast = int(np.argmin([np.linalg.norm(points, axis=1).mean() for points in curves]))
+    assert lines[fast].get_array().min() > 0.9
+    assert "s/km" in ax.get_xlabel()
+    assert "s/km" in ax.get_ylabel()
+
+
+def test_the_cut_through_a_crystal_is_that_of_its_closed_form(ax):
+    state = state_of("fcc", friction=False)
+    slowness.plot_slowness(state, ax, plane=((1, 1, 0), (0, 0, 1)))
+    curves, lines = drawn_waves(ax)
+    assert ax.get_xlabel() == "Slowness, x+y (s/km)"
+    # without friction C11 = 2 C44 and C12 = C44; the wave across the cut has rho v^2 = C44 (cos^2/2 + sin^2)
+    c44 = gp.sound_velocities(state, (1, 0, 0)).transverse[0] ** 2
+    dashed = next(points for points, line in zip(curves, lines, strict=True) if len(line.get_segments()) < 360)
+    radius = np.linalg.norm(dashed, axis=1)
+    x, z = (dashed / radius[:, None]).T
+    assert_allclose((1e3 / radius) ** 2, c44 * (0.5 * x**2 + z**2), rtol=1e-9)
+
+
+def test_flexural_waves_are_left_out(ax):
+    bent = state_of("triangular", motions="all", bending=0.01)
+    slowness.plot_slowness(bent, ax)
+    curves, _ = drawn_waves(ax)
+    plain = gp.sound_velocities(state_of("triangular"))
+    radii = sorted(float(np.linalg.norm(points, axis=1).mean()) for points in curves)
+    assert_allclose(radii, [1e3 / plain.longitudinal, 1e3 / plain.transverse], rtol=1e-6)
+
+
+def test_a_slowness_figure_draws(tmp_path):
+    figure = slowness.slowness_figure(state_of("hcp"), title="hcp")
+    figure.savefig(tmp_path / "space.png", dpi=50)
+    assert sum("s/km" in ax.get_xlabel() for ax in figure.axes) == 2
+    slowness.slowness_figure(state_of("square")).savefig(tmp_path / "plane.png", dpi=50)
+
+
+def test_surfaces_are_as_far_from_the_middle_as_the_slowness(ax):
+    state, view = state_of("fcc", friction=False), View(0.0, 0.0)
+    slowness.plot_slowness_surface(state, ax, view=view, colorbar=False)
+    # seen along x the outline is the slowest wave at right angles to the sight: along y + z, 1/v of the wave across
+    points = np.concatenate([path.vertices for path in with_gid(ax, "surfaces").get_paths()[:-20]])
+    along = points @ np.array([1.0, 1.0]) / np.sqrt(2.0)
+    slowest = 1e3 / gp.sound_velocities(state, (0, 1, 1)).velocities[0]
+    near = np.abs(points @ np.array([1.0, -1.0])) < 0.05 * slowest
+    assert along[near].max() == pytest.approx(slowest, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("direction", "name"),
+    [((1, 0, 0), "x"), ((0, -1, 0), "−y"), ((1, 1, 0), "x+y"), ((1, -2, 0), "x−2y"), ((0.1, 0.0, 0.57), "0.17x+0.98z")],
+)
+def test_names_of_directions(direction, name):
+    way = np.array(direction, float)
+    assert slowness._name_direction(way / np.linalg.norm(way)) == name
+
+
+@pytest.mark.parametrize(
+    ("state", "plane", "error", "words"),
+    [
+        (state_of("chain"), None, InputError, "one period"),
+        (state_of("square"), ((1, 0, 0), (0, 1, 0)), InputError, "no other cut"),
+        (state_of("fcc"), ((1, 0, 0), (2, 0, 0)), InputError, "parallel"),
+        (state_of("fcc"), ((1, 0), (0, 1)), InputError, "plane"),
+        (state_of("fcc"), 3.0, InputError, "plane"),
+        (state_of("sc", friction=False), None, MechanismError, "mechanism"),
+        (state_of("triangular", motions="out_of_plane", bending=0.01), None, InputError, "flexural"),
+        (gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force([1.0, 2.0]), None, InputError, "several loads"),
+    ],
+)
+def test_what_has_no_slowness_curve_is_refused(state, plane, error, words, ax):
+    with pytest.raises(error, match=words):
+        slowness.plot_slowness(state, ax, plane=plane)
+
+
+def test_surfaces_are_those_of_a_crystal_in_space(ax):
+    with pytest.raises(InputError, match="2 periods"):
+        slowness.plot_slowness_surface(state_of("square"), ax)
+
+
+# -- modes ----------------------------------------------------------------------------------------------------------
+
+
+def colours_drawn(ax):
+    return with_gid(ax, "spheres").get_facecolor()
+
+
+def moved(phonons, q, branch, **options):
+    """What plot_mode has drawn: places, displacements and angles of the balls."""
+    from granphon.figures import modes
+
+    return modes._find_motion(phonons, q, branch, options.get("cells"), options.get("direction"))
+
+
+def test_a_mode_in_space_solves_the_equation_of_motion(fcc):
+    # the contacts of the drawn balls deform as C(q) says: w^2 M u is the force on a ball inside the drawing
+    q, branch = (0.21, 0.13, -0.3), 2
+    motion = moved(fcc, q, branch, cells=(3, 3, 3))
+    u, phi = motion.shift, motion.turn
+    eta = STEEL.mindlin_ratio
+    middle = 13
+    force, torque = np.zeros(3, complex), np.zeros(3, complex)
+    partners = [(i, j) for i, j in motion.pairs if middle in (i, j)]
+    assert len(partners) == 12
+    for i, j in partners:
+        other = j if i == middle else i
+        n = motion.places[other] - motion.places[middle]
+        gap = u[other] - u[middle]
+        slip = gap - (n @ gap) * n - 0.5 * np.cross(phi[middle] + phi[other], n)
+        force += (n @ gap) * n + eta * slip
+        torque += 0.5 * eta * np.cross(n, slip)
+    squared = (fcc.frequencies([q])[0, branch] / fcc.scales.frequency) ** 2
+    assert_allclose(force, -squared * u[middle], atol=1e-9)
+    assert_allclose(torque, -squared * phi[middle] / 10.0, atol=1e-9)
+
+
+def test_the_largest_motion_has_the_length_of_the_scale(fcc):
+    motion = moved(fcc, (0.1, 0.2, 0.3), 0)
+    phases = np.linspace(0.0, 2.0 * np.pi, 721)
+    now = [motion.at(phase) for phase in phases]
+    longest = max(np.linalg.norm(u, axis=1).max() for u, _ in now)
+    turned = max(np.linalg.norm(phi, axis=1).max() for _, phi in now) / np.sqrt(10.0)
+    assert max(longest, turned) == pytest.approx(0.4, rel=1e-4)
+
+
+def test_balls_in_contact_are_joined_and_no_others(fcc):
+    motion = moved(fcc, (0.5, 0.0, 0.5), 0)
+    i, j = motion.pairs.T
+    assert_allclose(np.linalg.norm(motion.places[i] - motion.places[j], axis=1), 1.0, rtol=1e-12)
+    distance = np.linalg.norm(motion.places[:, None] - motion.places, axis=2)
+    assert len(motion.pairs) == np.sum(np.abs(distance - 1.0) < 1e-9) // 2
+
+
+def test_spheres_have_an_arrow_for_displacement_and_one_for_rotation(fcc, ax):
+    assert plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, cells=(2, 2, 2)) is ax
+    assert ax.get_title() == "q = (1/2, 0, 1/2)\n38.0 kHz, rotation 100 %"
+    spins = np.sum(colours_drawn(ax)[:, 0] > colours_drawn(ax)[:, 2] + 0.2)
+    assert spins == 16  # for each of the eight balls the arrow, and the head of the arc
+    plain = Figure().subplots()
+    plot_mode(fcc, (0.5, 0.0, 0.5), 3, plain, cells=(2, 2, 2))
+    assert not np.any(colours_drawn(plain)[:, 0] > colours_drawn(plain)[:, 2] + 0.2)
+    assert ax.get_aspect() == 1.0
+
+
+def test_a_chain_that_bends_is_drawn_in_space_and_one_along_itself_is_not(chain, ax):
+    plot_mode(chain, (0.125,), 0, ax)
+    assert with_gid(ax, "spheres")
+    along = Figure().subplots()
+    plot_mode(gp.Phonons(state_of("chain")), (0.5,), 0, along)
+    assert len(with_gid(along, "balls").get_paths()) == 8
+    arrows = with_gid(along, "displacements")
+    assert_allclose(arrows.U, 0.4 * np.resize([1.0, -1.0], 8), atol=1e-12)
+    assert_allclose(arrows.V, 0.0, atol=1e-12)
+
+
+def test_wrong_numbers_of_cells_and_sizes_are_refused(fcc, ax):
+    with pytest.raises(InputError, match="3 periods"):
+        plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, cells=(2, 2))
+    with pytest.raises(InputError, match="size"):
+        plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, size=0.0)
+    with pytest.raises(InputError, match="frames"):
+        animate_mode(fcc, (0.5, 0.0, 0.5), 0, frames=1)
+
+
+@pytest.mark.parametrize("lattice", ["fcc", "triangular"])
+def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
+    phonons = gp.Phonons(state_of(lattice))
+    q = (0.5, 0.0, 0.5)[: phonons.lattice.periods]
+    animation = animate_mode(phonons, q, 1, cells=(2, 2, 1)[: phonons.lattice.periods], frames=4)
+    animation.save(tmp_path / "mode.gif", writer="pillow", dpi=40)
+    from PIL import Image
+
+    with Image.open(tmp_path / "mode.gif") as image:
+        assert image.n_frames == 4
+    motion = moved(phonons, q, 1)
+    for now, later in zip(motion.at(0.0), motion.at(-2.0 * np.pi), strict=True):
+        assert_allclose(later, now, atol=1e-12)
