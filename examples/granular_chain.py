@@ -1,5 +1,5 @@
 r"""A granular chain that bends and twists
-=========================================
+======================================
 
 Each ball of a row of steel balls has six motions. Without stiffness against torsion and bending three of its six branches
 cost nothing: the balls twist freely about the row, and in two ways they roll on one another while the row moves sideways.

@@ -1,5 +1,5 @@
 r"""A membrane of balls, and granular graphene
-============================================
+==========================================
 
 One layer of steel balls that move across their plane and roll in it. A triangular membrane whose contacts resist bending has
 flexural waves, whose frequency goes as the square of the wave vector. Without that stiffness it goes as the cube, and there

@@ -210,8 +210,7 @@ def plot_slowness_surface(state: ContactState, ax: Axes, *, view: View | None = 
         bright = np.where(near > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
         colours = np.array(POLARISATION(part))
         colours[:, :3] *= bright[:, None]
-        for face, colour in zip(faces[shown], colours[shown], strict=True):
-            painter.add_polygon(face, face=colour, edge=colour, width=0.3)
+        painter.add_mesh(faces[shown], colours[shown])
         if wave:
             for rim in _list_rims(points, ways, facing):
                 painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
-from matplotlib.colors import to_rgba, to_rgba_array
+from matplotlib.colors import to_rgba
 from matplotlib.path import Path
 from matplotlib.typing import ColorType
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["HALO", "Painter", "View"]
 
 Array = NDArray[np.float64]
+_Rgba = tuple[float, float, float, float]
 #: white border of letters that stand on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
 #: length and half width of the head of an arrow, over the width of its shaft
@@ -65,13 +66,13 @@ class Painter:
 
     def __init__(self, view: View) -> None:
         self.view = view
-        self._shapes: list[tuple[float, Path, ColorType, ColorType, float]] = []
+        self._shapes: list[tuple[float, Path, _Rgba, _Rgba, float]] = []
 
     def add(
         self, nearness: float, path: Path, *, face: ColorType = "none", edge: ColorType = "none", width: float = 0.0
     ) -> None:
         """Add a shape on the paper; of shapes that are equally near, the later one is drawn later."""
-        self._shapes.append((nearness, path, face, edge, width))
+        self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 
     def add_line(self, points: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
         """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
@@ -84,6 +85,12 @@ class Painter:
         flat = self.view.project(corners)
         self.add(near, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
 
+    def add_mesh(self, corners: Array, colours: Array) -> None:
+        """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between them."""
+        near, paths = self.view.nearness(corners).mean(axis=1).tolist(), map(Path, self.view.project(corners))
+        rgba = map(tuple, colours.tolist())
+        self._shapes += [(depth, path, one, one, 0.3) for depth, path, one in zip(near, paths, rgba, strict=True)]
+
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
         near, middle, base = float(self.view.nearness(centre)), self.view.project(centre), np.array(to_rgba(color))
@@ -92,7 +99,7 @@ class Painter:
             shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
             shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
             disc = Path.circle(middle + radius * 0.36 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.95 * part))
-            self.add(near, disc, face=shade, edge="0.35" if part == 0.0 else "none", width=0.5)
+            self.add(near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5)
 
     def add_arrow(self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in units of length."""
@@ -117,7 +124,7 @@ class Painter:
         white = fade * (near[-1] - np.array(near)[:, None]) / max(near[-1] - near[0], 1e-9)
         look: dict[str, Any] = {"linewidths": widths, "capstyle": "round", "joinstyle": "round", "gid": gid}
         for name, colours in (("facecolors", faces), ("edgecolors", edges)):
-            rgba = to_rgba_array(colours)
+            rgba = np.array(colours)
             rgba[:, :3] += white * (1.0 - rgba[:, :3])
             look[name] = rgba
         drawn = PathCollection(list(paths), **look, **options)
@@ -127,5 +134,5 @@ class Painter:
     @property
     def extent(self) -> tuple[Array, Array]:
         """The lowest and highest coordinates on the paper, (2,) and (2,)."""
-        ends = np.array([path.get_extents().get_points() for _, path, *_ in self._shapes])
-        return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+        points = np.concatenate([path.vertices for _, path, *_ in self._shapes])
+        return points.min(axis=0), points.max(axis=0)
