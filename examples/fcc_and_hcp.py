@@ -65,9 +65,9 @@ with matplotlib.rc_context(STYLE):
         (sound["hcp"].transverse[:, 0], TRANSVERSE_COLOUR, "T"),
     ):
         ax.plot(pressure / 1e6, values, color=colour, label=label)
-    scale_axis(ax, "x", pressure / 1e6)
     scale_axis(ax, "y", np.array([250.0, 1600.0]))
-    ax.set(xlabel="Pressure (MPa)", ylabel="Velocity (m/s)", ylim=(250, 1600))
+    ax.set(xscale="log", xticks=[0.01, 0.1, 1, 10], xticklabels=["0.01", "0.1", "1", "10"], xlabel="Pressure (MPa)")
+    ax.set(ylim=(250, 1600), ylabel="Velocity (m/s)")
     ax.legend(loc="upper left", ncols=2)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

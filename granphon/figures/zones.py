@@ -125,11 +125,11 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         style: dict[str, Any] = {"colors": "0.3", "linewidths": 0.7}
         ax.add_collection(LineCollection([outline, *bars], **style, gid="zone"), autolim=False)
     ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
-    middle = outline.mean(axis=0) if periods < 3 else ends.reshape(-1, 2).mean(axis=0)
+    middle = outline.mean(axis=0)
     names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
     for name, place in names.items():
         ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        away = place - middle
+        away = _find_free_side(place, ends) if periods == 3 else place - middle
         if np.linalg.norm(away) <= 1e-9:
             away = middle - ends.reshape(-1, 2).mean(axis=0)
         if periods == 1:
@@ -155,6 +155,17 @@ def _draw_faces(faces: list[Array], view: View, ax: Axes) -> Array:
             painter.add_polygon(face, face=face_colour, edge=edge, width=width, nearness=float(group is near))
     painter.draw(ax, "zone")
     return view.project(np.concatenate(faces))
+
+
+def _find_free_side(place: Array, ends: Array) -> Array:
+    """Find the direction (2,) from ``place`` in which a label is farthest from the lines of the path, ``ends`` (n, 2, 2)."""
+    along = np.linspace(0.0, 1.0, 41)[:, None, None]
+    lines = (ends[:, 0] + along * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    angle = 2.0 * np.pi * np.arange(32) / 32.0
+    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    reach = 0.15 * float(np.ptp(lines, axis=0).max())
+    distance = np.linalg.norm(place + reach * ways[:, None] - lines, axis=2).min(axis=1)
+    return np.asarray(ways[np.argmax(np.round(distance, 9))])
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
