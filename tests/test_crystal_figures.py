@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError, MechanismError
 from granphon.figures import slowness, zones
-from granphon.figures.bands import bands_figure, plot_asymptotes
+from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands
 from granphon.figures.modes import animate_mode, plot_mode
 from granphon.figures.views import Painter, View
 
@@ -144,6 +144,12 @@ def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
     figure.savefig(tmp_path / "bands.png", dpi=50)
     assert [ax for ax in figure.axes if any(a.get_gid() == "zone" for a in ax.get_children())]
     assert not figure.axes[0].child_axes
+
+
+def test_names_at_a_jump_stand_one_above_the_other_where_corners_are_close(ax):
+    bands = gp.Phonons(state_of("hcp")).bands("GMKGALHA,LM,KH", npoints=3)
+    plot_bands(bands, ax)
+    assert [text.get_text() for text in ax.get_xticklabels()] == [*"ΓMKΓALH", "A\nL", "M\nK", "H"]
 
 
 def test_long_waves_in_space_are_three_lines_with_the_velocities_of_their_direction(fcc, ax):

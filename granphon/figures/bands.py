@@ -44,6 +44,8 @@ _ROTATING = ROTATION(1.0)
 _LINE_WIDTH = 1.5
 #: frequencies closer than this part of the top one are one line in print
 _COINCIDENT = 1e-6
+#: part of the length of a path within which the labels of two corners may touch
+_CROWDED = 0.1
 #: part of the fastest sound below which the velocity of a wave is the rounding of zero
 _STILL = 1e-9
 
@@ -82,7 +84,10 @@ def plot_bands(
         ax.axvline(float(x), color=FRAME, linewidth=0.5, zorder=0.5)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    ax.set_xticks(corners, list(map(print_label, bands.labels)), **slant)
+    # where corners are close the two names at a jump of the path stand one above the other
+    crowded = np.min(np.diff(corners), initial=np.inf) < _CROWDED * (corners[-1] - corners[0])
+    names = [print_label(label).replace("|", "\n" if crowded else "|") for label in bands.labels]
+    ax.set_xticks(corners, names, **slant)
     ax.tick_params(axis="x", length=0)
     ax.set(xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})")
     ax.set(xlim=corners[[0, -1]], ylim=(-0.02 * values.max(), 1.05 * values.max()))

@@ -135,8 +135,9 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         if periods == 1:
             away = np.array([0.0, -1.0])
         if not name.startswith("("):
+            x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
             ax.annotate(
-                name, place, 7.0 * away / max(float(np.linalg.norm(away)), 1e-9), textcoords="offset points", ha="center",
+                name, place, (x, y), textcoords="offset points", ha="center",
                 va="center", zorder=3.0, path_effects=[HALO],
             )  # fmt: skip
     points = np.vstack([outline, *ends])
