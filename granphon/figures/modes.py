@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import steps_within
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 from granphon.figures.spheres import draw_moved_spheres, draw_spheres
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
@@ -56,6 +55,7 @@ class _Motion:
     pairs: NDArray[np.intp]  # (m_c, 2) balls in contact
     shift: NDArray[Any]  # (m, 3) displacements at phase 0, complex
     turn: NDArray[Any]  # (m, 3) angles at phase 0, complex, rad
+    gyration: Array  # (m,) radii of gyration
     rotate: bool
     planar: bool  # balls of a plane or a line that stay in it
     title: str
@@ -111,7 +111,7 @@ def plot_mode(
         _draw_plane(ax, motion, shift[:, :2], turn[:, 2])
     else:
         radii = positive("size", size) * motion.radii
-        draw_spheres(ax, view or motion.view, motion.places, radii, motion.pairs, shift, turn, GYRATION)
+        draw_spheres(ax, view or motion.view, motion.places, radii, motion.pairs, shift, turn, motion.gyration)
     ax.set_title(motion.title)
     return ax
 
@@ -186,7 +186,8 @@ def _find_motion(
     said = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
     planar = p < 3 and not places[:, 2].any() and 2 not in moving.translations and set(moving.rotations) <= {2}
     return _Motion(
-        places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave, moving.rotate,
+        places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave,
+        lattice.gyration[balls], moving.rotate,
         planar, f"q = ({fractions})\n{said}{part}",
     )  # fmt: skip
 
@@ -200,7 +201,8 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
     if cube:
         steps = steps_within(lattice.cell, _CUBE * np.sqrt(3.0) + float(np.ptp(sites, axis=0).max()))
     else:
-        steps = np.array(list(np.ndindex(*((8,), (4, 4))[p - 1] if cells is None else cells)))
+        numbers = ((8,), (4, 4))[p - 1] if cells is None else [whole_number("cells", n, 1, 1000) for n in cells]
+        steps = np.array(list(np.ndindex(*numbers)))
     if steps.shape[1:] != (p,):
         raise InputError(message(f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"))
     step, ball = (grid.ravel() for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij"))

@@ -24,7 +24,7 @@ _LEAST = 0.01
 
 
 def draw_spheres(
-    ax: Axes, view: View, centres: Array, radii: Array, pairs: NDArray[np.intp], shift: Array, turn: Array, scale: float
+    ax: Axes, view: View, centres: Array, radii: Array, pairs: NDArray[np.intp], shift: Array, turn: Array, gyration: Array
 ) -> Painter:
     """Draw balls with arrows: black for the displacement, vermilion for the rotation, which is about its arrow.
 
@@ -36,11 +36,11 @@ def draw_spheres(
     centres, radii : (n, 3) and (n,), of the balls as drawn, in diameters.
     pairs : (m, 2) indices of balls in contact.
     shift, turn : (n, 3) displacements, and angles in rad about the three axes.
-    scale : length of the arrow of one rad, in diameters.
+    gyration : (n,) lengths of the arrows of one rad, in diameters.
     """
     painter = Painter(view)
     _join(painter, centres, radii, pairs)
-    for centre, radius, u, phi in zip(centres, radii, shift, turn, strict=True):
+    for centre, radius, u, phi, scale in zip(centres, radii, shift, turn, gyration, strict=True):
         painter.add_sphere(centre, radius, _BALL)
         for arrow, colour in ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
