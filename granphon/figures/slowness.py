@@ -68,8 +68,8 @@ def _find_slowness(state: ContactState, directions: Array) -> tuple[Array, Array
     waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
     if not waves:
         raise InputError(message("these balls move across the plane only", "Their long waves are flexural: no velocity"))
-    slowness = 1.0 / (state.long_waves(directions)[:, :waves] * _UNIT)
-    polarisations = state.polarisations(directions)[:, :, :waves]
+    velocities, polarisations = state.polarised_waves(directions)
+    slowness, polarisations = 1.0 / (velocities[:, :waves] * _UNIT), polarisations[:, :, :waves]
     axes = state.packing.ball_motions.translations
     inside = [place for place, axis in enumerate(axes) if axis < periods]
     toward = directions[:, [axes[place] for place in inside]]
