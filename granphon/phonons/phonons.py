@@ -196,9 +196,10 @@ class Phonons:
                 np.add.at(constants, (one, where[(other, *cell.T)]), blocks[:, row, column])
         return constants
 
-    @cached_property
-    def _warnings(self) -> tuple[str, ...]:
-        return (*validity(self.state).warnings, *getattr(self.lattice, "free_branch_warnings", ()))
+    def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
+        """Return the warnings on the state, and on branches and single modes among ``frequencies`` that cost nothing."""
+        soft = self.lattice.soft_mode_warnings(wavevectors, frequencies)
+        return (*validity(self.state).warnings, *self.lattice.free_branch_warnings, *soft)
 
     # -- spectra ----------------------------------------------------------------------------------------------------
 
@@ -262,7 +263,7 @@ class Phonons:
             segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
             modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales, self._warnings, self.lattice.motions,
+            self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
         )  # fmt: skip
 
     def dos(
@@ -325,7 +326,9 @@ class Phonons:
                 for side in (values, -values)
             )
         density = density / (len(self.atoms) * self.scales.frequency)
-        return DensityOfStates(at * self.scales.frequency, density[0], density[1], method, numbers, self._warnings)
+        return DensityOfStates(
+            at * self.scales.frequency, density[0], density[1], method, numbers, self._find_warnings(q, values)
+        )
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
         """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""
