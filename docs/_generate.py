@@ -90,6 +90,8 @@ SCENES = {
     "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
+    "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
+    "crystals": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: [5 N, 9 N]}",
 }  # fmt: skip
 
 
@@ -359,7 +361,10 @@ def kind(value: Any) -> str:
 
 
 #: the scenes of one state, and of many
-ONE, MANY = ("all", "ema", "square", "array", "squeezed", "choice"), ("sweep", "arrays", "choices", "squares")
+ONE, MANY = (
+    ("all", "ema", "square", "array", "squeezed", "choice"),
+    ("sweep", "arrays", "choices", "squares", "membranes", "crystals"),
+)
 HEADS = ("field", "unit", "kind", "what it is")
 
 

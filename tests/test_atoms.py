@@ -372,7 +372,6 @@ def test_netcdf_keeps_named_arrays(tmp_path, arrays):
     np.testing.assert_allclose(gp.Phonons(state, again).frequencies(q), gp.Phonons(state, balls).frequencies(q), rtol=1e-5)
 
 
-@pytest.mark.claim("extxyz-every-digit", "files-all-digits")
 def test_folders_are_made_by_all_that_writes(tmp_path):
     from matplotlib.figure import Figure
 
@@ -390,6 +389,7 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
         assert (tmp_path / name / "made" / name).is_file()
 
 
+@pytest.mark.claim("extxyz-every-digit", "files-all-digits")
 def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))

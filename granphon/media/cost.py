@@ -275,14 +275,14 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     """Estimate the cost of a density of states on a mesh.
 
     The numbers are bytes and microseconds. Each point of the mesh needs phonopy's tables of the grid. Each point that
-    symmetry leaves (at most an eighth of a mesh with equal sides; of others it may be all) needs its modes and the weights
-    of the tetrahedra at 501 frequencies, of which 64 MB are held at a time. Measured on the three lattices, with 128^2 to
-    512^2 wave vectors. In space two equal sides suffice.
+    symmetry leaves (at most an eighth of a mesh with equal sides; of others it may be all) needs its modes, whose matrices
+    are held for 4096 points at a time. Measured on the triangular, kagome, fcc and hcp lattice, with 60 x 61 to 400^2 and
+    24^3 to 48^3 wave vectors. In space two equal sides suffice.
     """
     points = math.prod(mesh)
     left = points * (0.125 if len(set(mesh)) < len(mesh) else 1.0)
-    memory = 1e8 + 180.0 * points + left * (400.0 + 550.0 * branches)
-    seconds = 1e-6 * left * (200.0 + 45.0 * branches)
+    memory = 1e6 + 70.0 * points + left * 20.0 * branches + min(left, 4096.0) * 200.0 * branches**2
+    seconds = 1e-6 * left * (20.0 + 1.6 * branches**2)
     return Cost(memory, known=seconds, parts=(f"density of states on {' x '.join(map(str, mesh))} wave vectors",))
 
 
