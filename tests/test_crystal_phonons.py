@@ -14,7 +14,6 @@ from test_exchange import EUPHONIC, head, run, script, tools, without_flat_bands
 import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, UnsupportedError
-from granphon.dynamics.modes import ContactLattice
 from granphon.phonons.phonopy_atoms import OFFSET
 from granphon.phonons.phonopy_bridge import REFUSED
 

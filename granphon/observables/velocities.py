@@ -135,10 +135,10 @@ def sound_velocities(
     direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once, whose
         axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
         chain. On other lattices the velocities are those of the quasi-longitudinal and the quasi-transverse waves. A
-        simulation is isotropic on average: its velocities follow from its mean bulk and shear modulus. The quasi-longitudinal
-        wave is the one whose displacement is nearest to the direction. Of two transverse ones the slow one is the first;
-        where their velocities are equal, as along [100] and [111] of a cubic lattice, the first of their polarisations is
-        along the first of the axes x, y, z that are farthest from the longitudinal one.
+        simulation is isotropic on average: its velocities follow from its mean bulk and shear modulus. The
+        quasi-longitudinal wave is the one whose displacement is nearest to the direction. Of two transverse ones the slow
+        one is the first; where their velocities are equal, as along [100] and [111] of a cubic lattice, the first of their
+        polarisations is along the first of the axes x, y, z that are farthest from the longitudinal one.
     finite_overlap : deprecated; the state says whether overlap is finite.
 
     Raises
