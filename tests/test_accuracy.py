@@ -282,6 +282,7 @@ def test_chance_above_the_table_falls_so_too():
 
 
 @pytest.mark.claim("accuracy-held-back", "api-automatic")
+@pytest.mark.exhaustive
 def test_on_what_was_held_back_the_promise_is_kept(maker):
     """Other distributions, loads and Poisson ratios than those of the table; truths of fewer balls than it was made with."""
     spreads = ("uniform", "normal, cut at 2.5", "two kinds, 0.3 of them larger", "a lot of 40 balls, lognormal")

@@ -419,7 +419,13 @@ EXPORTS = {
 LINE = {1: "0 0 0 1/2 0 0", 2: "0 0 0 1/3 1/3 0 1/2 0 0 0.1 0.3 0", 3: "0 0 0 1/2 0 1/2 1/2 1/4 3/4 0.1 0.2 0.35"}
 
 
-@pytest.fixture(scope="module", params=EXPORTS)
+#: the rest takes the same ways
+FEW = ("row", "membrane", "fcc", "finite fcc")
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(one, marks=[pytest.mark.exhaustive] * (one not in FEW)) for one in EXPORTS]
+)
 def exported(request, tmp_path_factory):
     """Phonons, and a folder that holds nothing but their file."""
     lattice, motions, options = EXPORTS[request.param]

@@ -730,7 +730,7 @@ def test_units_and_titles_of_a_packing(make):
     [("chain", {}, {"longitudinal", "bulk", "tensor"}),
      ("square", {}, {"longitudinal", "transverse", "direction", "tensor"}),
      ("triangular", {}, {"longitudinal", "transverse", "bulk", "shear", "tensor"}),
-     ("triangular", {"motions": "out_of_plane"}, set()),
+     ("triangular", {"motions": "out_of_plane"}, {"out_of_plane"}),
      ("fcc", {}, {"longitudinal", "transverse_slow", "transverse_fast", "direction", "tensor"})],
 )  # fmt: skip
 def test_observables_of_each_dimension(make, lattice, more, names):

@@ -158,6 +158,7 @@ def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
     assert np.all(left[2] < 0.12)
 
 
+@pytest.mark.exhaustive
 def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, many):
     other = Moments(rough, Load("force", (unit, 3.0 * unit, 30.0 * unit)), (12, 12), seed=10_000)
     other.add(32)

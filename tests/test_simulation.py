@@ -325,6 +325,7 @@ def test_means_and_standard_errors(states):
 
 
 @pytest.mark.claim("error-root-n")
+@pytest.mark.exhaustive
 def test_standard_error_of_the_mean_falls_as_the_root_of_samples(spread):
     errors = []
     for samples in (16, 256):
