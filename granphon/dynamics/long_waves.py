@@ -204,30 +204,47 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
-        push = push_rows(self.contacts.normal, self.motions)
-        across, inner_across = self._deform_uniformly(push, np.ones((len(push), len(self.contacts))))
-        each: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
-        load = np.tile(each * np.ones(len(self.contacts)), len(push))
-        affine, inner = self._strain_rows
-        own = affine.T @ affine - np.einsum("...c,cm,cn->...mn", load, across, across)
-        if not inner.shape[1]:
-            return self._set_across(own.reshape(*own.shape[:-2], *shape), load)
-        mixed = inner.T @ affine - np.einsum("...c,cm,cn->...mn", load, inner_across, across)
-        block = inner.T @ inner - np.einsum("...c,cm,cn->...mn", load, inner_across, inner_across)
-        relaxed = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
-        return self._set_across(relaxed.reshape(*relaxed.shape[:-2], *shape), load)
-
-    def _set_across(self, stiffness: Array, load: Array) -> Array:
-        """Set what a gradient of displacements across the periods costs: the work of the static stress, and nothing else."""
+        each, push = self._find_load(prestress)
+        own, mixed, block = (spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True))
+        if block.size:
+            own = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
+        stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
-        if across.any():
-            vector = self.contacts.vector[:, : self.periods]
-            work = -np.einsum("...c,cj,cl->...jl", load[..., : len(vector)], vector, vector)
+        if across.any():  # a gradient of displacements across the periods costs the work of the static stress, nothing else
             stiffness[..., across, :, :, :] = 0.0
             stiffness[..., :, :, across, :] = 0.0
             for axis in np.flatnonzero(across):
-                stiffness[..., axis, :, axis, :] = work
-        return np.asarray(stiffness)
+                stiffness[..., axis, :, axis, :] = -each * push[3]
+        return stiffness
+
+    def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
+        """Return a factor (..., 1, 1) and the :meth:`_compute_push_forms` that it multiplies."""
+        if prestress is None:
+            return 1.0, self._compute_push_forms(self.prestress)
+        return real_array("prestress", prestress)[..., None, None], self._even_push_forms
+
+    @cached_property
+    def _spring_forms(self) -> tuple[Array, Array, Array]:
+        """Energy of the springs as forms of two gradients, of an inner motion and a gradient, and of two inner motions."""
+        affine, inner = self._strain_rows
+        return affine.T @ affine, inner.T @ affine, inner.T @ inner
+
+    @cached_property
+    def _even_push_forms(self) -> tuple[Array, ...]:
+        return self._compute_push_forms(np.ones(len(self.contacts)))
+
+    def _compute_push_forms(self, prestress: Array) -> tuple[Array, ...]:
+        """Return the forms of :attr:`_spring_forms` for displacements across contacts, weighted by ``prestress`` (n_c,).
+
+        The fourth is the sum over contacts of the vector along the periods with itself, (p, p).
+        """
+        push, vector = push_rows(self.contacts.normal, self.motions), self.contacts.vector[:, : self.periods]
+        across, inner = self._deform_uniformly(push, np.ones((len(push), len(self.contacts))))
+        load = np.tile(prestress, len(push))[:, None]
+        return (
+            across.T @ (load * across), inner.T @ (load * across), inner.T @ (load * inner),
+            vector.T @ (prestress[:, None] * vector),
+        )  # fmt: skip
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
@@ -338,9 +355,8 @@ class LongWaves(Compatibility):
             )
         own = [axes.index(axis) for axis in range(p)]
         h = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
-        load: Any = self.prestress if prestress is None else real_array("prestress", prestress)[..., None]
-        vector = self.contacts.vector[:, :p]
-        stress = -np.einsum("...c,ci,cj->...ij", load * np.ones(len(vector)), vector, vector) / self.measure
+        each, push = self._find_load(prestress)
+        stress = -each * push[3] / self.measure
         one = np.eye(p)
         c = (
             h
