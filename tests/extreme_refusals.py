@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from extreme_cases import CASES, STEEL, TAILS, D, K, M, worst
+from extreme_crystals import CRYSTALS
 
 import granphon as gp
 from granphon.base import errors
@@ -104,6 +106,23 @@ def unusable_spreads() -> Iterable[Callable[[], Any]]:
     yield lambda: gp.Measured((D, 5e-324, math.inf))
 
 
+def unusable_crystals() -> Iterable[Callable[[], Any]]:
+    """Motions and stiffnesses that a lattice does not have, cells that hold no balls, waves that leave the lattice."""
+    for stiffness in (-1.0, -5e-324, math.nan, math.inf):
+        yield lambda x=stiffness: gp.Packing(STEEL, D, lattice="fcc", torsion=x)
+        yield lambda x=stiffness: gp.Packing(STEEL, D, lattice="chain", motions="all", bending=x)
+    yield lambda: gp.Packing(STEEL, D, lattice="fcc", motions="in_plane")
+    yield lambda: gp.Packing(STEEL, D, lattice="chain", torsion=0.1)
+    yield lambda: gp.Lattice("crushed", np.eye(3).tolist(), [[0, 0, 0], [0.5, 0.5, 0.5 + 1e-5]])
+    yield lambda: gp.Lattice("flat", [[1, 0, 0], [0, 1, 0], [1, 1, 1e-9]])
+    fcc = gp.AveragedLattice(gp.Packing(STEEL, D, lattice="fcc")).at_force(18.0)
+    for direction in ((0.0, 0.0, 0.0), (1.0, math.nan, 0.0), (1.0, 0.0)):
+        yield lambda along=direction: gp.sound_velocities(fcc, along)
+    yield lambda: gp.Phonons(fcc).frequencies([[0.1, 0.2]])
+    yield lambda: gp.Phonons(fcc).dos((8, 8))
+    yield lambda: gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)).bands([[0, 0, 0], [0, 0, 0.5]])
+
+
 def fast_pulses() -> Iterable[Callable[[], Any]]:
     state = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)
     for factor in (3.0, 1e30, 1e300):
@@ -141,6 +160,11 @@ REFUSALS = [
         "spreads that cannot be", "not finite, a ball of no size, a kind rarer than 1e-12",
         errors.InputError, unusable_spreads,
     ),
+    Refusal(
+        "crystals that cannot be",
+        "motions that a lattice lacks, stiffness below zero or not finite, balls that overlap, waves of another dimension",
+        errors.InputError, unusable_crystals,
+    ),
 ]  # fmt: skip
 
 
@@ -151,7 +175,8 @@ def tables(seen: Sequence[str]) -> str:
     """The two tables of the page, the last column of the first one given."""
     lines = ["| case | range | claimed error | worst seen |", "|---|---|---|---|"]
     lines += [
-        f"| {escaped(c.name)} | {escaped(c.reach)} | {c.claim:.0e} | {found} |" for c, found in zip(CASES, seen, strict=True)
+        f"| {escaped(c.name)} | {escaped(c.reach)} | {c.claim:.0e} | {found} |"
+        for c, found in zip([*CASES, *CRYSTALS], seen, strict=True)
     ]
     lines += ["", "| refused | range | error |", "|---|---|---|"]
     lines += [f"| {r.name} | {escaped(r.reach)} | `{r.error.__name__}` |" for r in REFUSALS]
@@ -168,7 +193,7 @@ def printed() -> str:
 
 
 if __name__ == "__main__":
-    found = [f"{worst(case):.1e}" for case in CASES]
+    found = [f"{worst(case):.1e}" for case in (*CASES, *CRYSTALS)]
     text = tables(found)
     print(text)
     if "--write" in sys.argv:

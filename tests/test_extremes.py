@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from conftest import only
 from extreme_cases import CASES, STEEL, Case, D, worst
+from extreme_crystals import CRYSTALS
 from extreme_refusals import REFUSALS, Refusal, printed, tables
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
@@ -16,9 +17,11 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.base.errors import GranphonError
 
+EVERY = [*CASES, *CRYSTALS]
+
 
 @pytest.mark.claim("readme-range", "extremes-errors", "api-waves")
-@pytest.mark.parametrize("case", only([case for case in CASES if not case.slow], CASES), ids=[case.name for case in CASES])
+@pytest.mark.parametrize("case", only([case for case in EVERY if not case.slow], EVERY), ids=[case.name for case in EVERY])
 def test_claims(case: Case) -> None:
     assert worst(case) <= case.claim
 
@@ -37,9 +40,9 @@ def test_refusals(refusal: Refusal) -> None:
 @pytest.mark.claim("extremes-errors")
 def test_the_page_holds_what_the_suite_claims() -> None:
     seen = [line.split("|")[-2].strip() for line in printed().split("\n\n")[0].splitlines()[2:]]
-    assert len(seen) == len(CASES)
+    assert len(seen) == len(EVERY)
     assert tables(seen) == printed()
-    for case, number in zip(CASES, seen, strict=True):
+    for case, number in zip(EVERY, seen, strict=True):
         assert float(number) <= case.claim
 
 

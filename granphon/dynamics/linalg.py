@@ -116,7 +116,11 @@ def _straighten(turned: NDArray[Any], right: NDArray[Any]) -> tuple[NDArray[np.f
     small = size <= _FIRST_ORDER * np.abs(gap)
     straight = size <= _STRAIGHT * lengths
     good = np.all(straight | (small & (size <= _FIRST_ORDER * lengths)), axis=(1, 2))
-    turn = np.divide(products, gap, out=np.zeros_like(products), where=small & (gap != 0.0))
+    apart = small & (gap != 0.0)
+    turn = np.where(apart, products, 0.0)
+    # real and imaginary part by themselves: a quotient of complex numbers leaves the floating range near subnormal ones
+    for part in (turn.real, turn.imag) if np.iscomplexobj(turn) else (turn,):
+        np.divide(part, gap, out=part, where=apart)
     order = np.argsort(values, axis=1, kind="stable")
     turn = 0.5 * (turn - turn.conj().swapaxes(1, 2))  # skew to rounding, as a rotation of first order must be
     right = np.take_along_axis(right + right @ turn, order[:, None], 2)

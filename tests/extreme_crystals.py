@@ -1,0 +1,155 @@
+"""The edges of chains, membranes and crystals in space, one case each, see :mod:`extreme_cases`."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import mpmath
+import numpy as np
+from extreme_cases import STEEL, Case, D, coefficient, off
+from mpmath import mpf
+
+import granphon as gp
+
+#: P d^(p - 1)/f
+FACTORS = {"chain": 1, "square": 1, "sc": 1, "bcc": mpmath.sqrt(3), "fcc": 2 * mpmath.sqrt(2), "hcp": 2 * mpmath.sqrt(2)}
+SIZES = (1e-300, 1e-150, 1e-60, 1e-30, 1e-12, 1e-6, 1e-3, 0.3)
+
+
+def balls(lattice: str, **more: Any) -> Any:
+    """Packings of all sizes and materials on a lattice."""
+    for d, young, sigma in itertools.product((1e-9, D, 1e3), (1.0, 211.65e9, 1e13), (-0.999999, 0.276, 0.5)):
+        yield gp.Packing(gp.Material(young, sigma, 7840.0), d, lattice=lattice, **more)
+
+
+def pressures() -> float:
+    worst = 0.0
+    for name, factor in FACTORS.items():
+        for packing in balls(name):
+            medium, c, d = gp.AveragedLattice(packing), coefficient(packing), mpf(packing.diameter)
+            power = packing.structure.periods - 1
+            for part in (1e-40, 1e-10, 1e-2):
+                f = mpf(part * packing.material.young_modulus * packing.diameter**2)
+                state = medium.at_pressure(float(factor * f / d**power))
+                worst = max(worst, off(state.force, mpf(state.pressure) * d**power / factor))
+                worst = max(worst, off(state.overlap, (mpf(state.force) / c) ** (mpf(2) / 3)))
+    return worst
+
+
+def sound() -> float:
+    """Along [100] and [110] of fcc, by the constants of Duffy and Mindlin; of sc along [100]; of a chain."""
+    worst = 0.0
+    for friction in (True, False):
+        for packing in balls("fcc", friction=friction):
+            unit = packing.material.young_modulus * packing.diameter**2
+            sigma = mpf(packing.material.poisson_ratio)
+            eta = 2 * (1 - sigma) / (2 - sigma) if friction else mpf(0)
+            for part in (1e-40, 1e-10, 1e-2):
+                state = gp.AveragedLattice(packing).at_force(part * unit)
+                d, k = mpf(packing.diameter), mpf(state.normal_stiffness)
+                root, mass = mpmath.sqrt(2), mpmath.pi / 6 * mpf(packing.material.density) * mpf(packing.diameter) ** 3
+                c11, c12 = root * (1 + eta) * k / d, (1 - eta) * k / (root * d)
+                c44, density = c11 / 2, mass * root / d**3
+                moduli = gp.moduli(state)
+                found = gp.sound_velocities(state, [(1, 0, 0), (1, 1, 0)])
+                pairs = [
+                    (moduli.tensor[0, 0], c11), (moduli.tensor[3, 3], c44), (moduli.bulk, (c11 + 2 * c12) / 3),
+                    (found.longitudinal[0], mpmath.sqrt(c11 / density)),
+                    (found.transverse[0, 0], mpmath.sqrt(c44 / density)),
+                    (found.longitudinal[1], mpmath.sqrt((c11 + c12 + 2 * c44) / 2 / density)),
+                    (found.transverse[1, 0], mpmath.sqrt(min((c11 - c12) / 2, c44) / density)),
+                    (found.transverse[1, 1], mpmath.sqrt(max((c11 - c12) / 2, c44) / density)),
+                ]  # fmt: skip
+                worst = max(worst, *(off(one, exact) for one, exact in pairs))
+    for packing in balls("chain"):
+        state = gp.AveragedLattice(packing).at_force(1e-10 * packing.material.young_modulus * packing.diameter**2)
+        d, k = mpf(packing.diameter), mpf(state.normal_stiffness)
+        mass = mpmath.pi / 6 * mpf(packing.material.density) * d**3
+        worst = max(worst, off(gp.moduli(state).bulk, k * d))
+        worst = max(worst, off(gp.sound_velocities(state).longitudinal, d * mpmath.sqrt(k / mass)))
+    return worst
+
+
+def branches_of_fcc() -> float:
+    """Along [100]: omega^2 = 8 (1 + eta) sin^2 h, h = |q|d/(2 sqrt 2), and twist about [100], which decouple by symmetry."""
+    worst = 0.0
+    for eta, size in itertools.product((0.0, 1e-300, 1e-16, 1e-3, 0.84, 4.0 / 3.0), SIZES):
+        found = gp.ContactLattice.of("fcc", eta).frequencies([[size, 0.0, 0.0]])[0]
+        with mpmath.workdps(400):
+            h = mpf(size) / (2 * mpmath.sqrt(2))
+            exact = mpmath.sqrt(8 * (1 + mpf(eta))) * mpmath.sin(h)
+            worst = max(worst, min(off(one, exact) for one in found))
+    return worst
+
+
+def bending_waves() -> float:
+    """The transverse-rotational pair of a chain with bending: the determinant of 2 x 2 matrices at many digits."""
+    worst = 0.0
+    for eta, bending, size in itertools.product((1e-3, 0.84, 4.0 / 3.0), (1e-12, 1e-3, 1.0), SIZES[2:]):
+        lattice = gp.ContactLattice.of("chain", eta, bending=bending, motions=gp.Packing(
+            STEEL, D, lattice="chain", motions="in_plane", bending=bending).ball_motions)  # fmt: skip
+        found = np.sort(lattice.frequencies([[size]])[0])
+        with mpmath.workdps(400):
+            h, n, b = mpf(size) / 2, mpf(eta), mpf(bending)
+            # slip 2 i sin(h) u - cos(h) phi, roll 2 i sin(h) phi, and phi = w sqrt(10)
+            trace = n * (4 * mpmath.sin(h) ** 2 + 10 * mpmath.cos(h) ** 2) + 40 * b * mpmath.sin(h) ** 2
+            product = 4 * n * mpmath.sin(h) ** 2 * 40 * b * mpmath.sin(h) ** 2
+            high = (trace + mpmath.sqrt(trace**2 - 4 * product)) / 2
+            exact = sorted([mpmath.sqrt(product / high), mpmath.sqrt(high), 2 * mpmath.sin(h)])
+            worst = max(worst, *(off(a, c) for a, c in zip(found, exact, strict=True)))
+    return worst
+
+
+def membranes() -> float:
+    """The product of the frequencies of a triangular layer out of its plane, sqrt(10 sqrt 3 ... ) eta^(3/2) sin sin sin."""
+    worst = 0.0
+    for eta, size, angle in itertools.product((1e-3, 0.84, 4.0 / 3.0), SIZES[3:], (0.0, 0.1, 0.4)):
+        packing = gp.Packing(STEEL, D, motions="out_of_plane")
+        q = size * np.array([math.cos(angle), math.sin(angle)])
+        found = gp.ContactLattice.of("triangular", eta, motions=packing.ball_motions).frequencies([q])[0]
+        with mpmath.workdps(400):
+            x, y = (mpf(float(one)) for one in q)
+            half = [x / 2, (x + mpmath.sqrt(3) * y) / 4, (-x + mpmath.sqrt(3) * y) / 4]
+            exact = 10 * mpmath.sqrt(3) * mpf(eta) ** mpf(1.5) * abs(mpmath.fprod(mpmath.sin(one) for one in half))
+            worst = max(worst, off(1.0, exact / mpmath.fprod(mpf(float(one)) for one in found)))
+    return worst
+
+
+def free_branches() -> float:
+    """Branches that cost nothing are zeros to the last bit, at every wave vector."""
+    worst = 0.0
+    cases = (("chain", "all", 3), ("square", "out_of_plane", 1), ("honeycomb", "out_of_plane", 3), ("kagome", "all", 3))
+    for (name, motions, count), eta in itertools.product(cases, (1e-300, 0.84, 4.0 / 3.0)):
+        packing = gp.Packing(STEEL, D, lattice=name, motions=motions)
+        lattice = gp.ContactLattice.of(name, eta, motions=packing.ball_motions)
+        for size in SIZES:
+            q = size * np.array([0.6, 0.8])[: packing.structure.periods]
+            worst = max(worst, float(np.max(lattice.frequencies([q])[0][:count])))
+    return worst
+
+
+CRYSTALS = [
+    Case(
+        "force, pressure and overlap of chains, planes and crystals",
+        "the same balls on the chain, square, sc, bcc, fcc and hcp lattice, f from 1e-40 to 0.01 E d²", 8e-15, pressures,
+    ),
+    Case(
+        "sound velocities and moduli of fcc and of a chain",
+        "the same balls, with friction and without, f from 1e-40 to 0.01 E d², along [100] and [110]", 8e-15, sound,
+    ),
+    Case("longitudinal branch of fcc along [100]", "|q|d from 1e-300 to 0.3, η from 0 to 4/3", 4e-15, branches_of_fcc),
+    Case(
+        "bending waves of a chain, and its rotational and longitudinal branch",
+        "|q|d from 1e-60 to 0.3, η from 1e-3 to 4/3, bending from 1e-12 to 1", 4e-14, bending_waves,
+    ),
+    Case(
+        "flexural waves of a layer: product of the three frequencies",
+        "|q|d from 1e-30 to 0.3 in three directions, η from 1e-3 to 4/3", 1e-13, membranes,
+    ),
+    Case(
+        "branches that cost nothing, in (k/M)^1/2",
+        "chain, square, honeycomb, kagome; |q|d from 1e-300 to 0.3, η from 1e-300 to 4/3", 0.0, free_branches,
+    ),
+]  # fmt: skip
