@@ -493,3 +493,10 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     Path("data.csv").write_text("pressure (N/m),velocity (m/s)\n1000,500\n2000,560\n")
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0"]) == 2
     assert "force per area" in capsys.readouterr().err
+
+
+def test_a_sweep_says_which_branches_cost_nothing(steel):
+    chain = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all"), force=[1.0, 2.0], bands="GX", npoints=3)
+    assert "3 of 6 branches vanish at every wave vector" in chain.attrs["warnings"]
+    square = gp.sweep(gp.Packing(steel, 8e-3, lattice="square"), force=[1.0, 2.0], bands="GXM", npoints=3)
+    assert "the first at q = (0.5, 0.5)" in square.attrs["warnings"]

@@ -195,8 +195,8 @@ class Job:
         out |= find_all(analysis, ("exponent",), swept=True)
         notes += warn_of_missing_error(out)
         if self.qpoints is not None:
-            out["frequencies"] = _compute_frequencies(state, self.qpoints)
-            notes += [LATTICE_BANDS] if state.n_samples else []
+            out["frequencies"], free = _compute_frequencies(state, self.qpoints)
+            notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
 
 
@@ -263,18 +263,19 @@ def _name_task(where: str, error: GranphonError) -> GranphonError:
     return type(error)(f"{where}: {error}")
 
 
-def _compute_frequencies(state: ContactState, qpoints: Array) -> Array:
-    """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz.
+def _compute_frequencies(state: ContactState, qpoints: Array) -> tuple[Array, tuple[str, ...]]:
+    """Compute the frequencies along the path, (n_loads, s, p, n_branches), Hz, and the warnings on those that cost nothing.
 
     They are those that phonopy gives, but computed from C(q), which needs no force constants. In the paper's limit one
     dispersion relation serves all loads, unless the torsion is that of a Hertz contact.
     """
     loads = [state[i] for i in range(len(state.force))]
     lattices = [contact_lattice(one) for one in (loads[:1] if has_one_lattice(state) else loads)]
-    rows = np.array([one.frequencies(one.wavevectors(qpoints.reshape(-1, 3))) for one in lattices])
+    paths = [one.wavevectors(qpoints.reshape(-1, 3)) for one in lattices]
+    rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
     hertz = np.array([one.scales.frequency for one in loads])
     out: Array = (hertz[:, None, None] * rows).reshape(len(loads), *qpoints.shape[:2], -1)
-    return out
+    return out, (*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0]))
 
 
 # -- samples --------------------------------------------------------------------------------------------------------
