@@ -582,3 +582,8 @@ def test_bands_that_were_edited_are_refused(old, new, tmp_path):
     (tmp_path / "band.yaml").write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError):
         gp.Bands.read(tmp_path / "band.yaml")
+
+
+def test_a_mesh_beyond_all_memory_is_refused():
+    with pytest.raises(InputError, match="1000000 x 1000000 x 1000000 wave vectors is too large"):
+        phonons("fcc").dos((10**6,) * 3)

@@ -362,3 +362,27 @@ def test_torsion_has_the_shape_of_the_load(steel):
     assert_allclose(fixed.torsion, 0.1, rtol=0)
     assert_allclose(fixed.torsion_stiffness, 0.1 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
     assert_allclose(fixed.bending_stiffness, 0.2 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
+
+
+@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}, {"bending": 0.1}])
+def test_what_a_simulation_does_not_know_is_refused(steel, more):
+    with pytest.raises(InputError, match="are not simulated"):
+        gp.DirectSimulation(gp.Packing(steel, 8e-3, **more))
+
+
+@pytest.mark.parametrize("lattice", ["chain", "triangular"])
+def test_motions_that_deform_no_contact_have_bands_at_zero(steel, lattice):
+    packing = gp.Packing(steel, 8e-3, lattice=lattice, motions="out_of_plane", friction=False)
+    ph = gp.Phonons(gp.AveragedLattice(packing).at_force(18.0))
+    bands = ph.bands(npoints=3)
+    assert not np.any(bands.frequencies)
+    assert any("branches vanishes at every wave vector" in one for one in bands.warnings)
+    assert not np.any(ph.calculator.get_force_constants(ph.atoms))
+    with pytest.raises(InputError, match="every branch vanishes"):
+        ph.dos()
+
+
+@pytest.mark.parametrize("name", ["torsion", "bending"])
+def test_a_stiffness_beyond_all_contacts_is_refused(steel, name):
+    with pytest.raises(InputError, match=f"{name} is 1e.*300"):
+        gp.Packing(steel, 8e-3, lattice="fcc", **{name: 1e300})

@@ -23,6 +23,8 @@ __all__ = ["MINDLIN", "Packing"]
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
+#: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside stiffer ones
+_MOST_ROLLING = 1e6
 #: the scales of a packing, SI, must lie between this and its inverse: what is computed from them stays in the floating range
 _LEAST_SCALE = 1e-280
 
@@ -102,6 +104,11 @@ class Packing:
         else:
             object.__setattr__(self, "torsion", not_negative("torsion", self.torsion))
         object.__setattr__(self, "bending", not_negative("bending", self.bending))
+        for name in ("torsion", "bending"):
+            value = getattr(self, name)
+            if isinstance(value, float) and value > _MOST_ROLLING:
+                why = "It is a stiffness over k d^2; that of a contact is far below 1"
+                raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
         named = [name for name in ("torsion", "bending") if getattr(self, name)]
         if named and not self._named_motions.rotate:
             word = self._named_motions.name

@@ -208,10 +208,13 @@ class Compatibility:
     def rows(self) -> list[Row]:
         """Deformations of the contacts, as coefficients of the motions of their two balls; rotations are carried by w."""
         table = self.contacts
-        return contact_rows(
+        found = contact_rows(
             table.normal, table.arm_i, table.arm_j, self.motions, slip=self.mindlin_ratio, twist=self.torsion,
             roll=self.bending, gyration_i=self.gyration[table.i], gyration_j=self.gyration[table.j],
         )  # fmt: skip
+        # where the motions deform no contact, as out of the plane without friction, a row of zeros stands for none
+        nothing = np.zeros((len(table), self.motions.count))
+        return found or [Row("elongation", 1.0, nothing, nothing)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.

@@ -145,7 +145,7 @@ class LongWaves(Compatibility):
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`."""
         if self.mechanism:
-            mend = "Use a lattice with more contacts"
+            mend = "Use bending, or a lattice with more contacts"
             if not self.motions.rotate:
                 mend = "Use friction, or a lattice with more contacts"
             raise MechanismError(message(f"the lattice {self.name} is a mechanism", self.mechanism, mend))
@@ -281,7 +281,11 @@ class LongWaves(Compatibility):
             factor = cholesky_factor(self.acoustic_tensor(along, prestress))
         except np.linalg.LinAlgError:
             raise InstabilityError(
-                message("a squared sound velocity is negative", "The lattice buckles", "Lower the load")
+                message(
+                    "a squared sound velocity is negative",
+                    "The lattice buckles under the contact forces",
+                    "Lower the load, or leave finite_overlap off",
+                )
             ) from None
         return self._decompose_waves(along, factor)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, brief, message
@@ -53,6 +54,15 @@ class SampledBalls:
                     f"the {self.packing.structure.name} lattice is not simulated",
                     "Without friction, only the triangular lattice holds its shape",
                     "Use another medium, or the triangular lattice",
+                )
+            )
+        if self.packing.motions not in (None, IN_PLANE.name) or self.packing.bending:
+            what = "bending" if self.packing.bending else f"the motions {self.packing.motions!r}"
+            raise InputError(
+                message(
+                    f"balls with {what} are not simulated",
+                    "Simulated balls move in the plane, and their contacts resist compression and shear",
+                    "Use another medium, or leave it out",
                 )
             )
         shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _read_shape(self.shape))

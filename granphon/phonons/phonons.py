@@ -39,6 +39,8 @@ __all__ = ["Bands", "ContactPhonopy", "DensityOfStates", "Phonons", "load_phonop
 
 Array = NDArray[np.float64]
 
+#: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
+_MOST_MESH_POINTS = 1e9
 #: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
 #: mesh of a density of states for one, two and three periods
@@ -289,6 +291,9 @@ class Phonons:
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
+        if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
+            what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
+            raise InputError(message(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all"))
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
@@ -296,6 +301,8 @@ class Phonons:
         values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
+        if top == 0.0:
+            raise InputError(message("every branch vanishes", "The motions deform no contact", "Use friction or bending"))
         at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
             if sigma is not None:
