@@ -117,6 +117,7 @@ def test_the_table_knows_the_script_that_made_it(maker):
     assert maker.text(data).strip() == maker.DATA.read_text(encoding="utf-8").strip()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.claim("accuracy-table")
 def test_the_script_measures_what_the_table_bounds(maker):
     """One distribution, few loads and small samples, anew."""

@@ -151,6 +151,7 @@ def test_samples_may_be_added_one_by_one(rough):
 # -- what the regression is worth ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive
 def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
     left = many.errors / (many.noise / math.sqrt(many.balls))
     assert np.all(left[0] < 0.25)
@@ -167,6 +168,7 @@ def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, m
     assert np.sqrt(np.mean(pulls**2)) < 2.0
 
 
+@pytest.mark.exhaustive
 def test_small_samples_with_control_variates_agree_with_one_large_one(rough, unit, many):
     """That the size of a sample does not matter, to the chance in 96 x 96 balls."""
     state = gp.DirectSimulation(rough, (96, 96), 77).at_force(3.0 * unit)
@@ -187,6 +189,7 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
     assert abs(medium / array.values[0, 2] - 1.0) < 0.02 * abs(correction)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds_of_load_that_are_one_state_give_one_answer(rough, many, unit, kind):
     """At f* = 3; the overlap of the ensemble as a load gives its velocities, to the second order of the chance."""

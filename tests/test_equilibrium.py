@@ -382,6 +382,7 @@ def test_threads_of_the_fourier_transform_change_no_digit():
 # -- statistics ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive
 @pytest.mark.claim("error-root-n")
 def test_scatter_of_the_force_falls_as_the_root_of_the_number_of_balls():
     lengths, n = (16, 32, 64), 48
@@ -393,6 +394,7 @@ def test_scatter_of_the_force_falls_as_the_root_of_the_number_of_balls():
     assert slope == pytest.approx(-1.0, abs=3.0 * error)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.claim("threshold-contacts")
 @pytest.mark.parametrize(
     ("n", "most"),

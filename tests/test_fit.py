@@ -597,6 +597,7 @@ def sampled():
     return gp.DirectSimulation(TRUE, (32, 32), seed=1).at_force(FORCE)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 6500.0)])
 def test_the_width_of_simulated_samples(sampled, branch, frequency):
     """Found again from the same samples, but for the cusps of their moduli, which the model leaves out."""

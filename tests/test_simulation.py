@@ -800,6 +800,7 @@ def test_an_error_in_another_process_is_the_same(spread):
     assert not issubclass(InputError, ConvergenceError)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.claim("shear-deficit", "ratio-small-width")
 def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
     """G lacks 3 % at a* = 0.5, 5 to 6 % at 0.45, 16 to 18 % at 0.4, 0.03 % at 0.7, at W/d = 2.55e-4 (K 0.4, 0.9, 2 %)."""
