@@ -110,11 +110,7 @@ def lattice_tensor(state: ContactState) -> Array:
     It is in Pa, in the plane for a layer one diameter thick; of a chain in N. Raises
     :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
     """
-
-    def find(lattice: ContactLattice, push: Array | None) -> Array:
-        return lattice.elastic_tensor(push)
-
-    return modulus_scale(state)[..., None, None] * _at_each_load(state, find)
+    return modulus_scale(state)[..., None, None] * _at_each_load(state, ContactLattice.elastic_tensor)
 
 
 def lattice_waves(state: ContactState, direction: ArrayLike) -> tuple[Array, Array]:
