@@ -130,6 +130,121 @@ def free_branches() -> float:
     return worst
 
 
+def hexagonal_sound() -> float:
+    """hcp along c, where its layers are those of fcc along [111]; its bulk modulus, which is that of fcc."""
+    worst = 0.0
+    for friction in (True, False):
+        for packing in balls("hcp", friction=friction):
+            sigma = mpf(packing.material.poisson_ratio)
+            eta = 2 * (1 - sigma) / (2 - sigma) if friction else mpf(0)
+            for part in (1e-40, 1e-10, 1e-2):
+                state = gp.AveragedLattice(packing).at_force(part * packing.material.young_modulus * packing.diameter**2)
+                d, k = mpf(packing.diameter), mpf(state.normal_stiffness)
+                root, mass = mpmath.sqrt(2), mpmath.pi / 6 * mpf(packing.material.density) * mpf(packing.diameter) ** 3
+                c33, c44, density = root * (4 + 2 * eta) / 3 * k / d, root * (1 + 2 * eta) / 3 * k / d, mass * root / d**3
+                found = gp.sound_velocities(state, (0, 0, 1))
+                worst = max(worst, off(gp.moduli(state).bulk, 2 * root / 3 * k / d))
+                worst = max(worst, off(found.longitudinal, mpmath.sqrt(c33 / density)))
+                worst = max(worst, *(off(one, mpmath.sqrt(c44 / density)) for one in found.transverse))
+    return worst
+
+
+def finite_overlaps() -> float:
+    """Along [100] of fcc without friction, and along a chain, with prestress p = f/(k a) = (2/3) delta/(d - delta).
+
+    Cauchy and Born's sums: v_L^2 = (1 - p) a^2 k/M and v_T^2 = (1 - 3 p) a^2 k/2M in fcc, which buckles where p is above
+    1/7, that is delta above 3/17 d; v_L^2 = a^2 k/M on a chain.
+    """
+    worst = 0.0
+    for name, part in itertools.product(("fcc", "chain"), (1e-40, 1e-8, 0.17)):
+        for packing in balls(name, friction=False):
+            state = gp.AveragedLattice(packing).at_overlap(part * packing.diameter, finite_overlap=True)
+            d, delta, k = mpf(packing.diameter), mpf(state.overlap), mpf(state.normal_stiffness)
+            mass = mpmath.pi / 6 * mpf(packing.material.density) * d**3
+            push, unit = 2 * delta / (3 * (d - delta)), (d - delta) * mpmath.sqrt(k / mass)
+            found = gp.sound_velocities(state, (1, 0, 0)[: packing.structure.periods])
+            if name == "chain":
+                worst = max(worst, off(found.longitudinal, unit))
+                continue
+            worst = max(worst, off(found.longitudinal, unit * mpmath.sqrt(1 - push)))
+            worst = max(worst, *(off(one, unit * mpmath.sqrt((1 - 3 * push) / 2)) for one in found.transverse))
+    return worst
+
+
+def torsions() -> float:
+    """k_t/(k d^2) = (1 - nu)/3 delta/d of a Hertz contact that does not slip."""
+    worst = 0.0
+    for name in ("fcc", "chain"):
+        for packing in balls(name, torsion="mindlin", **({"motions": "all"} if name == "chain" else {})):
+            for part in (1e-40, 1e-10, 1e-2):
+                state = gp.AveragedLattice(packing).at_force(part * packing.material.young_modulus * packing.diameter**2)
+                ratio = (1 - mpf(packing.material.poisson_ratio)) / 3 * mpf(state.overlap) / mpf(packing.diameter)
+                worst = max(worst, off(state.torsion, ratio))
+    return worst
+
+
+def group_velocities() -> float:
+    """Of sound near Gamma: on a chain, and along [110] of fcc by the constants of Duffy and Mindlin."""
+    worst, along = 0.0, np.array([1.0, 1.0, 0.0]) / math.sqrt(2.0)
+    for eta, size in itertools.product((0.0, 1e-3, 0.84, 4.0 / 3.0), (0.0, 1e-300, 1e-150, 1e-30, 1e-12, 1e-9)):
+        row = gp.ContactLattice.of("chain", eta, motions=gp.Packing(STEEL, D, lattice="chain").ball_motions)
+        worst = max(worst, off(row.modes([[size]], [1.0]).group_velocities[0, 0, 0], mpf(1)))
+        modes, n = gp.ContactLattice.of("fcc", eta).modes([size * along], along), mpf(eta)
+        found = np.sort((modes.group_velocities[0] @ along)[modes.rotational_fraction[0] < 0.5])
+        exact = sorted([(1 + 3 * n) / 4, (1 + n) / 2, (5 + 3 * n) / 4])
+        worst = max(worst, *(off(a, mpmath.sqrt(b)) for a, b in zip(found, exact, strict=True)))
+    return worst
+
+
+def pulses() -> float:
+    """On a chain omega = 2 sin(q/2), along [100] of fcc omega = (8 (1 + eta))^(1/2) sin(q/8^(1/2)): q, and d omega/dq."""
+    worst = 0.0
+    for name, friction in itertools.product(("chain", "fcc"), (True, False)):
+        packing = gp.Packing(STEEL, D, lattice=name, friction=friction)
+        state = gp.AveragedLattice(packing).at_force(18.0)
+        unit = math.sqrt(state.normal_stiffness / packing.mass)
+        root = mpf(2) if name == "chain" else mpmath.sqrt(8)
+        top = root * (1 if name == "chain" else mpmath.sqrt(1 + mpf(packing.mindlin_ratio)))
+        for part in (1e-150, 1e-60, 1e-12, 1e-6, 1e-3, 0.3, 0.9):
+            frequency = part * float(top) * unit / (2.0 * math.pi)
+            found = gp.pulse_velocities(state, frequency, (1, 0, 0)[: packing.structure.periods], branches="longitudinal")
+            phase = mpmath.asin(2 * mpmath.pi * mpf(frequency) / mpf(unit) / top)
+            worst = max(worst, off(found.wavenumber[0], root * phase / mpf(D)))
+            worst = max(worst, off(found.group[0], top / root * mpmath.cos(phase) * mpf(D) * mpf(unit)))
+    return worst
+
+
+def corners() -> float:
+    """omega^2: fcc at X has 4 (1 + 3 eta), 8 (1 + eta), 10 eta and 20 eta, a chain at its end 4, in k/M."""
+    worst = 0.0
+    for name, point in (("fcc", (0.5, 0.0, 0.5)), ("chain", (0.5, 0.0, 0.0))):
+        for packing, part in itertools.product(balls(name), (1e-40, 1e-4)):
+            state = gp.AveragedLattice(packing).at_force(part * packing.material.young_modulus * packing.diameter**2)
+            unit, n = mpmath.sqrt(mpf(state.normal_stiffness) / mpf(packing.mass)), mpf(packing.mindlin_ratio)
+            squares = [4] if name == "chain" else sorted([10 * n, 10 * n, 20 * n, 4 + 12 * n, 4 + 12 * n, 8 + 8 * n])
+            exact = [mpmath.sqrt(one) * unit / (2 * mpmath.pi) for one in squares]
+            found = gp.Phonons(state).frequencies([point])[0]
+            worst = max(worst, *(off(a, b) for a, b in zip(found, exact, strict=True)))
+    return worst
+
+
+def counted_states() -> float:
+    """Three, six or one mode a ball, whatever the mesh."""
+    worst = 0.0
+    meshes = {
+        "chain": [(1,), (2,), (3,), (10007,)], "fcc": [(1, 1, 1), (2, 2, 2), (1, 1, 17), (7, 6, 5)],
+        "hcp": [(1, 1, 1), (3, 3, 1), (5, 4, 3)],
+    }  # fmt: skip
+    for name, friction in (("chain", True), ("fcc", True), ("fcc", False), ("hcp", True)):
+        state = gp.AveragedLattice(gp.Packing(STEEL, D, lattice=name, friction=friction)).at_force(18.0)
+        for mesh, points in itertools.product(meshes[name], (12, 501)):
+            dos = gp.Phonons(state).dos(mesh, points=points)
+            known = np.all(np.isfinite(dos.total)) and np.all(dos.total >= -1e-12 * dos.total.max())
+            count = np.trapezoid(dos.total, dos.frequencies)
+            worst = max(worst, off(float(count), 1 if name == "chain" else 6 if friction else 3) if known else math.inf)
+    return worst
+
+
 CRYSTALS = [
     Case(
         "force, pressure and overlap of chains, planes and crystals",
@@ -151,5 +266,32 @@ CRYSTALS = [
     Case(
         "branches that cost nothing, in (k/M)^1/2",
         "chain, square, honeycomb, kagome; |q|d from 1e-300 to 0.3, η from 1e-300 to 4/3", 0.0, free_branches,
+    ),
+    Case(
+        "sound velocities of hcp along c, and its bulk modulus",
+        "the same balls, with friction and without, f from 1e-40 to 0.01 E d²", 8e-15, hexagonal_sound,
+        slow=True,
+    ),
+    Case(
+        "sound velocities with finite overlap, fcc along [100] and a chain",
+        "the same balls, without friction, overlap from 1e-40 to 0.17 d", 2e-14, finite_overlaps,
+    ),
+    Case("torsion of a Hertz contact that does not slip", "the same balls, f from 1e-40 to 0.01 E d²", 4e-15, torsions),
+    Case(
+        "group velocities near Γ of a chain, and of fcc along [110]",
+        "|q|d of 0 and from 1e-300 to 1e-9, η of 0 and from 1e-3 to 4/3", 4e-15, group_velocities,
+    ),
+    Case(
+        "wavenumber and group velocity of pulses on a chain, and along [100] of fcc",
+        "frequencies from 1e-150 to 0.9 of the top of the branch, with friction and without", 1e-11, pulses,
+    ),
+    Case(
+        "frequencies in Hz of fcc at X, and of a chain at its end",
+        "the same balls, f of 1e-40 and 1e-4 E d²", 1e-13, corners,
+    ),
+    Case(
+        "number of modes under the density of states of a chain, fcc and hcp",
+        "meshes from one wave vector (all branches at an edge) to 10007, and 7 × 6 × 5 in space, 12 and 501 points",
+        1e-12, counted_states, slow=True,
     ),
 ]  # fmt: skip

@@ -28,6 +28,8 @@ CUBIC = ("sc", "bcc", "fcc")
 PYROCHLORE = gp.Lattice(
     "pyrochlore", tuple(map(tuple, 2.0 * gp.balls.lattices.FCC.vectors)), ((0, 0, 0), *map(tuple, np.eye(3) / 2))
 )
+#: yields more one way than another
+RHOMBIC = gp.Lattice("rhombic", ((1.0, 0.0), (0.3, math.sqrt(0.91))))
 #: elements of the cubic group: permutations of the axes with signs
 GROUP = [
     np.eye(3)[list(order)] * np.array(signs)
@@ -150,7 +152,7 @@ def test_the_averages_of_a_square_lattice(make):
 
 
 def test_a_lattice_that_yields_more_one_way_has_no_single_bulk_modulus(make):
-    found = gp.moduli(make(gp.Lattice("rhombic", ((1.0, 0.0), (0.3, math.sqrt(0.91))))))
+    found = gp.moduli(make(RHOMBIC))
     with pytest.raises(InputError, match=r"no single bulk modulus.*voigt"):
         _ = found.bulk
     assert found.reuss.bulk < found.hill.bulk < found.voigt.bulk
@@ -367,6 +369,26 @@ def test_torsion_of_hertz_contacts_at_many_loads(make, lattice, friction, finite
     if not finite:  # a strain twists contacts where balls are centres of inversion, and not between them
         ratio = found.tensor / states.normal_stiffness[..., None, None]
         assert (np.max(np.abs(ratio[0, 2] / ratio[0, 0] - 1)[:3, :3]) > 1e-9) == (lattice is PYROCHLORE)
+
+
+def test_sound_says_which_branches_cost_nothing(make):
+    def said(lattice, **more):
+        state = make(lattice, np.array([1.0, 10.0]), **more)
+        return [
+            text for text in gp.sound_velocities(state, np.eye(state.packing.structure.periods)).warnings if "vanish" in text
+        ]
+
+    (chain,), (square,) = said("chain", motions="all"), said("square", motions="all")
+    assert chain.startswith("3 of 6 branches vanish at every wave vector")
+    assert chain.endswith("add torsion and bending")
+    assert square.startswith("1 of 6 branches vanishes")
+    (bent,) = said("chain", motions="all", bending=0.1)
+    assert bent.startswith("1 of 6 branches vanishes")
+    # flexural waves have no velocity either, and cost something
+    for lattice, more in (("chain", {"bending": 0.1, "torsion": 0.1}), ("triangular", {}), ("honeycomb", {"bending": 0.1})):
+        assert said(lattice, motions="all", **more) == []
+    for lattice in ("chain", "fcc", "triangular"):
+        assert said(lattice) == []
 
 
 # -- finite overlap ---------------------------------------------------------------------------------------------------
@@ -728,17 +750,18 @@ def test_units_and_titles_of_a_packing(make):
 @pytest.mark.parametrize(
     ("lattice", "more", "names"),
     [("chain", {}, {"longitudinal", "bulk", "tensor"}),
-     ("square", {}, {"longitudinal", "transverse", "direction", "tensor"}),
+     ("square", {}, {"longitudinal", "transverse", "direction", "bulk", "tensor"}),
      ("triangular", {}, {"longitudinal", "transverse", "bulk", "shear", "tensor"}),
      ("triangular", {"motions": "out_of_plane"}, {"out_of_plane"}),
-     ("fcc", {}, {"longitudinal", "transverse_slow", "transverse_fast", "direction", "tensor"})],
+     ("fcc", {}, {"longitudinal", "transverse_slow", "transverse_fast", "direction", "bulk", "tensor"}),
+     (RHOMBIC, {}, {"longitudinal", "transverse", "direction", "tensor"})],
 )  # fmt: skip
 def test_observables_of_each_dimension(make, lattice, more, names):
     states = make(lattice, np.array([1.0, 8.0]), **more)
     found = find_all(Analysis(states), ("velocities",))
     assert set(found) == names
     assert all(np.shape(found[name])[:1] == (2,) for name in names - {"direction"})
-    assert "pressure" in find_all(Analysis(states), ("state",))
+    assert ("pressure" in find_all(Analysis(states), ("state",))) is (lattice != RHOMBIC)  # whose stress is none
 
 
 def test_results_come_back_from_plain_data(make):

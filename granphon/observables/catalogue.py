@@ -146,13 +146,13 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
 
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the moduli; bulk and shear are None unless the lattice is isotropic."""
+    """Make the entry of an attribute of the moduli; its value is None if the lattice has no such modulus."""
 
     def find(of: Analysis) -> Any:
-        known = of.moduli is not None and (of.moduli.isotropic or name not in ("bulk", "shear"))
-        if name == "shear" and of.state.packing.structure.periods == 1:
-            return None
-        return getattr(of.moduli, name) if known else None
+        found = of.moduli
+        with suppress(InputError):
+            return getattr(found, name, None)
+        return None
 
     return Observable(
         name, Moduli.units[name], title, find=find, cost="velocities", per_dimension="modulus", **more

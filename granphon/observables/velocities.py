@@ -14,7 +14,7 @@ from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
-from granphon.media.acoustics import compute_velocities, over_directions
+from granphon.media.acoustics import compute_velocities, lattice_without_overlap, over_directions
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
 
@@ -62,7 +62,8 @@ class SoundVelocities(Result):
     transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that moves both ways across
         itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : one sentence for each limit of the model that the state exceeds.
+    warnings : one sentence for each limit of the model that the state exceeds; where a velocity is zero, one that counts the
+        branches that vanish at every wave vector and says what would stop them.
     longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s; None if there are fewer
         than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero, because it is a flexural wave.
@@ -170,9 +171,12 @@ def sound_velocities(
         velocities = compute_velocities(every, np.asarray(state.effective_density)[..., None])
         errors = over_directions(standard_error(velocities, -2), along)
         longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
+    # a wave across a row or a layer has no velocity because it bends, or because nothing resists it
+    free = lattice_without_overlap(state).free_branch_warnings if np.any(v == 0.0) else ()
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=validity(state).warnings, longitudinal_error=longitudinal_error, transverse_error=transverse_error,
+        warnings=(*validity(state).warnings, *free),
+        longitudinal_error=longitudinal_error, transverse_error=transverse_error,
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
     )  # fmt: skip
