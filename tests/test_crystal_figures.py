@@ -15,6 +15,7 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.figures import slowness, zones
 from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands
 from granphon.figures.modes import animate_mode, plot_mode
+from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -365,3 +366,26 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
     motion = moved(phonons, q, 1)
     for now, later in zip(motion.at(0.0), motion.at(-2.0 * np.pi), strict=True):
         assert_allclose(later, now, atol=1e-12)
+
+
+# -- sweeps ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("lattice", "more", "forces", "names"),
+    [
+        ("bcc", {}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # as fast along [100]
+        ("hcp", {"friction": False}, [10.0, 12.0], ["$v_{T1}$", "$v_{T2}$", "$v_L$"]),
+        ("hcp", {"friction": False}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # close on this scale
+        ("chain", {"motions": "all"}, [1.0, 100.0], ["$v_L$"]),  # bending waves have no velocity
+    ],
+)
+def test_velocities_of_a_sweep_are_named_beside_the_axes_and_apart(lattice, more, forces, names):
+    figure = sweep_figure(gp.sweep(gp.Packing(STEEL, 8e-3, lattice=lattice, **more), force=forces))
+    upper = figure.axes[0]
+    assert [text.get_text() for text in upper.texts] == names
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in upper.texts]
+    frame = upper.get_window_extent()
+    assert all(frame.x1 < box.x0 and box.x1 <= figure.bbox.x1 for box in boxes)
+    assert all(lower.y1 <= higher.y0 for lower, higher in itertools.pairwise(boxes))

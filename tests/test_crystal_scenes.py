@@ -500,3 +500,14 @@ def test_a_sweep_says_which_branches_cost_nothing(steel):
     assert "3 of 6 branches vanish at every wave vector" in chain.attrs["warnings"]
     square = gp.sweep(gp.Packing(steel, 8e-3, lattice="square"), force=[1.0, 2.0], bands="GXM", npoints=3)
     assert "the first at q = (0.5, 0.5)" in square.attrs["warnings"]
+    still = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all"), force=[1.0, 2.0])
+    assert still.attrs["warnings"].count("3 of 6 branches vanish") == 1
+    held = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all", torsion=0.1, bending=0.1), force=[1.0, 2.0])
+    assert held.attrs["warnings"] == "[]"
+
+
+def test_a_scene_of_velocities_says_which_branches_cost_nothing(tmp_path):
+    result = read("lattice: chain, motions: all", rest="observe: [velocities]").run(tmp_path / "out")
+    (text,) = result.warnings
+    assert text.startswith("3 of 6 branches vanish at every wave vector")
+    assert read_summary(tmp_path / "out")["warnings"] == [text]

@@ -37,6 +37,8 @@ _LARGEST = 1e280
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
+#: names that stand nearer than this one above the other, over the height of the axes, are written in one
+_APART = 0.06
 #: the velocities that a sweep may have, with their symbols
 _VELOCITIES = {
     "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
@@ -204,25 +206,27 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
             name, (0.0, value), xycoords=ax.get_yaxis_transform(), xytext=(2, 1), textcoords="offset points", va="bottom",
             color="0.4", fontsize=7.0, path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
         )  # fmt: skip
-    ax.margins(y=0.1)
+    ax.margins(y=0.16)
     return ax
 
 
 def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
 
-    A sweep without velocities, as of a mechanism, has the normal stiffness in their place. For a sweep without exponents
-    (finite overlap), or for one ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
+    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
+    normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
+    upper panel only. Raises what :func:`plot_sweep` raises.
     """
     both = variable is None and "exponent" in dataset
+    velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
         ratios = [1.6, 1.0][: 1 + both]
         axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-        if variable is not None or _VELOCITIES.keys().isdisjoint(dataset):
+        if variable is not None or not velocities:
             plot_sweep(dataset, axes[0], variable or "normal_stiffness", x, legend=False)
         else:
-            _plot_velocities(dataset, axes[0], x)
+            _plot_velocities(dataset, axes[0], x, velocities)
         if both:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
@@ -236,12 +240,23 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
     return figure
 
 
-def _plot_velocities(dataset: Dataset, ax: Axes, x: str) -> None:
-    """Draw the velocities, each named at the end of its lines."""
-    drawn = {variable: name for variable, name in _VELOCITIES.items() if variable in dataset}
+def _plot_velocities(dataset: Dataset, ax: Axes, x: str, drawn: dict[str, str]) -> None:
+    """Draw the velocities ``drawn``, with their symbols beside the ends of the lines, one text where these are close."""
+    ends: dict[str, float] = {}
     for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
-        ends: Any = [np.asarray(line.get_xydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
-        ax.annotate(name, np.max(ends, axis=0), xytext=(4, 0), textcoords="offset points", va="center")
+        ends[name] = max(float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all")
     scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
+    to_axes, last = ax.transData - ax.transAxes, -np.inf
+    together: dict[float, list[str]] = {}
+    for name, value in sorted(ends.items(), key=lambda item: item[1]):
+        height = float(to_axes.transform((ax.get_xlim()[0], value))[1])
+        if height - last > _APART:
+            last, together[value] = height, []
+        together[max(together)].append(name)
+    for value, names in together.items():
+        ax.annotate(
+            ", ".join(names), (1.0, value), xycoords=ax.get_yaxis_transform(), xytext=(3, 0), textcoords="offset points",
+            va="center", annotation_clip=False,
+        )  # fmt: skip

@@ -25,6 +25,7 @@ __all__ = [
     "local_exponent",
     "moduli",
     "sound_velocities",
+    "warn_of_free_branches",
 ]
 
 Array = NDArray[np.float64]
@@ -171,15 +172,22 @@ def sound_velocities(
         velocities = compute_velocities(every, np.asarray(state.effective_density)[..., None])
         errors = over_directions(standard_error(velocities, -2), along)
         longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
-    # a wave across a row or a layer has no velocity because it bends, or because nothing resists it
-    free = lattice_without_overlap(state).free_branch_warnings if np.any(v == 0.0) else ()
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=(*validity(state).warnings, *free),
+        warnings=(*validity(state).warnings, *warn_of_free_branches(state, v)),
         longitudinal_error=longitudinal_error, transverse_error=transverse_error,
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
     )  # fmt: skip
+
+
+def warn_of_free_branches(state: ContactState, velocities: Array) -> tuple[str, ...]:
+    """Return a sentence that counts the branches that nothing resists, or none.
+
+    A wave across a row or a layer has no velocity because it bends, or because nothing resists it; so only where one of the
+    ``velocities`` is zero are branches counted.
+    """
+    return lattice_without_overlap(state).free_branch_warnings if np.any(velocities == 0.0) else ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

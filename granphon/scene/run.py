@@ -101,7 +101,7 @@ class RunResult:
         left_out = (LATTICE_BANDS,) if spectra else ()
         if self.velocities is None and self.mechanism is not None:
             left_out = (describe_mechanism(self.mechanism), *left_out)
-        found = [text for one in (self.bands, self.dos) if one is not None for text in one.warnings]
+        found = [text for one in (self.velocities, self.bands, self.dos) if one is not None for text in one.warnings]
         own = tuple(dict.fromkeys((*self.validity.warnings, *found)))
         return own + warn_of_missing_error(self._exponents) + left_out + self.failures
 

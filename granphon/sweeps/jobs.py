@@ -31,6 +31,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.validity import Tally, validity
+from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import TaskResult
@@ -188,6 +189,7 @@ class Job:
         out = find_all(analysis, ("state",), swept=True)
         try:
             out |= find_all(analysis, ("velocities",), swept=True)
+            notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
             if self.qpoints is None:
                 raise
@@ -197,6 +199,7 @@ class Job:
         if self.qpoints is not None:
             out["frequencies"], free = _compute_frequencies(state, self.qpoints)
             notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
+        notes = list(dict.fromkeys(notes))
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
 
 
