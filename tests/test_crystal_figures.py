@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError, MechanismError
 from granphon.figures import slowness, zones
-from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands
+from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, plot_dos
 from granphon.figures.modes import animate_mode, plot_mode
 from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
@@ -170,6 +170,22 @@ def test_long_waves_in_space_are_three_lines_with_the_velocities_of_their_direct
 def test_flexural_waves_have_no_long_waves_to_draw(chain, ax):
     plot_asymptotes(chain.bands(npoints=5), chain.lattice, ax)
     assert len(ax.lines) == 1  # the longitudinal one
+
+
+def test_peaks_of_flat_branches_leave_the_rest_to_be_seen(ax):
+    # 3 of 6 branches of the honeycomb out of its plane are zero everywhere, and one is flat; 2 lie from 29.4 to 32.9 kHz
+    dos = gp.Phonons(state_of("honeycomb", motions="out_of_plane")).dos((24, 24))
+    plot_dos(dos, ax)
+    peak = 1e3 * dos.total.max()  # 1/kHz
+    between = 1e3 * np.max(dos.total[(dos.frequencies > 29.6e3) & (dos.frequencies < 32.5e3)])
+    assert between < ax.get_xlim()[1] < 0.1 * peak
+    assert ax.get_xlabel() == f"DOS per ball\n(1/kHz)\npeaks to {peak:.2g}"
+    # peaks of van Hove are drawn whole
+    whole = Figure().subplots()
+    row = gp.Phonons(state_of("chain")).dos((128,))
+    plot_dos(row, whole)
+    assert whole.get_xlim()[1] == pytest.approx(1.05e3 * row.total.max())
+    assert "peaks" not in whole.get_xlabel()
 
 
 # -- slowness -------------------------------------------------------------------------------------------------------

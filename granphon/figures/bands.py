@@ -48,6 +48,8 @@ _COINCIDENT = 1e-6
 _CROWDED = 0.1
 #: part of the fastest sound below which the velocity of a wave is the rounding of zero
 _STILL = 1e-9
+#: peaks of a density of states so many times higher than all but a fiftieth of it are those of flat branches
+_TOWERING = 6.0
 
 
 def plot_bands(
@@ -172,7 +174,8 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
 
     ``horizontal``: density to the right and frequency upwards, to stand beside bands; otherwise the other way round.
     ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a legend. The axis of frequency has no label
-    where it shares that of a neighbour, as in ``subplots(1, 2, sharey=True)``.
+    where it shares that of a neighbour, as in ``subplots(1, 2, sharey=True)``. Where flat branches make peaks beside which
+    nothing else would be seen, the axis of the density ends below them, and its label says how high they are.
     """
     unit = _choose_unit(dos) if unit is None else unit
     frequency, fill = dos.frequencies / unit.hertz, ax.fill_betweenx if horizontal else ax.fill_between
@@ -186,13 +189,26 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
     name, gap = print_hertz(unit), "\n" if horizontal else " "
+    top, peak = _find_top(dos.total) * unit.hertz, float(dos.total.max()) * unit.hertz
+    beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
     numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
-    ax.set(**{f"{along}label": f"Frequency ({name})" if numbered else "", f"{across}label": f"DOS per ball{gap}(1/{name})"})
-    ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * float(dos.total.max()) * unit.hertz)})
+    ax.set(
+        **{
+            f"{along}label": f"Frequency ({name})" if numbered else "",
+            f"{across}label": f"DOS per ball{gap}(1/{name}){beyond}",
+        }
+    )
+    ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
     axis = ax.xaxis if horizontal else ax.yaxis
     axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
     axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax
+
+
+def _find_top(density: Array) -> float:
+    """Return the greatest density to draw: that of the highest peak, or less where flat branches tower above the rest."""
+    peak, most = float(density.max()), float(np.quantile(density, 0.98))
+    return 2.0 * most if 0.0 < most < peak / _TOWERING else peak
 
 
 def bands_figure(
