@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -283,6 +284,30 @@ def test_what_is_commented_out_in_a_preset_is_right_too(preset):
     for key in ("yield_strength", "dim", "torsion", "bending", "band"):
         plain = text.replace(f"# {key}:", f"{key}:").replace("# band_labels:", "band_labels:" if key == "band" else "#")
         assert Scene.from_text(plain).packing.structure.name == Scene.from_text(text).packing.structure.name
+
+
+@pytest.mark.parametrize("preset", ["membrane", "fcc", "hcp"])
+def test_the_lattices_that_a_preset_names_can_take_the_place_of_its_own(preset):
+    text = (Path(gp.__file__).parent / "data" / f"{preset}.yaml").read_text()
+    (line,) = re.findall(r"^  lattice: .*", text, re.M)
+    own, *others = [word for word in re.findall(r"\w+", line) if word in LATTICES]
+    assert others
+    for name in others:
+        changed = text.replace(f"lattice: {own} ", f"lattice: {name} ")
+        if name in line.partition("with bending")[2]:
+            with pytest.raises(SceneError, match="a lattice that is rigid; the lattice"):
+                Scene.from_text(changed)
+            changed = changed.replace("# bending:", "bending:")
+        Scene.from_text(changed)
+
+
+def test_the_motions_that_the_preset_of_a_chain_names_can_take_the_place_of_its_own():
+    text = (Path(gp.__file__).parent / "data" / "chain.yaml").read_text()
+    for motions in ("in_plane", "out_of_plane", "longitudinal"):
+        changed = text.replace("motions: all", f"motions: {motions}")
+        if motions == "longitudinal":
+            changed = changed.replace("torsion: 0.02", "torsion: 0").replace("bending: 0.02", "bending: 0")
+        assert Scene.from_text(changed).packing.ball_motions.name == motions
 
 
 def test_a_mechanism_has_bands_and_says_why_it_has_no_velocities(tmp_path):

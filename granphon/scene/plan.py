@@ -182,7 +182,7 @@ class Plan:
             few = self.few
         for one in few:
             case, packing = one.case, one.case.packing
-            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid. "
+            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.scene.observe:
                     # the torsion of a Hertz contact depends on the load; how large it is does not matter here
