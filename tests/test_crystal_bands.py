@@ -27,6 +27,7 @@ import granphon as gp
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE
 from granphon.dynamics.modes import ContactLattice
+from granphon.media.acoustics import contact_lattice
 
 #: ratios of slip, twist and roll: shear alone, and all of them
 SHEAR, EVERY = (0.84, 0.0, 0.0), (0.84, 0.07, 0.03)
@@ -613,6 +614,31 @@ def test_bands_against_a_supercell_in_real_space(name):
     found = lattice.frequencies(lattice.wavevectors(np.array(cells) / shape)) ** 2
     expected = np.linalg.eigvalsh(total)
     assert_allclose(np.sort(found, axis=None), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_finite_overlap_is_that_of_the_exact_energy_on_every_lattice(steel, name):
+    # without friction: second derivatives, at 40 digits, of U = (4/15) (1 - r)^(5/2)/rest^(1/2): stiffness 1 at rest
+    packing = gp.Packing(steel, 8e-3, lattice=name, friction=False, motions="all")
+    state = gp.AveragedLattice(packing).at_overlap(0.03 * 8e-3, finite_overlap=True)
+    lattice, (cell, places) = contact_lattice(state), crystal(name)
+    rest = float(state.relative_overlap)
+    q, count = np.array(GENERIC)[: len(cell)], len(places)
+    expected = np.zeros((count, 3, count, 3), complex)
+    with mpmath.workdps(40):
+
+        def energy(*r):
+            return mpmath.mpf(4) / 15 * (1 - mpmath.sqrt(sum(x * x for x in r))) ** 2.5 / mpmath.sqrt(mpmath.mpf(rest))
+
+        for i, j, n in contacts_of(cell, places):
+            apart = [(1 - mpmath.mpf(rest)) * x for x in (*n, 0, 0)[:3]]
+            block = np.zeros((3, 3))
+            for a, b in itertools.product(range(3), repeat=2):
+                block[a, b] = mpmath.diff(energy, apart, tuple((axis == a) + (axis == b) for axis in range(3)))
+            phase = np.exp(1j * (1 - rest) * np.dot(q, np.array(n, float)[: len(cell)]))
+            for ball, other, factor in ((i, i, 1), (j, j, 1), (i, j, -phase), (j, i, -phase.conj())):
+                expected[ball, :, other] += factor * block
+    assert_allclose(lattice.dynamical_matrix([q])[0], expected.reshape(3 * count, -1), rtol=0, atol=2e-14)
 
 
 @pytest.mark.parametrize(
