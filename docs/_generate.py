@@ -25,6 +25,7 @@ from typing import Any, get_args, get_type_hints
 
 from _meanings import (
     ATTRIBUTES,
+    BANDED,
     DEFAULTS,
     FIELD_UNITS,
     FIELDS,
@@ -92,6 +93,7 @@ SCENES = {
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
     "crystals": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: [5 N, 9 N]}",
+    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}",
 }  # fmt: skip
 
 
@@ -427,8 +429,9 @@ def sweep_attributes(results: Results) -> str:
 
 def band_fields(results: Results) -> str:
     """The block ``granphon`` of band.yaml."""
-    own = results.yaml("all", "band.yaml")["granphon"]
-    return table(HEADS, (results.row(name, value) for name, value in own.items()))
+    found = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
+    values = merged(*found)
+    return table(HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*found)))
 
 
 def phonopy_fields(results: Results) -> str:

@@ -97,6 +97,15 @@ def test_scalars_give_floats_and_arrays_give_their_own_shape(steel):
         assert method(np.full((2, 3), 1e-6)).shape == (2, 3)
 
 
+@pytest.mark.parametrize("coefficient", [1e10, 1e-200, 1e200])
+def test_overlaps_keep_their_digits_at_the_edges_of_double_precision(coefficient):
+    law, forces = gp.HertzLaw(coefficient), np.array([5e-324, 3e-308, 1.7e-299, 1.7e-100, 1.7, 1.7e107, 1.7e299])
+    with mpmath.workdps(40):
+        expected = [(mpmath.mpf(force) / mpmath.mpf(coefficient)) ** (mpmath.mpf(2) / 3) for force in forces.tolist()]
+    inside = np.array([1e-300 < one < 1e300 for one in expected])
+    assert_allclose(law.overlap(forces[inside]), np.array(expected, float)[inside], rtol=1e-15)
+
+
 @pytest.mark.parametrize("bad", [-1.0, math.nan, [1.0, -1e-300]])
 def test_no_overlap_of_a_tensile_force_nor_of_a_negative_stiffness(steel, bad):
     law = gp.HertzLaw.between(steel, 8e-3)

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from phonopy.phonon.spectrum import TetrahedronDOSAccumulator
 from ruamel.yaml import YAML
-from test_exchange import EUPHONIC, head, run, script, tools, without_flat_bands  # noqa: F401  (a fixture is used by name)
+from test_exchange import (
+    EUPHONIC,
+    euphonic_terahertz,
+    head,
+    run,
+    script,
+    tools,  # noqa: F401  (a fixture is used by name)
+    without_flat_bands,
+)
 
 import granphon as gp
 from granphon.balls.lattices import find_lattice
@@ -456,14 +464,7 @@ def test_the_phonopy_command_without_options(exported):
 def test_euphonic_reads_the_force_constants(exported):
     ph, folder = exported
     q = padded(random_points(ph, 3))
-    found = script(
-        folder,
-        EUPHONIC.format(names="ForceConstants")
-        + f"""
-fc = ForceConstants.from_phonopy(path=".", summary_name="phonopy_params.yaml")
-print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({q.tolist()}), asr=None))))
-""",
-    )
+    found = euphonic_terahertz(folder, q)
     own = head(folder / "phonopy_params.yaml")
     found, flat = without_flat_bands(np.array(found), own["zero_bands"])
     expected = ph.frequencies(q) / own["hertz"]

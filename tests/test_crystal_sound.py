@@ -601,6 +601,25 @@ def test_slow_and_fast_keep_their_names_along_the_branch(make):
             assert abs(abs(np.asarray(axis) @ vector) / np.linalg.norm(vector) - 1) < 1e-9
 
 
+@pytest.mark.parametrize(
+    ("lattice", "more", "along", "branch", "remedy"),
+    [("chain", {"motions": "all"}, (1,), "transverse_slow", "Add bending, or"),
+     ("square", {"motions": "out_of_plane"}, (1, 0), "out_of_plane", "Add bending, or"),
+     ("square", {"motions": "out_of_plane"}, (1, 1), "out_of_plane", "Add torsion, or bending, or"),
+     ("triangular", {"motions": "all"}, (0, 1), "out_of_plane", "Add torsion, or bending, or"),
+     ("triangular", {"motions": "all", "friction": False}, (1, 0), "out_of_plane", "Add friction, or")],
+)  # fmt: skip
+def test_branches_that_cost_nothing_have_no_pulses(make, lattice, more, along, branch, remedy):
+    told = (
+        rf"the {branch} branch has no pulses in direction .* as they deform no contact, .* {remedy} name other branches\.$"
+    )
+    with pytest.raises(UnreachableFrequencyError, match=told):
+        gp.pulse_velocities(make(lattice, **more), 10.0, along, branches=branch)
+    # with what is said to stop it, the branch has pulses
+    more = more | ({"friction": True} if "friction" in remedy else {remedy.split(",")[0].removeprefix("Add "): 0.1})
+    assert gp.pulse_velocities(make(lattice, **more), 10.0, along, branches=branch).phase[0] > 0.0
+
+
 @pytest.mark.parametrize("more", [{"finite_overlap": True}, {"torsion": "mindlin"}, {}])
 def test_pulses_over_loads_and_frequencies_are_each_of_them(make, more):
     states = make("hcp", np.array([1.0, 20.0]), **more)
@@ -715,6 +734,14 @@ def test_torsion_of_a_hertz_contact_warns_of_what_is_left_out(make):
     for other in (make("hcp", torsion="mindlin", finite_overlap=True), make("hcp", torsion=1e-3)):
         assert "torsion" not in [check.name for check in gp.validity(other).checks]
         assert gp.validity(other).warnings == ()
+
+
+def test_torsion_warns_where_the_mean_overlap_of_balls_that_differ_is_negative(steel):
+    packing = gp.Packing(steel, D, spread=gp.Uniform(2.04e-6), motions="all", torsion="mindlin")
+    states = gp.AveragedForce(packing).at_overlap([-1e-6, -1e-8, 1e-5])
+    check = gp.validity(states)["torsion"]
+    assert_allclose(check.value, 3 / (1 - 0.276), rtol=1e-12)  # the static force over the torsion, as of equal balls
+    assert not np.any(check.ok)
 
 
 def test_the_top_frequency_follows_the_torsion_of_each_load(make):

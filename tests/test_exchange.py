@@ -243,6 +243,18 @@ def terahertz(data):
 """
 
 
+def euphonic_terahertz(folder, qpoints):
+    """Frequencies (n_q, branches), THz, that Euphonic finds from phonopy_params.yaml in a folder."""
+    return script(
+        folder,
+        EUPHONIC.format(names="ForceConstants")
+        + f"""
+fc = ForceConstants.from_phonopy(path=".", summary_name="phonopy_params.yaml")
+print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({np.asarray(qpoints).tolist()}), asr=None))))
+""",
+    )
+
+
 def constant_ratio(folder):
     """What (eV/A^2 amu)^1/2 / 2 pi is in THz to Euphonic, over what it is to phonopy: they hold different CODATA years."""
     return script(
@@ -263,14 +275,7 @@ def test_euphonic_reads_the_force_constants(case, tmp_path):
     ph = CASES[case]()
     ph.save(tmp_path / "phonopy_params.yaml")
     q = [[0.11, 0.23, 0.0], [1 / 3, 1 / 3, 0.0], [0.4, -0.3, 0.0]]
-    found = script(
-        tmp_path,
-        EUPHONIC.format(names="ForceConstants")
-        + f"""
-fc = ForceConstants.from_phonopy(path=".", summary_name="phonopy_params.yaml")
-print(json.dumps(terahertz(fc.calculate_qpoint_phonon_modes(np.array({q}), asr=None))))
-""",
-    )
+    found = euphonic_terahertz(tmp_path, q)
     own = head(tmp_path / "phonopy_params.yaml")
     found, flat = without_flat_bands(np.array(found), own["zero_bands"])
     expected = ph.frequencies(q) / own["hertz"]

@@ -89,7 +89,7 @@ def by_green_function(eta: float, size: int) -> np.ndarray:
     ticks = (np.arange(size) + 0.5) / size
     q = medium.wavevectors(np.stack(np.meshgrid(ticks, ticks, indexing="ij"), -1).reshape(-1, 2))
     corona = np.array([unit(60.0 * i) for i in range(6)])
-    force = np.zeros((len(q), medium.dofs_per_ball), complex)
+    force = np.zeros((len(q), medium.motions.count), complex)
     force[:, :2] = np.exp(-1j * q @ corona.T) @ corona
     motion = np.linalg.solve(medium.dynamical_matrix(q), force[..., None])[:, :2, 0]
 

@@ -346,6 +346,13 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
             tradeoff(packing, force=1.0, observe=words)
 
 
+@pytest.mark.parametrize("lattice", ["chain", "fcc"])
+@pytest.mark.parametrize("observe", ["velocities", "dos"])
+def test_there_is_nothing_to_trade_on_a_line_and_in_space(packing, lattice, observe):
+    with pytest.raises(InputError, match=f"nothing is compared on the {lattice} lattice.*in the plane only"):
+        tradeoff(replace(packing, lattice=lattice), pressure=1.0, observe=(observe,))
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [

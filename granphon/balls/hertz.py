@@ -23,6 +23,8 @@ __all__ = [
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
 #: "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)
+#: least normal number of double precision; smaller numbers have lost digits
+_LEAST_NORMAL = np.finfo(float).tiny
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
@@ -129,7 +131,13 @@ class HertzLaw:
             raise InputError(
                 message("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
             )
-        return (np.cbrt(load / self.coefficient) ** 2)[()]
+        with np.errstate(over="ignore"):
+            ratio = load / self.coefficient
+        kept = (ratio >= _LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits
+        root = np.cbrt(ratio)
+        if not np.all(kept):
+            root = np.where(kept, root, np.cbrt(load) / np.cbrt(self.coefficient))
+        return (root**2)[()]
 
     def overlap_of_stiffness(self, stiffness: ArrayLike) -> Any:
         """Overlap delta = (2 k / 3 c)^2, m, at a normal ``stiffness`` k, N/m (the inverse of equation 2).

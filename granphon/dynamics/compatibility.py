@@ -104,11 +104,6 @@ class Compatibility:
         return self.motions.rotate
 
     @property
-    def dofs_per_ball(self) -> int:
-        """Number of motions of a ball: 6 in space with friction, 3 without; in the plane 3 and 2."""
-        return self.motions.count
-
-    @property
     def n_branches(self) -> int:
         """Number of branches: the degrees of freedom in the cell."""
         return self.motions.count * self.n_balls

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,27 +89,29 @@ class FreeMotions(LongWaves):
         vanish, them = ("vanishes", "it") if count == 1 else ("vanish", "them")
         return (
             f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these motions deform no contact;"
-            f" to stop {them}, {self._find_remedy()}",
+            f" to stop {them}, {self.find_remedy(lambda other: other.free_branches == 0)}",
         )
 
-    def _find_remedy(self) -> str:
-        """Return what would leave no branch that vanishes everywhere, in words: the fewest kinds of stiffness that do."""
+    def find_remedy(self, stops: Callable[[Self], bool]) -> str:
+        """Return what would stop a motion that costs nothing, in words: the fewest kinds of stiffness that do.
+
+        ``stops`` says whether the motion costs energy on the lattice that it is given, which has more kinds of stiffness.
+        """
         stiffness = {"friction": self.mindlin_ratio, "torsion": self.torsion, "bending": self.bending}
         missing = [name for name, present in stiffness.items() if not present]
         for several in range(1, len(missing) + 1):
-            enough = [names for names in itertools.combinations(missing, several) if self._stops(names)]
+            enough = [names for names in itertools.combinations(missing, several) if stops(self._add(names))]
             if enough:
                 return "add " + ", or ".join(", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough)
         return "use a lattice with more contacts"
 
-    def _stops(self, names: tuple[str, ...]) -> bool:
-        """Whether contacts with stiffness of these kinds too would leave no branch that vanishes at every wave vector."""
-        other = FreeMotions(
+    def _add(self, names: tuple[str, ...]) -> Self:
+        """Return the lattice whose contacts have stiffness of these kinds too; without static forces."""
+        return type(self)(
             self.cell, self.positions, self.contacts, 1.0 if "friction" in names else self.mindlin_ratio,
             masses=self.masses, gyration=self.gyration, torsion=1.0 if "torsion" in names else self.torsion,
             bending=1.0 if "bending" in names else self.bending, motions=self.named_motions,
         )  # fmt: skip
-        return other.free_branches == 0
 
     # -- modes that vanish at some wave vectors --------------------------------------------------------------------------
 

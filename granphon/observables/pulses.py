@@ -13,7 +13,7 @@ from granphon.balls.lattices import as_direction
 from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
-from granphon.dynamics.branches import AcousticBranch, AcousticBranches
+from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.state import ContactState, with_keyword
@@ -92,7 +92,8 @@ def pulse_velocities(
 
     Raises
     ------
-    UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency.
+    UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency; or its waves cost
+        no energy in that direction.
     InputError : a frequency that is not finite and above zero; an unknown branch; a direction that is not p finite numbers
         or has no length; frequencies whose shape does not broadcast against the load.
     MechanismError : a motion of the lattice costs no energy.
@@ -190,14 +191,25 @@ def _find_wavenumbers(
 def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
     """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
     wanted, top = (float(np.max(target * scale)), float(np.min(branch.top * scale)))
+    along = f"in direction ({', '.join(f'{one:.6g}' for one in branch.direction)})"
     if branch.top <= _NO_FREQUENCY:
-        ends = "Its waves cost no energy, because no contact resists them"
-    else:
-        ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
+
+        def travels(other: ContactLattice) -> bool:
+            found = follow_acoustic_branches(other, branch.direction)
+            return branch.name in found and found[branch.name].top > _NO_FREQUENCY
+
+        remedy = branch.lattice.find_remedy(travels)
+        return UnreachableFrequencyError(
+            message(
+                f"the {branch.name} branch has no pulses {along}",
+                "Its waves cost no energy there, as they deform no contact, so that their frequency is zero",
+                f"{remedy.capitalize()}, or name other branches",
+            )
+        )
+    ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
     return UnreachableFrequencyError(
         message(
-            f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz in direction"
-            f" ({', '.join(f'{one:.6g}' for one in branch.direction)})",
+            f"the {branch.name} branch does not reach {wanted / (2.0 * np.pi):.6g} Hz {along}",
             ends,
             "Lower the frequency, or name the branches that reach it",
         )

@@ -219,7 +219,8 @@ def _compute_validity(state: ContactState) -> Validity:
     if state.n_samples and state.packing.width and state.packing.mindlin_ratio:
         values["shear"] = _estimate_shear_deficit(state)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
-        values["torsion"] = state.relative_overlap / state.torsion
+        # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
+        values["torsion"] = 1.5 * state.force / state.normal_stiffness / d / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength

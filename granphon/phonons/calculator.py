@@ -54,7 +54,7 @@ _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
 #: sets of motions, by name, that force constants may be asked of
 _SUBSETS = {one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)}
 #: rows and columns of a matrix in Voigt order
-_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+_STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
 _EXTENTS = ("length along x", "area in the plane", "volume")
 
@@ -212,7 +212,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
             stress = np.zeros((3, 3))
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, contacts.vector) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
+            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
             raise InputError(
                 message(

@@ -213,7 +213,8 @@ def tradeoff(
     ------
     InputError : no load, or one that is not valid; equal balls of which nothing but velocities or bands is observed, as all
         media are exact then; balls of different diameters on another lattice than the triangular one, or with finite
-        overlap, where media have no reference; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
+        overlap, where media have no reference; a line or space, where densities of states have none either; fewer runs than
+        five, a budget of no seconds, an unknown word in ``observe``.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     if not isinstance(packing, Packing):

@@ -44,8 +44,12 @@ def choose_studies(
         quantities = tuple(name for name in QUANTITIES if asked[name])
         disorder = Disorder(packing, load, quantities, stopwatch)
         found += [MediaStudy(disorder), GridStudy(disorder), SolutionStudy(disorder)]
-    if "dos" in observe:
+    if "dos" in observe and packing.structure.periods == 2:
         found.append(MeshStudy(packing, load, finite_overlap))
+    if not found and packing.structure.periods != 2:
+        what = f"nothing is compared on the {packing.structure.name} lattice"
+        why = "All media are exact for equal balls, and a density of states has a reference in the plane only"
+        raise InputError(message(what, why, "Use a lattice in the plane"))
     if not found:
         mend = "Give the packing a spread, or observe dos, whose mesh can be chosen"
         raise InputError(
