@@ -338,8 +338,13 @@ def test_a_buckled_state_is_an_error():
     # compressed so far that the prestress of finite overlap wins
     state = at_overlap(0.9, friction=False, finite_overlap=True)
     ph = gp.Phonons(state)
-    with pytest.raises(InstabilityError, match="a squared frequency is negative"):
-        ph.frequencies([[0.5, 0.0]])
+    with pytest.raises(
+        InstabilityError, match=r"lattice triangular buckles: a squared frequency at q = \(0\.5, 0\) is"
+    ) as told:
+        ph.frequencies([[0.1, 0.0], [0.5, 0.0], [0.2, 0.0]])
+    assert "push the balls sideways" in str(told.value)
+    with pytest.raises(InstabilityError, match=r"at q = \(0\.5, 0\) is negative"):
+        ph.bands([[0.4, 0.0, 0.0], [0.5, 0.0, 0.0]], npoints=2)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.base.arguments import not_negative, real_array
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import read_only
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.dynamics.wave_rows import WaveRows
@@ -163,6 +163,31 @@ class Compatibility:
         rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
         near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
         return near, taken
+
+    def name_place(self, wavevector: Array) -> str:
+        """Return a wave vector (p,), 1/d, in fractions of the reciprocal cell, as text."""
+        fractions = wavevector @ self.cell[:, : self.periods].T / (2.0 * np.pi)
+        return f"q = ({', '.join(f'{one:.6g}' for one in np.round(fractions, 12) + 0.0)})"
+
+    def explain_buckling(self, where: str, motion: ArrayLike) -> InstabilityError:
+        """Return the error of a lattice that static forces make buckle, ``where`` in words, by a ``motion`` (n_u, ...).
+
+        The motion is displacements in the order of the translations; those across the periods have a reason of their own.
+        """
+        size = np.sum(np.abs(np.reshape(motion, (len(self.motions.translations), -1))) ** 2, axis=1)
+        across = np.array(self.motions.translations) >= self.periods
+        why = "The contact forces push the balls sideways more than the contacts hold them"
+        mend = "Lower the load, or leave finite_overlap off"
+        if self.dimension == self.periods < 3 and size[across].sum() > size[~across].sum():
+            flat, line, inner = ("straight chain", "line", "longitudinal")
+            if self.periods == 2:
+                flat, line, inner = ("flat layer", "plane", "in_plane")
+            why = (
+                f"Under pressure a {flat} of balls does so at any load: each contact pushes balls that leave the {line}"
+                " farther out, with the stiffness -f/a, and nothing else acts on long waves"
+            )
+            mend = f"Use the motions {inner}, or leave finite_overlap off"
+        return InstabilityError(message(f"the lattice {self.name} buckles: {where}", why, mend))
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
 

@@ -135,13 +135,14 @@ class FreeMotions(LongWaves):
             return ()
         first = int(np.argmax(soft > 0))
         asked = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))[first]
-        fractions = asked @ self.cell[:, : self.periods].T / (2.0 * np.pi)
-        place = ", ".join(f"{one:.6g}" for one in np.round(fractions, 12) + 0.0)
         several = int(soft.sum())
         modes, points = ("mode" if several == 1 else "modes"), np.count_nonzero(soft)
         vanish = "vanishes" if several == 1 else "vanish"
         where = f"at 1 of {len(q)} wave vectors" if points == 1 else f"at {points} of {len(q)} wave vectors"
-        return (f"{several} {modes} {vanish} {where}, the first at q = ({place}): these motions deform no contact there",)
+        place = self.name_place(asked)
+        return (
+            f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform no contact there",
+        )
 
     @cached_property
     def _zeros_at_gamma(self) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arguments import real_array
-from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.results import read_only
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
@@ -277,16 +277,15 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             # at every load of every state the same few directions are asked for
             return self._waves_along(tuple(along.tolist())) if along.ndim == 1 else self._compute_waves(along)
+        tensor = self.acoustic_tensor(along, prestress)
         try:
-            factor = cholesky_factor(self.acoustic_tensor(along, prestress))
+            factor = cholesky_factor(tensor)
         except np.linalg.LinAlgError:
-            raise InstabilityError(
-                message(
-                    "a squared sound velocity is negative",
-                    "The lattice buckles under the contact forces",
-                    "Lower the load, or leave finite_overlap off",
-                )
-            ) from None
+            squared, vectors = np.linalg.eigh(tensor)
+            worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
+            way = along if along.ndim == 1 else along[worst[-1]]
+            where = f"a squared sound velocity in direction ({', '.join(f'{one:.6g}' for one in way)}) is negative"
+            raise self.explain_buckling(where, vectors[worst][:, 0]) from None
         return self._decompose_waves(along, factor)
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.arguments import not_negative, positive
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.free_motions import FreeMotions
@@ -204,14 +204,29 @@ class ContactLattice(FreeMotions):
 
     def _solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the frame."""
-        if len(self._blocks) == 1:
-            return self._blocks[0].solve(q)
-        values, vectors, _ = self._join([(*block.solve(q), np.zeros((len(q), block.size, 0))) for block in self._blocks])
+        try:
+            found = [block.solve(q) for block in self._blocks]
+        except InstabilityError:
+            raise self._find_buckling(q) from None
+        if len(found) == 1:
+            return found[0]
+        values, vectors, _ = self._join([(*one, np.zeros((len(q), one[0].shape[1], 0))) for one in found])
         return values, vectors
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
-        return self._join([block.solve_with_velocities(q, along) for block in self._blocks])
+        try:
+            return self._join([block.solve_with_velocities(q, along) for block in self._blocks])
+        except InstabilityError:
+            raise self._find_buckling(q) from None
+
+    def _find_buckling(self, q: Array) -> InstabilityError:
+        """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""
+        squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
+        place = int(np.argmin(squared[:, 0]))
+        where = f"a squared frequency at {self.name_place(q[place])} is negative, {squared[place, 0]:.3g} k/M"
+        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[:, self.motions.translating]
+        return self.explain_buckling(where, motion.T)
 
     def _join(self, found: list[tuple[Array, NDArray[Any], Array]]) -> tuple[Array, NDArray[Any], Array]:
         """Return the frequencies, eigenvectors and velocities of all blocks as those of the lattice, ascending."""
