@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
 import subprocess
@@ -14,10 +15,11 @@ import pytest
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
-from granphon.base.errors import InputError, MechanismError, SceneError
+from granphon.base.errors import InputError, InstabilityError, MechanismError, SceneError
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
+from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.scene.scene import Load, Scene
 
@@ -175,6 +177,11 @@ MISTAKES = {
     ),
     "motions of a sweep": (
         "lattice: fcc", "", "sweep: {motions: [all, in_plane]}", "4: sweep.motions.1", "'in_plane'", "all", "in space",
+    ),
+    "motions of a sweep over lattices": (
+        "", "",
+        "sweep: {motions: [in_plane], lattice: [square, {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}]}",
+        "4: sweep.motions.0", "'in_plane'", "all; the flat lattice", "in space",
     ),
     "negative torsion of a sweep": (
         "lattice: fcc", "", "sweep: {torsion: [0, -1]}", "4: sweep.torsion.1", "-1", "zero or above", "",
@@ -399,6 +406,54 @@ def test_a_sweep_over_motions_of_a_chain(steel):
         assert here["bulk"].values == pytest.approx(state.normal_stiffness * 8e-3, rel=1e-14)
 
 
+def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp_path):
+    packing = gp.Packing(steel, 8e-3)
+    data = gp.sweep(packing, force=[1.0, 2.0], motions=["in_plane", "out_of_plane", "all"], path=tmp_path / "sweep.nc")
+    plane = gp.sweep(packing, force=[1.0, 2.0])
+    for name in ("longitudinal", "transverse", "bulk", "shear"):
+        for motions in ("in_plane", "all"):
+            np.testing.assert_allclose(data[name].sel(motions=motions), plane[name], rtol=1e-14)
+        assert np.all(np.isnan(data[name].sel(motions="out_of_plane")))
+    assert np.all(np.isnan(data["out_of_plane"].sel(motions="in_plane")))
+    assert np.all(data["out_of_plane"].sel(motions=["out_of_plane", "all"]) == 0.0)
+    assert json.loads(data.attrs["warnings"]) == [
+        "ala, motions = in_plane: out_of_plane is nan, as balls with these motions have no such wave",
+        "ala, motions = out_of_plane: longitudinal, transverse, bulk, shear are nan, as balls with these motions have"
+        " no such waves",
+    ]
+    assert data.equals(gp.load_sweep(tmp_path / "sweep.nc"))
+    figure = sweep_figure(data)
+    assert {text.get_text() for text in figure.axes[0].texts} == {"$v_L$", "$v_T$"}
+    assert all(np.all(np.isfinite(text.xy)) for text in figure.axes[0].texts)
+    # a tensor stands for bulk and shear modulus if one of the lattices is not isotropic
+    mixed = gp.sweep(packing, force=1.0, lattice=["square", "triangular"])
+    assert "tensor" in mixed
+    assert "bulk" not in mixed
+    assert json.loads(mixed.attrs["warnings"]) == []
+
+
+def test_a_sweep_over_lattices_of_which_one_has_no_pressure(steel):
+    slim = gp.Lattice("slim", [[0.8, 0.6], [-0.8, 0.6]])
+    data = gp.sweep(gp.Packing(steel, 8e-3), force=1.0, lattice=["square", slim])
+    assert np.isnan(data["pressure"].sel(lattice="slim"))
+    assert data["pressure"].sel(lattice="square").item() == pytest.approx(1.0 / 8e-3)
+    told = json.loads(data.attrs["warnings"])
+    assert told == ["ala, lattice = slim: pressure is nan, as the stress of the lattice is not one"]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [({"friction": False, "lattice": ["fcc", "diamond"]}, r"^ala, lattice = diamond: the lattice diamond is a mechanism"),
+     ({"lattice": ["triangular"], "motions": ["in_plane", "all"], "finite_overlap": True},
+      "^ala, lattice = triangular, motions = all: the lattice triangular buckles")],
+)  # fmt: skip
+def test_a_sweep_without_sound_leaves_nothing_behind(steel, tmp_path, given, told):
+    packing = gp.Packing(steel, 8e-3, lattice=given["lattice"][0], friction=given.pop("friction", True))
+    with pytest.raises((MechanismError, InstabilityError), match=told):
+        gp.sweep(packing, force=[1.0, 2.0], path=tmp_path / "sweep.nc", **given)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_sweep_over_torsion_may_have_a_word_among_its_values(steel, tmp_path):
     packing = gp.Packing(steel, 8e-3, lattice="hcp")
     data = gp.sweep(packing, force=[1.0, 8.0], torsion=[0.0, "mindlin"], bands="GA", npoints=3, path=tmp_path / "t.nc")
@@ -417,6 +472,12 @@ def test_a_sweep_over_torsion_may_have_a_word_among_its_values(steel, tmp_path):
         packing, force=[1.0, 8.0], torsion=[0.0, "mindlin"], bands="GA", npoints=3, path=tmp_path / "t.nc", resume=True
     )
     assert again.equals(data)
+
+
+def test_motions_are_judged_by_the_lattices_of_a_sweep_and_not_by_the_packings_own():
+    flat = "lattice: {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}"  # its balls may have all motions only
+    scene = read(flat, rest="sweep: {lattice: [triangular, square], motions: [in_plane, all]}")
+    assert dict(scene.parameters)["motions"] == ("in_plane", "all")
 
 
 def test_a_scene_sweeps_lattices_of_another_dimension_than_its_packing(tmp_path):

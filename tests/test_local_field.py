@@ -83,15 +83,16 @@ def test_reference_values():
 # -- second route: the definition that opens the appendix, by D(q)^-1 on a mesh ------------------------------------
 
 
-def by_green_function(eta: float, size: int) -> np.ndarray:
+def by_green_function(eta: float, size: int, bending: float = 0.0, turning: bool = True) -> np.ndarray:
     """(alpha, beta, Xi) from the displacements under unit radial forces, half-shifted mesh of size^2 wave vectors."""
-    medium = ContactLattice.of(TRIANGULAR, eta)
+    medium = ContactLattice.of(TRIANGULAR, eta, bending=bending)
     ticks = (np.arange(size) + 0.5) / size
     q = medium.wavevectors(np.stack(np.meshgrid(ticks, ticks, indexing="ij"), -1).reshape(-1, 2))
     corona = np.array([unit(60.0 * i) for i in range(6)])
     force = np.zeros((len(q), medium.motions.count), complex)
     force[:, :2] = np.exp(-1j * q @ corona.T) @ corona
-    motion = np.linalg.solve(medium.dynamical_matrix(q), force[..., None])[:, :2, 0]
+    free = slice(None) if turning else slice(0, 2)
+    motion = np.linalg.solve(medium.dynamical_matrix(q)[:, free, free], force[:, free, None])[:, :2, 0]
 
     def along(places):
         # the mean over the six, as in (A7): a shifted mesh lacks the symmetry of the lattice, and one alone has order two
@@ -109,6 +110,21 @@ def test_green_function_on_a_mesh_has_its_order_and_extrapolates(eta):
     orders = np.log2((values[2] - exact) / (values[4] - exact))
     np.testing.assert_allclose(orders, 6.0 if eta == 1.0 else 4.0, atol=0.15)
     np.testing.assert_allclose(extrapolated(sizes, values, order=4), exact, rtol=1e-10)
+
+
+def test_bending_hinders_the_balls_from_turning():
+    sizes = [16, 24, 32, 48]
+    field, values = local_field("triangular", 0.84, 0.3), [by_green_function(0.84, size, 0.3) for size in sizes]
+    np.testing.assert_allclose(triple(field), extrapolated(sizes, values, order=4), rtol=1e-8)
+    assert abs(field.xi - local_field("triangular", 0.84).xi) > 1e-6
+    # the balls do not turn at all if bending is large; they do not without friction, whatever the bending
+    still = extrapolated(sizes, [by_green_function(0.84, size, turning=False) for size in sizes], order=4)
+    np.testing.assert_allclose(triple(local_field("triangular", 0.84, 1e6)), still, rtol=1e-8)
+    assert local_field("triangular", 0.0, 0.3).xi == local_field("triangular", 0.0).xi
+    # the honeycomb, whose balls roll like gears, has a local field with bending only
+    assert local_field("honeycomb", 0.84, 0.1).xi > 0.0
+    with pytest.raises(MechanismError):
+        local_field("honeycomb", 0.84)
 
 
 # -- third route: a finite cluster in real space ---------------------------------------------------------------------

@@ -19,6 +19,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, MechanismError, PrecisionError
+from granphon.dynamics.local_field import local_field
 from granphon.observables.velocities import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
@@ -446,6 +447,20 @@ def test_loads_too_low_for_the_medium(steel, rung):
         assert medium.at_force(1.001e-6 * unit).valid is False
         with pytest.raises(PrecisionError, match="1e-06"):
             medium.at_force(0.999e-6 * unit)
+
+
+def test_the_effective_medium_has_the_local_field_of_its_bending(steel):
+    rough = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), lattice="square")
+    plain = gp.EffectiveMedium(rough).at_force(18.446)
+    for more in ({"motions": "all"}, {"motions": "all", "torsion": 0.1}, {"motions": "out_of_plane"}):
+        state = gp.EffectiveMedium(dataclasses.replace(rough, **more)).at_force(18.446)
+        assert state.normal_stiffness == plain.normal_stiffness
+    for more in ({"bending": 0.1}, {"motions": "all", "bending": 0.1}):
+        medium = gp.EffectiveMedium(dataclasses.replace(rough, **more))
+        assert medium.local_field == local_field("square", rough.mindlin_ratio, 0.1)
+        assert medium.at_force(18.446).normal_stiffness < plain.normal_stiffness
+    with pytest.raises(InputError, match="the paper gives no local field with bending"):
+        gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), bending=0.1), local_field="paper")
 
 
 def test_validity_and_regime_at_their_borders(steel):

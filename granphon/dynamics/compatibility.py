@@ -178,7 +178,8 @@ class Compatibility:
         across = np.array(self.motions.translations) >= self.periods
         why = "The contact forces push the balls sideways more than the contacts hold them"
         mend = "Lower the load, or leave finite_overlap off"
-        if self.dimension == self.periods < 3 and size[across].sum() > size[~across].sum():
+        flat = not np.any(self.contacts.normal[:, self.periods :])
+        if flat and size[across].sum() > size[~across].sum():
             flat, line, inner = ("straight chain", "line", "longitudinal")
             if self.periods == 2:
                 flat, line, inner = ("flat layer", "plane", "in_plane")

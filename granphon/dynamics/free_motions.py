@@ -140,9 +140,7 @@ class FreeMotions(LongWaves):
         vanish = "vanishes" if several == 1 else "vanish"
         where = f"at 1 of {len(q)} wave vectors" if points == 1 else f"at {points} of {len(q)} wave vectors"
         place = self.name_place(asked)
-        return (
-            f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform no contact there",
-        )
+        return (f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform no contact there",)
 
     @cached_property
     def _zeros_at_gamma(self) -> int:

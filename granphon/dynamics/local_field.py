@@ -55,13 +55,17 @@ class LocalField(Result):
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.
+    bending : stiffness of a contact against rolling, over k d^2.
     """
+
+    added = ("bending",)
 
     alpha: float | None
     beta: float | None
     xi: float
     mindlin_ratio: float
     lattice: str
+    bending: float = 0.0
 
     @property
     def compliance(self) -> float:
@@ -85,7 +89,7 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
     return LocalField(alpha, beta, compute_xi(alpha, beta, eta), eta, TRIANGULAR.name)
 
 
-def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0) -> LocalField:
+def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, bending: float = 0.0) -> LocalField:
     """Find the local field of a lattice of equal balls, with rotations relaxed, to 1e-10 or better.
 
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi - 39 sqrt(3)/2) / D,
@@ -94,7 +98,9 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
     Parameters
     ----------
     lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over them.
-    mindlin_ratio : eta, zero or above; at zero the balls do not turn.
+    mindlin_ratio : eta, zero or above; at zero the tension of the star turns no ball.
+    bending : stiffness of a contact against rolling over k d^2, which hinders the balls from turning. Torsion, and motions
+        out of the plane, take no part.
 
     Returns
     -------
@@ -102,27 +108,30 @@ def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0)
 
     Raises
     ------
-    InputError : eta is below zero or not finite, or the lattice is unknown.
+    InputError : eta or the bending is below zero or not finite, or the lattice is unknown.
     MechanismError : the lattice has a motion that costs no energy.
     PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
     """
-    return _compute_local_field(find_lattice(lattice), not_negative("mindlin_ratio", mindlin_ratio))
+    eta, roll = not_negative("mindlin_ratio", mindlin_ratio), not_negative("bending", bending)
+    # without slip nothing turns the balls, so that they do not roll
+    return _compute_local_field(find_lattice(lattice), eta, roll if eta else 0.0)
 
 
 @lru_cache(maxsize=256)
-def _compute_local_field(structure: Lattice, eta: float) -> LocalField:
+def _compute_local_field(structure: Lattice, eta: float, bending: float) -> LocalField:
     if structure.periods != 2:
         what = f"the local field of the {structure.name} lattice is not known"
         raise InputError(message(what, "That of lattices in the plane is", "Use 'ala' or 'afa', or equal balls"))
-    medium = ContactLattice.of(structure, eta)
+    medium = ContactLattice.of(structure, eta, bending=bending)
     medium.require_rigid()
     star, *second = _find_elongations(medium, structure.name)
     xi = 1.0 / star - 1.0
     if not second:
-        return LocalField(None, None, xi, eta, structure.name)
+        return LocalField(None, None, xi, eta, structure.name, bending)
     # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
     on_top, bridge = second
-    return LocalField(1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0), xi, eta, structure.name)
+    beta = (1.0 + 2.0 * bridge / star) / np.sqrt(3.0)
+    return LocalField(1.0 + on_top / star, beta, xi, eta, structure.name, bending)
 
 
 def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:

@@ -245,7 +245,8 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str, drawn: dict[str, str]) 
     ends: dict[str, float] = {}
     for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
-        ends[name] = max(float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all")
+        last_values = [np.asarray(line.get_ydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
+        ends[name] = float(np.nanmax(last_values))
     scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
     to_axes, last = ax.transData - ax.transAxes, -np.inf

@@ -179,7 +179,7 @@ class EffectiveMedium(_ByLaw):
 
     Raises
     ------
-    InputError : another word, or "paper" on another lattice.
+    InputError : another word, or "paper" on another lattice or with bending.
     """
 
     name = "ema"
@@ -193,6 +193,8 @@ class EffectiveMedium(_ByLaw):
             raise InputError(
                 message(f"the paper gives no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
             )
+        if local_field == "paper" and isinstance(packing, Packing) and packing.bending:
+            raise InputError(message("the paper gives no local field with bending", mend="Use 'computed'"))
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
         self.__post_init__()
@@ -202,9 +204,9 @@ class EffectiveMedium(_ByLaw):
 
     @cached_property
     def local_field(self) -> LocalField:
-        """Local-field factor Xi, with alpha and beta, of the packing's lattice and Mindlin ratio."""
-        eta = self.packing.mindlin_ratio
-        return paper_local_field(eta) if self.source == "paper" else local_field(self.packing.structure, eta)
+        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio and bending."""
+        packing, eta = self.packing, self.packing.mindlin_ratio
+        return paper_local_field(eta) if self.source == "paper" else local_field(packing.structure, eta, packing.bending)
 
     @property
     def _law(self) -> Law:

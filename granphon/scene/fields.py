@@ -6,7 +6,7 @@ A rule reads a value or raises :class:`~granphon.base.errors.Refused`, see :mod:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -220,11 +220,14 @@ def read_media(value: Any) -> tuple[MediumChoice, ...]:
 def read_parameters(value: Any, folder: Path, lattice: Lattice = TRIANGULAR) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Read the parameters of the packing that a sweep varies, each with its values, in the order given.
 
-    If the lattice is not swept, it is ``lattice``.
+    If the lattice is not swept, it is ``lattice``. Motions must be those of every lattice.
     """
+    swept = read_lattices(value["lattice"]) if isinstance(value, Mapping) and "lattice" in value else (lattice,)
+    lattices = tuple(map(find_lattice, swept))
     numbers: dict[str, Rule] = {name: kind.read for name, kind in _QUANTITIES.items()} | _PLAIN
     others: dict[str, Rule] = {
-        "spread": partial(read_spread, folder=folder), "friction": truth, "motions": partial(read_motions, lattice=lattice),
+        "spread": partial(read_spread, folder=folder), "friction": truth,
+        "motions": partial(read_motions, lattices=lattices),
     }  # fmt: skip
     rules: dict[str, Rule] = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
     rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
@@ -289,7 +292,7 @@ def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
 def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
     """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep in another dimension."""
     first = find_lattice(swept[0]) if swept else own
-    return own if first.periods == own.periods else first
+    return own if (first.periods, first.dimension) == (own.periods, own.dimension) else first
 
 
 def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
@@ -300,14 +303,15 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
     return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
 
 
-def read_motions(value: Any, lattice: Lattice) -> str:
-    """Read the name of motions that the balls of a lattice can have."""
-    options = tuple(allowed_motions(lattice.dimension))
-    if isinstance(value, str) and value in options:
-        return value
-    allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
-    meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
-    raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+def read_motions(value: Any, lattices: Sequence[Lattice]) -> str:
+    """Read the name of motions that the balls of each of the lattices can have."""
+    for lattice in lattices:
+        options = tuple(allowed_motions(lattice.dimension))
+        if not (isinstance(value, str) and value in options):
+            allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
+            meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
+            raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+    return str(value)
 
 
 def read_torsion(value: Any) -> float | str:

@@ -44,7 +44,7 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
         },
         "packing": {
             "lattice": fields.read_lattice, "diameter": LENGTH.read, "spread": partial(fields.read_spread, folder=folder),
-            "friction": truth, "finite_overlap": truth, "motions": partial(fields.read_motions, lattice=lattice),
+            "friction": truth, "finite_overlap": truth, "motions": partial(fields.read_motions, lattices=(lattice,)),
             "torsion": fields.read_torsion, "bending": zero_or_above,
         },
         "load": {

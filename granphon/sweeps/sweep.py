@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
 from granphon.base.staging import ResultFiles
@@ -30,7 +30,8 @@ from granphon.base.text import versions
 from granphon.base.validation import require, truth
 from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.long_waves import voigt_names
-from granphon.media.cases import Grid
+from granphon.dynamics.modes import ContactLattice
+from granphon.media.cases import Case, Grid
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
@@ -46,6 +47,8 @@ __all__ = ["sweep", "sweep_grid"]
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
+#: a prestress f/(k a) so small that a lattice which buckles under it does so under any
+_LEAST_PUSH = 1e-30
 
 
 # -- the sweep ------------------------------------------------------------------------------------------------------
@@ -109,6 +112,7 @@ def sweep(
     sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
     ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
+    velocities and moduli that balls with some of the swept motions do not have are nan there, and the warnings say which;
     and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
     ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
@@ -117,7 +121,9 @@ def sweep(
     InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
         bands over parameters that change the number of branches, a simulation with finite overlap, lattices of different
         dimension.
-    MechanismError : the lattice is a mechanism; with bands, velocities and moduli are left out instead, with a warning.
+    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, velocities and moduli are left
+        out instead, with a warning.
+    InstabilityError : with finite overlap, a lattice buckles.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and ``overwrite`` is off;
         raised before anything is computed.
     OutputError : the files cannot be written; raised before anything is computed if that can be known by then.
@@ -155,6 +161,8 @@ def sweep_grid(
     cases = grid.cases
     way = None if bands is None else _Way.of([case.packing for case in cases], bands, npoints, labels)
     frame = _make_frame(grid, way)
+    if way is None:  # bands are those of a mechanism too
+        _require_sound(cases)
     target = _choose_target(path, resume)
     if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
@@ -217,6 +225,27 @@ class _Way:
         # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
         return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
+
+
+def _require_sound(cases: Sequence[Case]) -> None:
+    """Raise if a lattice has no sound, before anything is computed: a mechanism, or one that buckles under any load.
+
+    Of the stiffnesses of contacts it matters only which of them there are.
+    """
+    known: set[tuple[Any, ...]] = set()
+    for case in cases:
+        packing = case.packing
+        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
+        kind = (packing.structure, present, packing.ball_motions, case.finite_overlap)
+        if kind in known:
+            continue
+        known.add(kind)
+        eta, torsion, bending = present
+        lattice = ContactLattice.of(packing.structure, eta, torsion=torsion, bending=bending, motions=packing.ball_motions)
+        try:
+            lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if case.finite_overlap else None)
+        except (MechanismError, InstabilityError) as error:
+            raise type(error)(f"{case.label}: {error}") from None
 
 
 def _choose_target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
@@ -287,13 +316,15 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     # the standard error of a medium that samples nothing is zero
     exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
+    labels = [case.label for case in grid.cases]
+    warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
+    parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
+    warnings += [f"{label}: {text}" for label, text in zip(labels, missing, strict=True) if text]
     if any(medium.is_automatic for medium in grid.media):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
-    # keep the variables that every medium gives; the tensor only where bulk and shear moduli do not replace it
+    # keep the variables that every case has
     names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
     packing = grid.cases[0].packing
-    if "bulk" in names and ("shear" in names or packing.structure.periods == 1):
-        names.remove("tensor")
     variables: dict[str, Any] = {}
     for name in names:
         stack = np.array([part[name] for part in parts])
@@ -303,10 +334,37 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     if "tensor" in names:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
-    labels = [case.label for case in grid.cases]
-    warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
+
+
+def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
+    """Return results in which velocities, moduli and pressures that only some of them have are nan in the others.
+
+    For each result, a sentence says which are nan and why; it is empty if none is, and for a mechanism, which has its own
+    warning. Bulk and shear moduli are left out if one of the lattices has a tensor without them, else the tensor is.
+    """
+    known = {
+        name: value for part in reversed(parts) for name, value in part.items() if _is_of_sound(name) or name == "pressure"
+    }
+    left_out = {name for name in ("bulk", "shear") if any("tensor" in part and name not in part for part in parts)}
+    if "bulk" in known and left_out <= ({"shear"} if periods == 1 else set()):
+        left_out.add("tensor")
+    filled, missing = list[TaskResult](), list[str]()
+    for part in parts:
+        nans = {name: np.full_like(one, np.nan) for name, one in known.items() if name not in part and name not in left_out}
+        filled.append({name: one for name, one in part.items() if name not in left_out} | nans)
+        told = ["pressure is nan, as the stress of the lattice is not one"] * (nans.pop("pressure", None) is not None)
+        if nans and any(map(_is_of_sound, part)):
+            are, waves = ("is", "wave") if len(nans) == 1 else ("are", "waves")
+            told.append(f"{', '.join(nans)} {are} nan, as balls with these motions have no such {waves}")
+        missing.append("; ".join(told))
+    return filled, missing
+
+
+def _is_of_sound(name: str) -> bool:
+    """Whether a quantity is a velocity or a modulus."""
+    return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
 def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
