@@ -432,15 +432,6 @@ def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp
     assert json.loads(mixed.attrs["warnings"]) == []
 
 
-def test_a_sweep_over_lattices_of_which_one_has_no_pressure(steel):
-    slim = gp.Lattice("slim", [[0.8, 0.6], [-0.8, 0.6]])
-    data = gp.sweep(gp.Packing(steel, 8e-3), force=1.0, lattice=["square", slim])
-    assert np.isnan(data["pressure"].sel(lattice="slim"))
-    assert data["pressure"].sel(lattice="square").item() == pytest.approx(1.0 / 8e-3)
-    told = json.loads(data.attrs["warnings"])
-    assert told == ["ala, lattice = slim: pressure is nan, as the stress of the lattice is not one"]
-
-
 @pytest.mark.parametrize(
     ("given", "told"),
     [({"friction": False, "lattice": ["fcc", "diamond"]}, r"^ala, lattice = diamond: the lattice diamond is a mechanism"),

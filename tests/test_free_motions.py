@@ -315,11 +315,34 @@ def test_modes_that_vanish_at_a_point_are_zero_and_said(name, motions, point, so
     shown = ", ".join(f"{one:.6g}" for one in point)
     assert sentence.startswith(f"{soft} mode")
     assert f"q = ({shown})" in sentence
-    modes = lattice.modes(q, GENERIC[lattice.periods])
+    along = np.array(GENERIC[lattice.periods]) / np.linalg.norm(GENERIC[lattice.periods])
+    modes = lattice.modes(q, along)
     assert np.all(modes.frequencies[1, : zeros[1]] == 0.0)
     assert np.all(modes.group_velocities[1, : lattice.free_branches] == 0.0)
-    if not sound:
-        assert np.all(modes.group_velocities[1, : zeros[1]] == 0.0)
+    # beside the point their frequencies are cones, whose slope is the velocity at the point
+    beside = lattice.modes(q[1:] + 1e-6 * along, along)
+    soft_ones = slice(lattice.free_branches, zeros[1])
+    assert_allclose(modes.group_velocities[1, soft_ones] @ along, beside.frequencies[0, soft_ones] / 1e-6, rtol=1e-5)
+    assert_allclose(modes.group_velocities[1, soft_ones], beside.group_velocities[0, soft_ones], atol=2e-5)
+    overlap = np.abs(np.einsum("mb,mb->b", modes.eigenvectors[1].conj(), beside.eigenvectors[0]))
+    assert_allclose(overlap[soft_ones], 1.0, atol=1e-5)
+
+
+def test_cones_at_soft_points_in_closed_form():
+    # antiphase rotations turn w at M or R, with the displacements that their slip moves: D_ww = 5 eta x^2/2 for each contact
+    # across the axis, D_uw = sqrt 10 eta x, and D_uu = 4 (1 + eta) in the square lattice, 4 (1 + 2 eta) in sc
+    square, sc = make("square"), make("sc", ALL)
+    corner = square.wavevectors([[0.5, 0.5]])
+    for direction in ((1.0, 0.0), (0.6, -0.8)):
+        v = square.modes(corner, direction).group_velocities[0, 0]
+        assert_allclose(v, math.sqrt(2.5 * ETA / (1 + ETA)) * np.array(direction), rtol=1e-14, atol=1e-15)
+    v = sc.modes(sc.wavevectors([[0.5, 0.5, 0.5]]), (0.0, 1.0, 0.0)).group_velocities[0, :3]
+    speed = math.sqrt(2.5 * ETA * (1 + ETA) / (1 + 2 * ETA))
+    assert_allclose(v, [[0, 0, 0], [0, speed, 0], [0, speed, 0]], rtol=1e-14, atol=1e-14)
+    # a branch that vanishes on a line has no slope along it
+    line = sc.modes(sc.wavevectors([[0.5, 0.5, 0.2]]), (0.0, 0.0, 1.0))
+    assert np.all(line.group_velocities[0, 0] == 0.0)
+    assert line.frequencies[0, 0] == 0.0
 
 
 def test_soft_modes_are_found_under_prestress():

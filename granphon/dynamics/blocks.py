@@ -161,10 +161,41 @@ class Block:
             # branches that vanish everywhere have no order among themselves
             joined[:, : self.free if np.any(values[:, 0] == 0.0) else 0] = False
             self._resolve(point, right, slopes, joined, along)
-        # d(omega^2)/dq over 2 omega; a mode of zero frequency does not travel
+        # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
+        if self.pushing is None:
+            zeros = np.count_nonzero(values == 0.0, axis=1)
+            for at in np.flatnonzero(zeros > self.free).tolist():
+                self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
         return values, self._turn_back(point, right), velocities
+
+    def _leave_zero(
+        self, point: _Point, at: int, values: Array, right: NDArray[Any], velocities: Array, along: Array
+    ) -> None:
+        """Turn the modes (n, n) of zero frequency at one point, in place, into those that a path follows as it leaves it.
+
+        Their velocities (n, p) become the limits along that direction. Beside the point their frequencies are cones: the
+        singular values of the change of C, less what the other motions can take up, as those of sound are beside Gamma.
+        """
+        count = int(np.count_nonzero(values == 0.0))
+        motions = right if point.basis is None else point.basis[at] @ right
+        rows, slope = (self.deforming.compute_rows(point.q[at : at + 1], derivative)[0] for derivative in (False, True))
+        taken = np.linalg.qr((rows @ motions[:, count:]) / values[count:])[0]
+        change = self.deforming.repeat_half_vectors().T[:, :, None] * (slope @ motions[:, :count])
+        change = change - taken @ (taken.conj().T @ change)
+        ahead = np.pad(np.einsum("a,amz->mz", along, change), ((0, max(0, count - len(rows))), (0, 0)))
+        left, speeds, turn = np.linalg.svd(ahead, full_matrices=False)
+        left, speeds, turn = left[: len(rows), ::-1], speeds[::-1], turn[::-1].conj().T
+        speeds = np.where(speeds <= _ROUNDING * self._largest, 0.0, speeds)
+        for _, part in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
+            # modes of one speed stay as they are, as far as they can
+            u, _, vh = np.linalg.svd(turn[part, part])
+            back = (u @ vh).conj().T
+            turn[:, part], left[:, part] = turn[:, part] @ back, left[:, part] @ back
+        right[:, :count] = right[:, :count] @ turn
+        found = np.einsum("mz,amz->za", left.conj(), change @ turn).real
+        velocities[:count] = np.where(speeds[:, None] > 0.0, found, 0.0)
 
     def _resolve(self, point: _Point, right: NDArray[Any], slopes: _Slopes, joined: NDArray[np.bool_], along: Array) -> None:
         """Turn the vectors of each degenerate set, in place, into those of the branches along a direction."""
