@@ -328,10 +328,11 @@ def test_modes_that_vanish_at_a_point_are_zero_and_said(name, motions, point, so
     assert_allclose(overlap[soft_ones], 1.0, atol=1e-5)
 
 
+@pytest.mark.claim("soft-cones")
 def test_cones_at_soft_points_in_closed_form():
     # antiphase rotations turn w at M or R, with the displacements that their slip moves: D_ww = 5 eta x^2/2 for each contact
     # across the axis, D_uw = sqrt 10 eta x, and D_uu = 4 (1 + eta) in the square lattice, 4 (1 + 2 eta) in sc
-    square, sc = make("square"), make("sc", ALL)
+    square, sc = make("square", IN_PLANE), make("sc", ALL)
     corner = square.wavevectors([[0.5, 0.5]])
     for direction in ((1.0, 0.0), (0.6, -0.8)):
         v = square.modes(corner, direction).group_velocities[0, 0]
@@ -339,6 +340,10 @@ def test_cones_at_soft_points_in_closed_form():
     v = sc.modes(sc.wavevectors([[0.5, 0.5, 0.5]]), (0.0, 1.0, 0.0)).group_velocities[0, :3]
     speed = math.sqrt(2.5 * ETA * (1 + ETA) / (1 + 2 * ETA))
     assert_allclose(v, [[0, 0, 0], [0, speed, 0], [0, speed, 0]], rtol=1e-14, atol=1e-14)
+    # with all motions of a plane, branches stand in the order that they have beside the point
+    every = make("square", ALL)
+    at, beside = (every.modes(every.wavevectors([[0.5, 0.5]]) + [[step, 0.0]], (1.0, 0.0)) for step in (0.0, 1e-6))
+    assert_allclose(at.group_velocities[0, :3], beside.group_velocities[0, :3], atol=1e-5)
     # a branch that vanishes on a line has no slope along it
     line = sc.modes(sc.wavevectors([[0.5, 0.5, 0.2]]), (0.0, 0.0, 1.0))
     assert np.all(line.group_velocities[0, 0] == 0.0)
@@ -351,6 +356,10 @@ def test_soft_modes_are_found_under_prestress():
     values = lattice.frequencies(q)
     assert np.count_nonzero(values == 0.0, axis=1).tolist() == [3, 0, 3]
     assert lattice.soft_mode_warnings(q, values)[0].startswith("3 modes vanish at 1 of 3 wave vectors")
+    along = np.array(GENERIC[3])
+    at, beside = lattice.modes(q[:1], along), lattice.modes(q[:1] + 1e-4 * along, along)
+    assert_allclose(at.group_velocities[0, :3] @ along, beside.frequencies[0, :3] / 1e-4, rtol=1e-6)
+    assert_allclose(at.group_velocities[0, :3], beside.group_velocities[0, :3], atol=1e-4)
 
 
 def test_sound_at_gamma_and_its_copies_is_no_soft_mode():

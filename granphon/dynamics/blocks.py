@@ -164,10 +164,8 @@ class Block:
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
-        if self.pushing is None:
-            zeros = np.count_nonzero(values == 0.0, axis=1)
-            for at in np.flatnonzero(zeros > self.free).tolist():
-                self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
+        for at in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
+            self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
         return values, self._turn_back(point, right), velocities
 
     def _leave_zero(
@@ -179,23 +177,33 @@ class Block:
         singular values of the change of C, less what the other motions can take up, as those of sound are beside Gamma.
         """
         count = int(np.count_nonzero(values == 0.0))
-        motions = right if point.basis is None else point.basis[at] @ right
-        rows, slope = (self.deforming.compute_rows(point.q[at : at + 1], derivative)[0] for derivative in (False, True))
-        taken = np.linalg.qr((rows @ motions[:, count:]) / values[count:])[0]
-        change = self.deforming.repeat_half_vectors().T[:, :, None] * (slope @ motions[:, :count])
-        change = change - taken @ (taken.conj().T @ change)
-        ahead = np.pad(np.einsum("a,amz->mz", along, change), ((0, max(0, count - len(rows))), (0, 0)))
-        left, speeds, turn = np.linalg.svd(ahead, full_matrices=False)
-        left, speeds, turn = left[: len(rows), ::-1], speeds[::-1], turn[::-1].conj().T
-        speeds = np.where(speeds <= _ROUNDING * self._largest, 0.0, speeds)
+        motions, q = right if point.basis is None else point.basis[at] @ right, point.q[at : at + 1]
+        kinds = (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
+        rows, slope = (np.concatenate([one.compute_rows(q, d)[0] for one in kinds]) for d in (False, True))
+        half = np.concatenate([one.repeat_half_vectors() for one in kinds])
+        others = rows @ motions[:, count:] / values[count:]
+        change = half.T[:, :, None] * (slope @ motions[:, :count])
+        ahead = np.tensordot(along, change, 1)
+        if self.signs is None:
+            taken = np.linalg.qr(others)[0]
+            change, ahead = (one - taken @ (taken.conj().T @ one) for one in (change, ahead))
+            forms = change.conj().swapaxes(1, 2) @ ahead
+            _, speeds, turn = np.linalg.svd(np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0))), full_matrices=False)
+            speeds, turn = speeds[::-1], turn[::-1].conj().T
+        else:
+            weight = np.concatenate([np.ones((self.n_rows, 1)), -self.signs])
+            pull, pull_ahead = (others.conj().T @ (weight * one) for one in (change, ahead))
+            forms = change.conj().swapaxes(1, 2) @ (weight * ahead) - pull.conj().swapaxes(1, 2) @ pull_ahead
+            squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
+            speeds = np.sqrt(np.maximum(squares, 0.0))
+        speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
         for _, part in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
             # modes of one speed stay as they are, as far as they can
             u, _, vh = np.linalg.svd(turn[part, part])
-            back = (u @ vh).conj().T
-            turn[:, part], left[:, part] = turn[:, part] @ back, left[:, part] @ back
+            turn[:, part] = turn[:, part] @ (u @ vh).conj().T
         right[:, :count] = right[:, :count] @ turn
-        found = np.einsum("mz,amz->za", left.conj(), change @ turn).real
-        velocities[:count] = np.where(speeds[:, None] > 0.0, found, 0.0)
+        found = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
+        velocities[:count] = found * np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)[:, None] + 0.0
 
     def _resolve(self, point: _Point, right: NDArray[Any], slopes: _Slopes, joined: NDArray[np.bool_], along: Array) -> None:
         """Turn the vectors of each degenerate set, in place, into those of the branches along a direction."""

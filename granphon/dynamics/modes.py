@@ -158,7 +158,7 @@ class ContactLattice(FreeMotions):
         ----------
         wavevectors : (n_q, p), 1/d.
         direction : (p,) or (n_q, p). Where branches touch, the modes are those that a path in this direction follows; at
-            Gamma, velocities are the limit along it. By default, the direction of q.
+            Gamma, and wherever a mode vanishes, velocities are the limit along it. By default, the direction of q.
 
         Raises
         ------
@@ -216,9 +216,17 @@ class ContactLattice(FreeMotions):
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
         try:
-            return self._join([block.solve_with_velocities(q, along) for block in self._blocks])
+            found = self._join([block.solve_with_velocities(q, along) for block in self._blocks])
         except InstabilityError:
             raise self._find_buckling(q) from None
+        if len(self._blocks) > 1:  # modes of zero frequency in the order that they have beside the point
+            values, vectors, velocities = found
+            zeros = np.count_nonzero(values == 0.0, axis=1)
+            for at in np.flatnonzero(zeros > self.free_branches).tolist():
+                order = np.argsort(velocities[at, : zeros[at]] @ along[at], kind="stable")
+                vectors[at, :, : zeros[at]] = vectors[at][:, order]
+                velocities[at, : zeros[at]] = velocities[at, order]
+        return found
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""

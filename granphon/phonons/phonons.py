@@ -218,8 +218,8 @@ class Phonons:
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints``.
 
-        ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch, and at Gamma, the result
-        is the limit along ``direction`` (Cartesian), which is required at Gamma.
+        ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch, at Gamma and wherever a
+        mode vanishes, the result is the limit along ``direction`` (Cartesian), which is required at Gamma.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return PhononModes.of(self.lattice.modes(q, direction), self.scales)
