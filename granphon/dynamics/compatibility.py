@@ -178,13 +178,13 @@ class Compatibility:
         across = np.array(self.motions.translations) >= self.periods
         why = "The contact forces push the balls sideways more than the contacts hold them"
         mend = "Lower the load, or leave finite_overlap off"
-        flat = not np.any(self.contacts.normal[:, self.periods :])
-        if flat and size[across].sum() > size[~across].sum():
-            flat, line, inner = ("straight chain", "line", "longitudinal")
-            if self.periods == 2:
-                flat, line, inner = ("flat layer", "plane", "in_plane")
+        is_flat = not np.any(self.contacts.normal[:, self.periods :])
+        if is_flat and size[across].sum() > size[~across].sum():
+            array, line, inner = ("flat layer", "plane", "in_plane")
+            if self.periods == 1:
+                array, line, inner = ("straight chain", "line", "longitudinal")
             why = (
-                f"Under pressure a {flat} of balls does so at any load: each contact pushes balls that leave the {line}"
+                f"Under pressure a {array} of balls does so at any load: each contact pushes balls that leave the {line}"
                 " farther out, with the stiffness -f/a, and nothing else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
