@@ -72,8 +72,8 @@ class Bands(Result):
     qpoints : (s, p, 3), wave vectors as fractions of the reciprocal cell.
     distances : (s, p), distance along the path over 2 pi, in units of 1/d, as in phonopy: a number without a unit.
     frequencies : (s, p, b), Hz, ascending.
-    group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where branches touch or vanish, the
-        limit along the path.
+    group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where branches touch or vanish,
+        the limit along the path.
     eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; the motions of ball after ball, (x, y, w) in the
         plane.
     labels : (s + 1), names of the corners.
