@@ -164,7 +164,8 @@ class Block:
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
-        for at in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
+        zeros = () if values.all() else np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist()
+        for at in zeros:
             self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
         return values, self._turn_back(point, right), velocities
 
