@@ -245,8 +245,9 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str, drawn: dict[str, str]) 
     ends: dict[str, float] = {}
     for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
-        last_values = [np.asarray(line.get_ydata())[-1] for line in ax.lines if line.get_gid() == f"{variable}-all"]
-        ends[name] = float(np.nanmax(last_values))
+        last_values = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all"]
+        if known := [value for value in last_values if np.isfinite(value)]:
+            ends[name] = max(known)
     scale_axis(ax, "y", np.concatenate([np.asarray(dataset[name]).ravel() for name in drawn]))
     ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
     to_axes, last = ax.transData - ax.transAxes, -np.inf
