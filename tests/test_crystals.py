@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 
 import ase.build
 import mpmath
@@ -130,11 +131,114 @@ def test_a_lattice_with_fewer_periods_than_dimensions(cell, sites, like):
     assert np.max(np.min(np.abs(found - expected[:, None]), axis=1)) < 1e-13
 
 
-def test_rows_that_do_not_touch_are_a_lattice():
-    pair = gp.Lattice("two rows", ((1, 0),), ((0, 0), (0.5, 3.0)))
-    assert pair.coordination == 2
-    found = gp.ContactLattice.of(pair, 0.0, motions=LONGITUDINAL).frequencies([[0.4]])[0]
-    assert_allclose(found, [2 * math.sin(0.2)] * 2, rtol=1e-14)
+@pytest.mark.parametrize(
+    ("cell", "sites", "said"),
+    [
+        (((1, 0),), ((0, 0), (0.5, 3.0)), "2 rows"),
+        (((1, 0), (0, 1.5)), ((),), "rows, 1 in each cell"),
+        (((1, 0), (0, 4)), ((0, 0), (0.5, 0.5)), "rows, 2 in each cell"),
+        (((1, 0), (0.3, 5)), ((0, 0), (0, 0.4)), "rows, 2 in each cell"),
+        (((2, 1), (-1, 2)), ((0, 0), (0.4, -0.2)), "clusters, 1 in each cell"),
+        (np.diag([1.0, 1.0, 1.5]), ((),), "layers, 1 in each cell"),
+        (((2, 0, 0), (0, 1, 0), (1, 0, 1.5)), ((0, 0, 0), (0.5, 0, 0)), "layers, 1 in each cell"),
+        (np.diag([1.0, 1.0, 4.0]), ((0, 0, 0), (0.5, 0.5, 0.5)), "layers, 2 in each cell"),
+        (np.diag([1.0, 1.5, 1.5]), ((),), "rows, 1 in each cell"),
+        (np.diag([1.0, 2.0, 4.0]), ((0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)), "pieces, 2 in each cell"),
+    ],
+)  # fmt: skip
+def test_balls_that_contacts_do_not_join_are_no_lattice(cell, sites, said):
+    with pytest.raises(InputError, match=f"'apart' falls into pieces that do not touch: {said}") as caught:
+        gp.Lattice("apart", cell, sites)
+    assert "apart, where" not in str(caught.value)  # no two balls nearly touch
+
+
+#: the edges of a cube of three spacings: its corner, and two balls on each edge
+FRAME = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (0, 2, 0), (0, 0, 1), (0, 0, 2)], float)
+
+
+def test_frames_inside_each_other_are_counted():
+    assert gp.Lattice("frame", 3.0 * np.eye(3), FRAME / 3.0).coordination == 18 / 7
+    with pytest.raises(InputError, match="do not touch: 2 networks"):
+        gp.Lattice("frames", 3.0 * np.eye(3), np.concatenate([FRAME, FRAME + 1.5]) / 3.0)
+    # the same two frames in a primitive cell, whose steps lead from one to the other
+    cell = 1.5 * np.array([(-1, 1, 1), (1, -1, 1), (1, 1, -1)])
+    with pytest.raises(InputError, match="do not touch: 2 networks"):
+        gp.Lattice("frames", cell, FRAME @ np.linalg.inv(cell))
+
+
+@given(st.sampled_from(["honeycomb", "hcp", "diamond"]), st.lists(st.integers(-1, 1), min_size=9, max_size=9))
+def test_a_cell_of_any_vectors_holds_what_hangs_together(name, numbers):
+    # a cell of other vectors of the same lattice, and sites moved by whole cells, have the same contacts
+    named = LATTICES[name]
+    p = named.periods
+    moves = np.reshape(numbers[: p * p], (p, p))
+    lower, upper = np.tril(moves, -1) + np.eye(p), np.triu(moves, 1) + np.eye(p)
+    steps = lower @ upper
+    sites = np.array(named.sites) @ np.linalg.inv(steps) + np.arange(named.n_balls)[:, None] * np.diag(moves)
+    assert len(gp.Lattice("mine", steps @ named.vectors, sites).contacts) == len(named.contacts)
+
+
+HEXAGON = ((1.0, 0.0), (-0.5, ROOT3 / 2))
+
+
+@pytest.mark.parametrize(
+    ("cell", "sites", "what", "mend"),
+    [
+        (((1, 0), (-0.5, 0.8661)), ((),), "nearly touch", "every y of the cell by 0.9999.*, so that 0.8661 becomes 0.866025403784"),
+        (((1, 0), (-0.5, 0.866)), ((),), "overlap", "so that 0.866 becomes 0.866025403784"),
+        ((*[(*v, 0) for v in HEXAGON], (0, 0, 1.633)), LATTICES["hcp"].sites, "nearly touch", "1.633 becomes 1.63299316186"),
+        ((*[(*v, 0) for v in HEXAGON], (0, 0, 1.64)), LATTICES["hcp"].sites, "layers, 2 in", "1.64 becomes 1.63299316186"),
+        ((*[(*v, 0) for v in HEXAGON], (0, 0, 1.63)), LATTICES["hcp"].sites, "overlap", "1.63 becomes 1.63299316186"),
+        (0.7072 * np.array(LATTICES["fcc"].cell) * math.sqrt(2), ((),), "touches no other", "Multiply the cell by 0.99986818"),
+        (0.7071 * np.array(LATTICES["fcc"].cell) * math.sqrt(2), ((),), "overlap", "Multiply the cell by 1.00000959"),
+        (((1.0001,),), ((),), "touches no other", "Multiply the cell by 0.9999000"),
+        (((1.732, 0), (-0.866, 1.5)), LATTICES["honeycomb"].sites, "overlap", "1.732 becomes 1.73205080757"),
+        (((1.732, 0), (-0.866, 1.5)), ((0.3333, 0.6667), (0.6667, 0.3333)), "overlap", "with eight digits"),
+        (((1.7322, 0), (-0.8661, 1.5001)), LATTICES["honeycomb"].sites, "touches no other", "with eight digits"),
+    ],
+)  # fmt: skip
+def test_few_digits_are_told(cell, sites, what, mend):
+    with pytest.raises(InputError, match=f"(?s){what}.*{mend}") as caught:
+        gp.Lattice("rounded", cell, sites)
+    assert re.search(r"apart.* touching balls are 1 apart", str(caught.value))
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_the_number_that_is_told_makes_the_lattice(name):
+    named = LATTICES[name]
+    for axis in range(named.periods):
+        cell = np.array(named.cell)
+        cell[:, axis] *= 1.00003
+        with pytest.raises(InputError) as caught:
+            gp.Lattice("rounded", cell, named.sites)
+        told = re.search(r"Multiply (every ([xyz]) of )?the cell by ([0-9.]+)[,.;]", str(caught.value))
+        assert told[2] in (None, "xyz"[axis])
+        cell[:, slice(None) if told[2] is None else axis] *= float(told[3])
+        assert len(gp.Lattice("mended", cell, named.sites).contacts) == len(named.contacts)
+
+
+@pytest.mark.parametrize("gap", [0.0012, 0.004, 0.5])
+def test_a_gap_that_no_load_closes_is_allowed(gap):
+    # a rhomb of contacts, a little less pointed than that of the triangular lattice: balls across it do not touch
+    angle = 2.0 * math.asin(0.5 * (1.0 + gap))
+    assert gp.Lattice("rhombic", ((1, 0), (math.cos(angle), math.sin(angle)))).coordination == 4
+
+
+@pytest.mark.parametrize("far", [1.1e6, 1e154, 1e300, -1e308])
+def test_huge_cells_and_sites_are_one_clear_error(far):
+    for cell, sites in (
+        (((far,),), ((),)), (((1, 0), (0, far)), ((),)), (((1, 0), (far, 1)), ((),)), (np.eye(3), ((far, 0, 0),)),
+        (((1, 0),), ((0, far),)),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"'huge' has a number of size .*Give numbers up to 1e\+06"):
+            gp.Lattice("huge", cell, sites)
+
+
+def test_cells_that_are_too_oblique_are_not_searched():
+    for cell, sites in ((((1, 0), (1e6, 1)), ((),)), (np.eye(3), ((0, 0, 0), (1e4, 0, 0.5)))):
+        with pytest.raises(InputError, match="too oblique, or its sites are too far from each other"):
+            gp.Lattice("odd", cell, sites)
+    assert gp.Lattice("oblique", ((1, 0), (30, 1))).coordination == 4
 
 
 @pytest.mark.parametrize(
@@ -214,9 +318,9 @@ def test_a_name_is_a_text():
 
 
 def test_a_stress_that_is_no_pressure_in_space():
-    # a stretched fcc: four contacts in the layers and none between keep balance, and press along x and y alone
-    layers = gp.Lattice("layers", np.diag([1.0, 1.0, 1.5]))
-    medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice=layers))
+    # a leaning cube: its three pairs of contacts are not perpendicular to each other
+    leaning = gp.Lattice("leaning", ((1, 0, 0), (0.3, math.sqrt(0.91), 0), (0, 0, 1)))
+    medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice=leaning))
     with pytest.raises(InputError, match=r"not a pressure.*f/d\^2.*force or overlap"):
         medium.at_pressure(1e4)
     assert medium.at_force(1.0).normal_stiffness > 0

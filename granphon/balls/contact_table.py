@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.network import NEAR, describe_pieces, find_near_miss
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 
@@ -20,6 +21,10 @@ __all__ = ["TOUCH", "ContactTable", "contact_frames", "touch_once_at_most", "fin
 Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
+#: a gap above TOUCH that is no larger than this is refused: it closes under ordinary loads, at which balls overlap by as much
+_CLOSING = 1e-3
+#: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites far from each other
+_MOST_CELLS = 10_000_000
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
 _UPRIGHT = 0.9
 
@@ -84,10 +89,15 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
 
     Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
     """
-    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k: reciprocal vectors
-    reach = np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)).astype(int)
+    reach = _reach(cell, radius).astype(int)
     steps = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, len(cell))
     return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
+
+
+def _reach(cell: Array, radius: float) -> Array:
+    """Return the steps along each vector of ``cell`` that a lattice vector at most ``radius`` long can have, (p,)."""
+    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k: reciprocal vectors
+    return np.asarray(np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)))
 
 
 def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -99,29 +109,39 @@ def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp
 def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
     """Find the contacts of one cell of equal balls that touch at distance one, each once.
 
-    Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls overlap or a ball touches no
-    other.
+    Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls overlap, a ball touches no
+    other, balls nearly touch, contacts do not join all balls, or too many cells would have to be searched.
     """
     n = len(positions)
     apart = positions[None] - positions[:, None]
-    shifts = steps_within(cell, 2.0 + float(np.linalg.norm(apart, axis=-1).max()))
+    radius = 2.0 + float(np.linalg.norm(apart, axis=-1).max())
+    if np.prod(2.0 * _reach(cell, radius) + 1.0) > _MOST_CELLS:
+        what = f"the cell of lattice {name!r} is too oblique, or its sites are too far from each other"
+        raise InputError(message(what, mend="Give short lattice vectors, and sites from 0 to 1"))
+    shifts = steps_within(cell, radius)
     delta = apart[:, :, None] + (shifts @ cell)[None, None]
     distance = np.linalg.norm(delta, axis=-1)
     same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
+    near = find_near_miss(cell, positions, shifts, TOUCH)
     if np.any((distance < 1.0 - TOUCH) & ~same):
-        raise InputError(
-            message(
-                f"balls of lattice {name!r} overlap",
-                f"Two sites are {float(distance[~same].min()):.6g} apart, and touching balls are 1 apart",
-                "Move the sites apart",
-            )
-        )
+        least = float(distance[~same].min())
+        why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
+        mend = near.mend if near and least >= 1.0 - NEAR else "Move the sites apart"
+        raise InputError(message(f"balls of lattice {name!r} overlap", why, mend))
     found: Any = np.nonzero(np.abs(distance - 1.0) <= TOUCH)
     i, j, s = found
+    said, mend = (near.text, near.mend) if near else ("Touching balls are 1 apart", "")
     if len(set(i.tolist())) < n:
-        raise InputError(message(f"a ball of lattice {name!r} touches no other", "Touching balls are 1 apart"))
+        raise InputError(message(f"a ball of lattice {name!r} touches no other", said, mend))
+    if near and near.distance - 1.0 <= _CLOSING:
+        why = f"{said}. A gap of {near.distance - 1.0:.2g} closes under load, so that it was probably rounded"
+        mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
+        raise InputError(message(f"balls of lattice {name!r} nearly touch", why, mend))
     first = select_once(i, j, shifts[s])
     i, j, s = i[first], j[first], s[first]
+    if pieces := describe_pieces(i.tolist(), j.tolist(), map(tuple, shifts[s].tolist()), n, len(cell)):
+        what = f"lattice {name!r} falls into pieces that do not touch: {pieces}"
+        raise InputError(message(what, near.text if near else "", mend or "Move them together, or give one of them alone"))
     normal = delta[i, j, s] / distance[i, j, s][:, None]
     arm = np.full(len(i), 0.5)
     return ContactTable(

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 BALL = "Fe"
 #: least length, area or volume of a cell, in spacings; smaller ones hold no ball, and their inverse has no digits
 _LEAST_MEASURE = 0.1
+#: greatest number of a cell or a site
+_LARGEST = 1e6
 #: what a direction is on a line, in the plane and in space, and how it is given
 _DIRECTIONS = (
     ("one finite number, x, not zero", "(1,) or (-1,)"),
@@ -57,7 +59,8 @@ class Lattice:
     Raises
     ------
     InputError : the name is not a text, the cell is not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a
-        ball touches no other, or equal contact forces leave a ball out of balance.
+        ball touches no other, balls miss each other by less than a thousandth of the spacing, contacts do not join all
+        balls, or equal contact forces leave a ball out of balance.
     """
 
     name: str
@@ -84,6 +87,11 @@ class Lattice:
             ) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
             raise InputError(message(f"lattice {self.name!r} has a number that is not finite"))
+        if (largest := max(np.max(np.abs(cell)), np.max(np.abs(sites)))) > _LARGEST:
+            why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
+            raise InputError(
+                message(f"lattice {self.name!r} has a number of size {largest:g}", why, f"Give numbers up to {_LARGEST:g}")
+            )
         if np.any(cell[:, periods:]):
             where = "along x" if periods == 1 else "in the xy plane"
             raise InputError(message(f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice"))
