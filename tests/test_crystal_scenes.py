@@ -123,10 +123,25 @@ MISTAKES = {
         "lattice: chain, motions: out of plane", "", "", "2: packing.motions", "plane'", "all", "'out_of_plane'?",
     ),
     "torsion without rotations": (
-        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "0 where balls do not rotate", "in_plane",
+        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "0 where no motion is resisted by it",
+        "torsion without rotations. The motions 'longitudinal' of the chain lattice have no rotation that could be resisted."
+        " Use motions out_of_plane, all, or",
     ),
     "bending without rotations": (
-        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "0 where balls do not rotate", "in_plane",
+        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "0 where no motion is resisted by it",
+        "Use motions in_plane, out_of_plane, all, or leave it out",
+    ),
+    "torsion where contacts do not twist": (
+        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "0 where no motion is resisted by it",
+        "Use motions out_of_plane, all, or leave it out",
+    ),
+    "swept torsion where contacts do not twist": (
+        "lattice: chain, motions: in_plane", "", "sweep: {torsion: [0, 0.1]}", "4: sweep.torsion.1", "0.1",
+        "a value that the packing can have", "turn balls across the normals only",
+    ),
+    "swept motions that twist no contact": (
+        "lattice: square, motions: all, torsion: 0.1", "", "sweep: {motions: [all, in_plane]}", "4: sweep.motions.1",
+        "in_plane", "a value that the packing can have", "Use motions out_of_plane, all",
     ),
     "negative torsion": (
         "lattice: fcc, torsion: -1", "", "", "2: packing.torsion", "-1", "zero or above, or mindlin", "",

@@ -21,7 +21,7 @@ __all__ = ["TOUCH", "ContactTable", "contact_frames", "touch_once_at_most", "fin
 Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
-#: a gap above TOUCH that is no larger than this is refused: it closes under ordinary loads, at which balls overlap by as much
+#: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls overlap by as much
 _CLOSING = 1e-3
 #: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites far from each other
 _MOST_CELLS = 10_000_000

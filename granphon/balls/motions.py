@@ -52,6 +52,11 @@ class Motions:
         return bool(self.rotations)
 
     @property
+    def twist(self) -> bool:
+        """Whether contacts twist: some rotation is about their normals, which, on a line and in the plane, is never z."""
+        return any(axis in self.rotations for axis in (0, 1))
+
+    @property
     def translating(self) -> slice:
         """Slice of the motions that are displacements."""
         return slice(0, len(self.translations))
@@ -136,5 +141,5 @@ def select_motions(
     torsion, bending : stiffness of a contact against twist and against rolling, in units of k d^2.
     among : the motions to select from.
     """
-    twisted = np.any(torsion) and among.rotations != IN_PLANE.rotations
+    twisted = np.any(torsion) and among.twist
     return among if np.any(mindlin_ratio) or np.any(bending) or twisted else replace(among, rotations=())

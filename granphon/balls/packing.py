@@ -46,14 +46,15 @@ class Packing:
     motions : the motions of each ball: "longitudinal" (u_x, on a line), "in_plane" (u_x, u_y, phi_z), "out_of_plane"
         (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a line, "in_plane" in a plane, "all" in space.
     torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin" for that of a Hertz contact
-        that does not slip, which depends on the load: (1 - nu)/3 times overlap over diameter for equal balls.
+        that does not slip, which depends on the load: (1 - nu)/3 times overlap over diameter for equal balls. It needs
+        motions with a rotation about the normal: "out_of_plane" or "all".
     bending : stiffness of a contact against rolling, over k d^2.
 
     Raises
     ------
     InputError : a diameter that is not a finite number above zero, an unknown lattice, motions that the lattice does not
-        have, a negative torsion or bending, either of them where the motions have no rotation, a spread with another mean
-        than the diameter or with a ball of size zero or below, or scales beyond double precision.
+        have, a negative torsion or bending, either of them where the motions have no rotation that it resists, a spread with
+        another mean than the diameter or with a ball of size zero or below, or scales beyond double precision.
     """
 
     #: fields that data written by an earlier version lack
@@ -109,14 +110,18 @@ class Packing:
             if isinstance(value, float) and value > _MOST_ROLLING:
                 why = "It is a stiffness over k d^2; that of a contact is far below 1"
                 raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
-        named = [name for name in ("torsion", "bending") if getattr(self, name)]
-        if named and not self._named_motions.rotate:
-            word = self._named_motions.name
+        resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
+        named = {name: what for name, what in resisted.items() if getattr(self, name)}
+        if idle := [name for name, what in named.items() if not getattr(self._named_motions, what)]:
+            what, why = "rotations", "have no rotation that could be resisted"
+            if self._named_motions.rotate:
+                what, why = "rotations about the normals of contacts", "turn balls across the normals only: no contact twists"
+            fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
             raise InputError(
                 message(
-                    f"{' and '.join(named)} without rotations",
-                    f"The motions {word!r} of the {self.structure.name} lattice have no rotation that could be resisted",
-                    f"Use motions {', '.join(one for one in allowed if allowed[one].rotate)}, or leave it out",
+                    f"{' and '.join(idle)} without {what}",
+                    f"The motions {self._named_motions.name!r} of the {self.structure.name} lattice {why}",
+                    f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
                 )
             )
 

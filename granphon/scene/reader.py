@@ -141,7 +141,7 @@ class Origin:
             names = [name for name in ("diameter", "lattice", "friction") if name in given]
             packing = Packing(Material(**material), **{name: given[name] for name in names})
         for name in [name for name in ("motions", "torsion", "bending") if name in given]:
-            allowed = "motions of this lattice" if name == "motions" else "0 where balls do not rotate"
+            allowed = "motions of this lattice" if name == "motions" else "0 where no motion is resisted by it"
             with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}. "):
                 packing = replace(packing, **{name: given[name]})
         if "spread" not in given:
