@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -583,6 +584,27 @@ def test_bands_that_were_edited_are_refused(old, new, tmp_path):
     (tmp_path / "band.yaml").write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError):
         gp.Bands.read(tmp_path / "band.yaml")
+
+
+@pytest.mark.parametrize(
+    ("lattice", "path", "periods", "said"),
+    [
+        ("fcc", "GX", 2, "a group_velocity across its 2 periods"),
+        ("fcc", "XW", 1, "a group_velocity across its 1 period"),
+        ("sc", [[0, 0, 0.1], [0, 0, 0.5]], 2, "a group_velocity across its 2 periods"),
+        ("sc", [[0.5, 0, 0], [0.5, 0.5, 0]], 1, "a group_velocity across its 1 period"),
+    ],
+)
+def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, periods, said, tmp_path):
+    phonons(lattice).bands(path, 2).write(tmp_path / "band.yaml")
+    text = (tmp_path / "band.yaml").read_text().replace("periods: 3", f"periods: {periods}")
+    (tmp_path / "band.yaml").write_text(text.partition("\n")[2])
+    with pytest.raises(InputError, match=said):
+        gp.Bands.read(tmp_path / "band.yaml")
+    # of numbers in memory, velocities along the periods alone are left
+    bands = phonons(lattice).bands(path, 2)
+    with pytest.raises(InputError, match=f"leaves the (line|plane) of {periods} period"):
+        replace(bands, group_velocities=bands.group_velocities[..., :periods]).check()
 
 
 def test_a_mesh_beyond_all_memory_is_refused():

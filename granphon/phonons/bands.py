@@ -113,8 +113,9 @@ class Bands(Result):
     def check(self) -> None:
         """Check shapes, and that all numbers are finite and can be those of bands.
 
-        Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, and eigenvectors, of
-        a component for each motion of each ball, have the length one.
+        Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, wave vectors and the
+        vectors of the cell lie where the periods of the lattice do, and eigenvectors, of a component for each motion of
+        each ball, have the length one.
         """
         super().check()
         balls = len(self.masses)
@@ -122,11 +123,13 @@ class Bands(Result):
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
             raise InputError(message(what, mend=f"Give {self.motions.count} for each ball"))
         self.check_finite()
-        lengths = np.linalg.norm(self.eigenvectors, axis=2)
+        lengths, p = np.linalg.norm(self.eigenvectors, axis=2), self.periods
+        leaves = bool(np.any(self.qpoints[..., p:])) or bool(np.any(self.cell[:p, p:])) or bool(np.any(self.cell[p:, :p]))
         # the lowest frequencies are roots of rounding errors, so that neighbours may be out of order by as much
         falls = -np.diff(self.frequencies, axis=2) > _ROUNDING * self.frequencies.max(initial=0.0)
         for holds, what in (
             (self.frequencies.size > 0, "there is no frequency"),
+            (not leaves, f"a wave vector or a lattice vector leaves the {('line', 'plane', 'space')[p - 1]} of {p} periods"),
             (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
             (not np.any(falls), "the frequencies at a point do not ascend"),
             (np.all(self.frequencies <= _HIGHEST * self.scales.frequency), "a frequency is far above those of the scales"),
@@ -312,14 +315,16 @@ class Bands(Result):
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            velocities = _numbers("group_velocity", [[mode["group_velocity"][:periods] for mode in q] for q in bands])
+            velocities = _numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
+            if np.any(velocities[..., periods:]):
+                raise InputError(f"It has a group_velocity across its {periods} {'period' if periods == 1 else 'periods'}")
             coordinates = _numbers("coordinates", [point["coordinates"] for point in points])
             masses = _numbers("mass", [point["mass"] for point in points])
             found = cls(
                 qpoints,
                 _numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
                 _numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
-                velocities.reshape(s, p, b, periods) * scales.length * hertz,
+                velocities[..., :periods].reshape(s, p, b, periods) * scales.length * hertz,
                 np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
             )  # fmt: skip
