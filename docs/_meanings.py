@@ -29,7 +29,7 @@ KEYS = {
     "sweep": "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
     "observe": "what to compute; nothing else is computed. `dos` is for one state only",
     "phonopy.dim": "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
-    "phonopy.band": "corners of the path, three numbers each, in fractions of the reciprocal cell",
+    "phonopy.band": "corners of the path: letters, or three numbers each, in fractions of the reciprocal cell",
     "phonopy.band_labels": "a label for each corner",
     "phonopy.band_points": "points on each segment, both ends counted",
     "phonopy.mesh": "wave vectors for the density of states, along each period; `1024 1 1` on a chain, `32 32 32` in space",
@@ -45,7 +45,7 @@ DEFAULTS = {
     "packing.motions": "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
     "packing.torsion": "`0`",
     "packing.bending": "`0`",
-    "phonopy.band_labels": "those of the default path; none for another",
+    "phonopy.band_labels": "the letters of the path; none for one in numbers",
 }
 SPREADS = {
     "uniform": "even over this full width W, the mean ± W/2; `0 um` is equal balls",

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -98,6 +99,35 @@ def test_meshes_and_supercells_have_the_numbers_of_the_dimension(lattice, mesh, 
     scene = read(f"lattice: {lattice}", rest=f"phonopy: {{mesh: {mesh}, dim: {dim}}}")
     assert (scene.grid, scene.dim) == found
     assert Scene.from_text(scene.to_yaml()) == scene
+
+
+@pytest.mark.parametrize(
+    ("lattice", "band", "corners", "labels"),
+    [
+        ("chain", "XG", [(0.5, 0, 0), (0, 0, 0)], "X G"),
+        ("kagome", "G K M G", [(0, 0, 0), (1 / 3, 1 / 3, 0), (0.5, 0, 0), (0, 0, 0)], "G K M G"),
+        ("fcc", "XGL", [(0.5, 0, 0.5), (0, 0, 0), (0.5, 0.5, 0.5)], "X G L"),
+        ("sc", "GX, RM", [(0, 0, 0), (0, 0.5, 0), (0.5, 0.5, 0.5), (0.5, 0.5, 0)], "G X R M"),
+    ],
+)
+def test_a_path_may_be_given_in_letters(lattice, band, corners, labels):
+    scene = read(f"lattice: {lattice}", rest=f"observe: [bands]\nphonopy: {{band: '{band}'}}")
+    assert_allclose(np.concatenate(scene.path.arrays), corners, rtol=0, atol=1e-15)
+    assert scene.path.labels == tuple(labels.split())
+    assert len(scene.path.paths) == 1 + band.count(",")
+    assert Scene.from_text(scene.to_yaml()) == scene
+    named = read(f"lattice: {lattice}", rest=f"phonopy: {{band: '{band}', band_labels: {' '.join(labels.lower().split())}}}")
+    assert named.path == BandPath(scene.path.paths, tuple(labels.lower().split()))
+
+
+@pytest.mark.parametrize("lattice", LATTICES)
+def test_the_paths_that_an_error_names_are_taken(lattice):
+    with pytest.raises(SceneError) as caught:
+        read(f"lattice: {lattice}", rest="phonopy: {band: 0 0 0}")
+    told = re.search(r"letters of special points, such as (.+), or points .* such as '(.*)'; a comma", str(caught.value))
+    for band in told.groups():
+        path = read(f"lattice: {lattice}", rest=f"observe: [bands]\nphonopy: {{band: '{band}'}}").path
+        assert path.labels == (None if " " in band else tuple(band.replace(",", "")))
 
 
 # -- mistakes -------------------------------------------------------------------------------------------------------
@@ -187,6 +217,21 @@ MISTAKES = {
         "lattice: chain", "", "phonopy: {band: 0 0 0 0 1/2 0}", "4: phonopy.band", "a second number", "points",
         "one row",
     ),
+    "letter of another lattice": (
+        "lattice: square", "", "phonopy: {band: GKMG}", "4: phonopy.band", "'GKMG', with the letter K", "G, M, X",
+        "such as GXMG, or points in numbers",
+    ),
+    "letters of one point": (
+        "lattice: fcc", "", "phonopy: {band: 'GXW,K'}", "4: phonopy.band", "'GXW,K'", "two different points",
+        "such as GXWKGL",
+    ),
+    "letters of the same point": (
+        "lattice: chain", "", "phonopy: {band: GXX}", "4: phonopy.band", "'GXX'", "two different points", "such as GX",
+    ),
+    "labels that are not as many as letters": (
+        "lattice: chain", "", "phonopy: {band: GX, band_labels: a b c}", "4: phonopy.band_labels", "3 labels", "2, one for",
+        "",
+    ),
     "lattices of two dimensions": (
         "lattice: fcc", "", "sweep: {lattice: [fcc, chain]}", "4: sweep.lattice", "['fcc', 'chain']", "one dimension",
         "sweep of each",
@@ -208,6 +253,18 @@ MISTAKES = {
     ),
     "mechanism": (
         "lattice: diamond", "", "", "2: packing.lattice", "'diamond'", "a lattice that is rigid", "without a cost",
+    ),
+    "mechanism, and what it has": (
+        "lattice: square, friction: false", "", "observe: [velocities, bands]", "2: packing.lattice", "'square'", "rigid",
+        "It has bands and a density of states: observe them without velocities, as observe: [bands, dos].",
+    ),
+    "mechanism in a sweep": (
+        "lattice: square, friction: false", "force: [1 N, 2 N]", "", "2: packing.lattice", "'square'", "rigid",
+        "It has bands, which a sweep without velocities has: observe: [bands].",
+    ),
+    "mechanism in a sweep without bands": (
+        "lattice: square", "", "sweep: {friction: [true, false]}", "2: packing.lattice", "'square'",
+        "rigid. friction = False: the lattice", "In a scene of its own it has bands and a density of states: observe: [b",
     ),
     "effective medium in space": (
         "lattice: fcc, spread: {uniform: 1 um}", "", "medium: ema", "4: medium", "'ema'", "a medium for this lattice",

@@ -31,6 +31,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+#: the pieces of a path, each a tuple of points of three numbers
+Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake
 LARGEST_COUNT = 1_000_000_000
 #: greatest size of a coordinate of a path in a scene
@@ -202,12 +204,16 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
 # -- paths of a scene -----------------------------------------------------------------------------------------------
 
 
-def read_paths(value: Any, periods: int = 2) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates paths that do not join.
 
-    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
+    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0. ``letters`` is a path of special
+    points that may stand in their place, for messages.
     """
-    allowed = "points of three numbers or fractions each, such as '0 0 0 1/3 1/3 0 1/2 0 0'; a comma parts separate paths"
+    example = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")[periods - 1]
+    allowed = f"points of three numbers or fractions each, such as '{example}'; a comma parts separate paths"
+    if letters:
+        allowed = f"letters of special points, such as {letters}, or {allowed}"
     if not isinstance(value, str):
         raise Refused(show(value), allowed, "Write the points as one line of text.")
     paths = []
@@ -260,7 +266,7 @@ class BandPath:
     three finite numbers, and if there are labels, but not one for each point.
     """
 
-    paths: tuple[tuple[tuple[float, float, float], ...], ...]
+    paths: Pieces
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -282,6 +288,31 @@ class BandPath:
         """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as "G K"."""
         named = None if labels is None else require("band_labels", read_labels, labels)
         return cls(require("band", partial(read_paths, periods=3), points), named)
+
+    @classmethod
+    def read(cls, value: Any, structure: Lattice) -> Self:
+        """Read a path through the zone of a lattice: its special points by their letters ("GKMG"), or points in numbers.
+
+        Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers that the lattice has.
+        """
+        if not (isinstance(value, str) and re.fullmatch(r"\s*[A-Za-z][A-Za-z0-9,\s]*", value)):
+            try:
+                return cls(read_paths(value, structure.periods))
+            except Refused:  # ASE, which knows the letters, is asked for a message only
+                return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
+        from ase.dft.kpoints import parse_path_string
+
+        known, letters = special_points(structure.vectors), default_letters(structure.vectors)
+        names = [tuple(piece) for piece in parse_path_string("".join(value.split()))]
+        if unknown := [name for piece in names for name in piece if name not in known]:
+            allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
+            raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
+        points = ", ".join(" ".join(repr(float(x)) for name in piece for x in known[name]) for piece in names)
+        try:
+            paths = read_paths(points, structure.periods)
+        except Refused:
+            raise Refused(show(value), f"two different points or more in a row, such as {letters}") from None
+        return cls(paths, tuple(name for piece in names for name in piece))
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:

@@ -17,9 +17,9 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError, MechanismError, message
 from granphon.media import cost as costs
 from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.media.cases import Case, Grid
@@ -185,8 +185,7 @@ class Plan:
             found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
             with self.origin.at(*lattice, before=found + (case.where and f"{case.where}: ")):
                 if "velocities" in self.scene.observe:
-                    # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-                    ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+                    self._require_rigid(packing)
             # an effective medium is solved anew for every list of diameters: a sweep leaves that to its own processes
             listed = isinstance(packing.spread, Discrete | Measured) and case.medium.name == EffectiveMedium.name
             later = self.scene.is_sweep and listed
@@ -196,6 +195,20 @@ class Plan:
                     _ = medium.local_field  # the state needs it, and not every lattice has one
             if not later:
                 one.require()
+
+    def _require_rigid(self, packing: Packing) -> None:
+        """Raise MechanismError if the velocities of a packing do not exist, with the observables that do."""
+        try:
+            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
+            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+        except MechanismError as error:
+            if self.scene.parameters_of_branches:
+                mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
+            elif self.scene.is_sweep:
+                mend = "It has bands, which a sweep without velocities has: observe: [bands]"
+            else:
+                mend = "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
+            raise MechanismError(message(str(error), mend=mend)) from None
 
     def _require_values(self) -> None:
         """Raise at the first value of a parameter that the packing cannot have."""

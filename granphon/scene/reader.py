@@ -117,8 +117,8 @@ class Origin:
         out: dict[str, Any] = {"packing": packing, "load": self._load(given["load"]), "source": self.path}
         if "band" in drawing or "band_labels" in drawing:
             with self.at("phonopy", "band_labels"):
-                paths = drawing["band"] if "band" in drawing else BandPath.default(packing.structure).paths
-                out["band"] = BandPath(paths, drawing.get("band_labels"))
+                path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
+                out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
         named = {"medium": "media", "sweep": "parameters", "observe": "observe"}
         out |= {argument: given[key] for key, argument in named.items() if key in given}
         out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}

@@ -289,6 +289,11 @@ class Scene:
         told = progress or silent
         return run(self, folder, force=force, progress=told, figures=figures, resume=resume, executor=executor)
 
+    @property
+    def parameters_of_branches(self) -> list[str]:
+        """Names of the swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
+        return [name for name, _ in self.parameters if name in ("friction", "lattice") or self._changes_motions(name)]
+
     def _changes_motions(self, name: str) -> bool:
         """Whether balls have different motions at different values of a swept parameter."""
         if name not in ("motions", "torsion", "bending"):
@@ -302,7 +307,7 @@ class Scene:
 
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
-        structure, dim, swept = self.packing.structure, self.dim, dict(self.parameters)
+        structure, dim = self.packing.structure, self.dim
         if dim is not None and not touch_once_at_most(structure.vectors, dim, 1.0):
             # two balls of the supercell would touch through two images
             sizes = ((n,) * structure.periods for n in range(1, 100))
@@ -316,8 +321,7 @@ class Scene:
         if "dos" in self.observe and self.is_sweep:
             allowed = "velocities, bands, where there are several loads or media or a sweep"
             raise Refused("'dos'", allowed, "Make a scene of each state whose density of states you want.", ("observe",))
-        changing = [name for name in swept if name in ("friction", "lattice") or self._changes_motions(name)]
-        if "bands" in self.observe and changing:
+        if "bands" in self.observe and (changing := self.parameters_of_branches):
             allowed = "velocities, as the branches differ in number or zone"
             raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
         if self.band is not None:

@@ -17,7 +17,7 @@ from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS
 from granphon.base.text import Document, show
 from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key, truth, zero_or_above
-from granphon.phonons.paths import read_labels, read_paths
+from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import fields
 
 __all__ = ["REQUIRED", "read_blocks", "scene_rules"]
@@ -58,7 +58,7 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
         "sweep": partial(fields.read_parameters, folder=folder, lattice=lattice),
         "observe": fields.read_observables,
         "phonopy": {
-            "dim": partial(fields.supercell, lattice=lattice), "band": partial(read_paths, periods=lattice.periods),
+            "dim": partial(fields.supercell, lattice=lattice), "band": partial(BandPath.read, structure=lattice),
             "band_labels": read_labels, "band_points": fields.segment_points,
             "mesh": partial(fields.mesh_numbers, lattice=lattice),
         },
