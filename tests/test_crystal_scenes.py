@@ -247,6 +247,18 @@ MISTAKES = {
     "negative torsion of a sweep": (
         "lattice: fcc", "", "sweep: {torsion: [0, -1]}", "4: sweep.torsion.1", "-1", "zero or above", "",
     ),
+    "torsion twice in a sweep": (
+        "lattice: fcc", "", "sweep: {torsion: [0.1, 0, 0.]}", "4: sweep.torsion.2", "0.0 twice", "each value once", "",
+    ),
+    "diameter twice in a sweep": (
+        "lattice: fcc", "", "sweep: {diameter: [8 mm, 0.8 cm]}", "4: sweep.diameter.1", "'0.8 cm' twice", "each value", "",
+    ),
+    "motions twice in a sweep": (
+        "lattice: chain", "", "sweep: {motions: [all, all]}", "4: sweep.motions.1", "'all' twice", "each value once", "",
+    ),
+    "lattice twice in a sweep": (
+        "lattice: fcc", "", "sweep: {lattice: [fcc, fcc]}", "4: sweep.lattice", "['fcc', 'fcc']", "each once", "",
+    ),
     "torsion of a chain of a sweep": (
         "lattice: chain", "", "sweep: {torsion: [0, 1]}", "4: sweep.torsion.1", "1",
         "a value that the packing can have", "rotation",

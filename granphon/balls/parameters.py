@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,10 +15,10 @@ from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.arguments import real_list
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, brief, message
 from granphon.base.text import closest
 
-__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "change_width"]
+__all__ = ["PARAMETERS", "Axis", "change_packing", "combine", "count_combinations", "change_width", "find_double"]
 
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
@@ -53,6 +53,9 @@ class Axis:
             )
         plain = PARAMETERS[name] is None or (name == "torsion" and _has_words(given))
         axis = cls(name, _make_choices(name, given) if plain else real_list(name, given))
+        if (double := find_double(axis.values)) is not None:
+            what = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
+            raise InputError(message(what, "Both would be the same states", "Give each value once"))
         if name == "lattice":
             _require_one_dimension(axis.values)
         return axis
@@ -87,6 +90,16 @@ class Axis:
     def describe(self, label: Any) -> str:
         """A label with the name of the parameter and its unit, such as "width = 2e-06 m"."""
         return f"{self.name} = {label}" + (f" {self.unit}" if self.unit not in (None, "1") else "")
+
+
+def find_double(values: Sequence[Any]) -> int | None:
+    """Return the index of the first value that stands before already; None if there is none."""
+    seen: list[Any] | set[Any] = set() if all(isinstance(one, Hashable) for one in values) else []
+    for index, value in enumerate(values):
+        if value in seen:
+            return index
+        seen.add(value) if isinstance(seen, set) else seen.append(value)
+    return None
 
 
 def _make_choices(name: str, given: Any) -> tuple[Any, ...]:

@@ -19,7 +19,7 @@ from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, find_lattice
 from granphon.balls.material import read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
-from granphon.balls.parameters import PARAMETERS, Axis
+from granphon.balls.parameters import PARAMETERS, Axis, find_double
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH, Quantity, load_quantities
 from granphon.base.tables import Heading, table_text
@@ -232,7 +232,16 @@ def read_parameters(value: Any, folder: Path, lattice: Lattice = TRIANGULAR) -> 
     rules: dict[str, Rule] = {name: partial(read_values, rule=rule) for name, rule in numbers.items()}
     rules |= {name: partial(each, rule=rule, what="values") for name, rule in others.items()}
     rules["lattice"] = read_lattices
-    return tuple(block(value, {name: rules[name] for name in PARAMETERS}).items())
+    return tuple(block(value, {name: partial(_read_once, rule=rules[name]) for name in PARAMETERS}).items())
+
+
+def _read_once(value: Any, rule: Rule) -> tuple[Any, ...]:
+    """Read the values of a parameter by a rule, and refuse one that stands there twice."""
+    found: tuple[Any, ...] = rule(value)
+    if (double := find_double(found)) is not None:
+        told = show(value[double]) if isinstance(value, list | tuple) else "a value"
+        raise Refused(f"{told} twice", "each value once", path=(double,) if isinstance(value, list | tuple) else ())
+    return found
 
 
 def write_parameter(name: str, given: Sequence[Any]) -> Any:
@@ -285,7 +294,7 @@ def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
     try:
         Axis.of("lattice", found)
     except InputError as error:
-        raise Refused(show(value), "lattices of one dimension", str(error)) from None
+        raise Refused(show(value), "lattices of one dimension, each once", str(error)) from None
     return found
 
 
