@@ -673,10 +673,11 @@ def test_branches_that_are_not_there(make):
         ("triangular", {}, "transverse_slow"),
         ("triangular", {"motions": "out_of_plane"}, "longitudinal"), ("fcc", {}, []),
     ):  # fmt: skip
+        state = make(lattice, **more)
         with pytest.raises(InputError, match="unknown branch"):
-            gp.pulse_velocities(make(lattice, **more), 100.0, branches=bad)
+            gp.pulse_velocities(state, 100.0, np.eye(state.packing.structure.periods)[0], branches=bad)
     with pytest.raises(InputError, match=r"Use longitudinal, transverse_slow, transverse_fast\.$"):
-        gp.pulse_velocities(make("fcc"), 100.0, branches="transverse")
+        gp.pulse_velocities(make("fcc"), 100.0, (1, 0, 0), branches="transverse")
     for lattice, bad in (("fcc", (1.0, 0.0)), ("chain", (1.0, 0.0)), ("square", (1.0, 0.0, 0.0))):
         for find in (gp.sound_velocities, lambda state, way: gp.pulse_velocities(state, 100.0, way)):
             with pytest.raises(InputError, match="direction is"):
@@ -684,11 +685,31 @@ def test_branches_that_are_not_there(make):
     for lattice, motions in (("square", "all"), ("chain", "in_plane")):
         name = "out_of_plane" if lattice == "square" else "transverse"
         with pytest.raises(UnreachableFrequencyError, match=rf"{name} branch .* cost no energy"):
-            gp.pulse_velocities(make(lattice, motions=motions), 1.0, branches=name)
+            gp.pulse_velocities(make(lattice, motions=motions), 1.0, None if lattice == "chain" else (1, 0), branches=name)
     with pytest.raises(UnreachableFrequencyError, match=r"direction \(0, 0, 1\)"):
         gp.pulse_velocities(make("fcc"), 1e6, (0, 0, 1))
     with pytest.raises(MechanismError):
         gp.pulse_velocities(make("sc", friction=False), 100.0)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "motions", "needed"),
+    [
+        ("chain", "longitudinal", False), ("chain", "all", False), ("triangular", "in_plane", False),
+        ("triangular", "all", False), ("kagome", "in_plane", False), ("square", "in_plane", True), ("fcc", "all", True),
+        ("hcp", "all", True), ("square", "out_of_plane", True), ("triangular", "out_of_plane", True),
+    ],
+)  # fmt: skip
+def test_a_pulse_has_a_direction_where_it_depends_on_one(make, lattice, motions, needed):
+    state = make(lattice, motions=motions, bending=0.0 if motions == "longitudinal" else 0.02)
+    along = np.eye(state.packing.structure.periods)[0]
+    given = gp.pulse_velocities(state, 100.0, along)
+    if needed:
+        with pytest.raises(InputError, match=rf"the pulses of the {lattice} lattice depend on .*direction=\(x, y"):
+            gp.pulse_velocities(state, 100.0)
+    else:
+        assert_allclose(gp.pulse_velocities(state, 100.0).phase, given.phase, rtol=1e-15)
+        assert_allclose(gp.pulse_velocities(state, 100.0).direction, along, rtol=0)
 
 
 # -- validity, the catalogue, and plain data --------------------------------------------------------------------------
@@ -731,7 +752,7 @@ def test_torsion_of_a_hertz_contact_warns_of_what_is_left_out(make):
     # the torsion is (1 - nu)/3 of the overlap over the diameter
     assert_allclose(check.value, 3 / (1 - 0.276), rtol=1e-12)
     assert not np.any(check.ok)
-    for result in (gp.sound_velocities(states, (1, 0, 0)), gp.moduli(states), gp.pulse_velocities(states, 10.0)):
+    for result in (gp.sound_velocities(states, (1, 0, 0)), gp.moduli(states), gp.pulse_velocities(states, 10.0, (1, 0, 0))):
         assert [text for text in result.warnings if "finite_overlap=True" in text]
     for other in (make("hcp", torsion="mindlin", finite_overlap=True), make("hcp", torsion=1e-3)):
         assert "torsion" not in [check.name for check in gp.validity(other).checks]

@@ -382,12 +382,21 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
         ({"bending": math.nan}, "bending"),
         ({"bending": "mindlin"}, "bending"),
         ({"lattice": "chain", "torsion": 0.1}, "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or"),
-        ({"lattice": "chain", "bending": 0.1}, "bending without rotations.*motions in_plane, out_of_plane, all, or leave it"),
+        (
+            {"lattice": "chain", "bending": 0.1},
+            "bending without rotations.*motions in_plane, out_of_plane, all, or leave it",
+        ),
         ({"lattice": "chain", "motions": "in_plane", "torsion": 0.1}, "torsion without rotations about the normals"),
-        ({"lattice": "kagome", "torsion": "mindlin"}, "torsion without rotations about .*'in_plane'.* out_of_plane, all, or"),
+        (
+            {"lattice": "kagome", "torsion": "mindlin"},
+            "torsion without rotations about .*'in_plane'.* out_of_plane, all, or",
+        ),
         ({"lattice": "square", "torsion": 0.1, "bending": 0.1}, "^torsion without.* motions out_of_plane, all, or leave it"),
         ({"lattice": "chain", "torsion": "mindlin"}, "torsion without rotations"),
-        ({"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2}, "torsion and bending without .*leave both"),
+        (
+            {"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2},
+            "torsion and bending without .*leave both",
+        ),
     ],
 )
 def test_packings_that_cannot_be(steel, change, text):

@@ -406,7 +406,7 @@ def test_a_width_may_be_what_makes_room_for_a_diameter(rough):
 
 
 def test_labels_of_spreads_are_told_apart():
-    other = gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))
+    other = gp.Discrete((7.998e-3, 8e-3, 8.002e-3), (0.125, 0.75, 0.125))
     assert Axis.of("spread", [None, gp.Uniform(1e-6), BIMODAL, other]).labels == (
         "equal balls", "Uniform, W = 1e-06 m", "Discrete, W = 3.4641e-06 m", "Discrete, W = 3.4641e-06 m #2",
     )  # fmt: skip

@@ -115,7 +115,10 @@ class Packing:
         if idle := [name for name, what in named.items() if not getattr(self._named_motions, what)]:
             what, why = "rotations", "have no rotation that could be resisted"
             if self._named_motions.rotate:
-                what, why = "rotations about the normals of contacts", "turn balls across the normals only: no contact twists"
+                what, why = (
+                    "rotations about the normals of contacts",
+                    "turn balls across the normals only: no contact twists",
+                )
             fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
             raise InputError(
                 message(

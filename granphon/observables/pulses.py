@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import as_direction
 from granphon.base.arguments import finite_array, texts
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result
@@ -18,6 +17,7 @@ from granphon.dynamics.modes import ContactLattice
 from granphon.media.acoustics import contact_lattice, has_one_lattice
 from granphon.media.state import ContactState, with_keyword
 from granphon.observables.validity import validity
+from granphon.observables.velocities import choose_direction
 
 __all__ = ["PulseVelocities", "pulse_velocities"]
 
@@ -72,9 +72,10 @@ def pulse_velocities(
     ----------
     state : the state of the contacts, at one load or many.
     frequency : Hz; a scalar or an array that broadcasts against the load.
-    direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once; by
-        default along x. In the named plane lattices (1, 0) is along a row of touching balls: Gamma-K of the triangular and
-        kagome lattices (where (0, 1) is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
+    direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once. It
+        may be left out on a chain, and where sound in the plane is isotropic, as on the triangular lattice: it is then x.
+        In the named plane lattices (1, 0) is along a row of touching balls: Gamma-K of the triangular and kagome lattices
+        (where (0, 1) is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
     finite_overlap : deprecated; the state says whether overlap is finite.
     branches : names of the branches, in the order of the result: "longitudinal" and "transverse"; in space, and on a chain
         that moves both ways across itself, "transverse_slow" and "transverse_fast"; "out_of_plane" on a plane of balls that
@@ -94,14 +95,16 @@ def pulse_velocities(
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency; or its waves cost
         no energy in that direction.
-    InputError : a frequency that is not finite and above zero; an unknown branch; a direction that is not p finite numbers
-        or has no length; frequencies whose shape does not broadcast against the load.
+    InputError : a frequency that is not finite and above zero; an unknown branch; no direction where velocities depend on
+        it; a direction that is not p finite numbers or has no length; frequencies whose shape does not broadcast against the
+        load.
     MechanismError : a motion of the lattice costs no energy.
     """
     state = with_keyword(state, finite_overlap)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d, periods = state.packing.diameter, state.packing.structure.periods
-    along = as_direction(np.eye(periods)[0] if direction is None else direction, periods)
+    even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
+    along = choose_direction(state, direction, "pulses", even)
     names = _name_branches(state, along, branches)
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1

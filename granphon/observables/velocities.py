@@ -22,6 +22,7 @@ __all__ = [
     "AveragedModuli",
     "Moduli",
     "SoundVelocities",
+    "choose_direction",
     "local_exponent",
     "moduli",
     "sound_velocities",
@@ -150,17 +151,7 @@ def sound_velocities(
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = with_keyword(state, finite_overlap)
-    periods = state.packing.structure.periods
-    if direction is None:
-        if not state.is_isotropic:
-            raise InputError(
-                message(
-                    f"the sound velocities of the {state.packing.structure.name} lattice depend on the direction",
-                    mend=f"Give direction=({', '.join('xyz'[:periods])})",
-                )
-            )
-        direction = np.eye(periods)[0]
-    along = as_direction(direction, periods)
+    along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
     named = {name: v[..., place] for place, name in enumerate(names)}
@@ -188,6 +179,22 @@ def warn_of_free_branches(state: ContactState, velocities: Array) -> tuple[str, 
     ``velocities`` is zero are branches counted.
     """
     return lattice_without_overlap(state).free_branch_warnings if np.any(velocities == 0.0) else ()
+
+
+def choose_direction(state: ContactState, direction: ArrayLike | None, what: str, isotropic: bool) -> Array:
+    """Return the direction as unit vectors (p,) or (n, p): x if it is None.
+
+    None is an :class:`~granphon.base.errors.InputError` unless ``what``, which has the direction, is ``isotropic``.
+    """
+    structure = state.packing.structure
+    if direction is None and not isotropic:
+        raise InputError(
+            message(
+                f"the {what} of the {structure.name} lattice depend on the direction",
+                mend=f"Give direction=({', '.join('xyz'[: structure.periods])})",
+            )
+        )
+    return as_direction(np.eye(structure.periods)[0] if direction is None else direction, structure.periods)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
