@@ -21,7 +21,9 @@ from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
 from granphon.figures.sweeps import sweep_figure
+from granphon.cli.wording import describe_result, describe_scene
 from granphon.phonons.paths import BandPath
+from granphon.scene.run import is_complete
 from granphon.scene.scene import Load, Scene
 from granphon.sweeps import archive
 
@@ -130,6 +132,131 @@ def test_the_paths_that_an_error_names_are_taken(lattice):
         assert path.labels == (None if " " in band else tuple(band.replace(",", "")))
 
 
+# -- the direction of sound -----------------------------------------------------------------------------------------
+
+WAYS = ((1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1 / 3, 1.0, -2.0))
+
+
+def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
+    scene = read("lattice: fcc", "force: 5 N", "direction: 1 1 0")
+    assert (scene.direction, scene.directions) == (WAYS[0], WAYS[:1])
+    assert Scene.from_text(scene.to_yaml()) == scene
+    expected = gp.sound_velocities(scene.state(), WAYS[0])
+    found = scene.run(tmp_path / "one", figures=False)
+    for name in ("longitudinal", "transverse_slow", "transverse_fast"):
+        assert (
+            getattr(found.velocities, name)
+            == getattr(expected, name)
+            != getattr(gp.sound_velocities(scene.state(), WAYS[1]), name)
+        )
+    told = read_summary(tmp_path / "one")
+    assert_allclose(told["direction"], [0.5**0.5, 0.5**0.5, 0], rtol=1e-15)
+    assert told["transverse_slow"] == expected.transverse_slow
+    assert dict(describe_scene(scene))["direction"] == "(1, 1, 0)"
+    assert dict(describe_result(found))["slow transverse velocity"].endswith("m/s along (0.707107, 0.707107, 0)")
+    # along x, as before, if none is given
+    bare = read("lattice: fcc", "force: 5 N").run(tmp_path / "x", figures=False)
+    assert read_summary(tmp_path / "x")["direction"] == [1.0, 0.0, 0.0]
+    assert bare.velocities.longitudinal == gp.sound_velocities(scene.state(), WAYS[1]).longitudinal
+
+
+def test_many_directions_of_a_scene(tmp_path):
+    scene = read("lattice: fcc", "force: 5 N", "direction: [[1, 1, 0], 1 0 0, [1/3, 1, -2]]")
+    assert scene.direction == scene.directions == WAYS
+    assert Scene.from_text(scene.to_yaml()) == scene
+    expected = gp.sound_velocities(scene.state(), WAYS)
+    found = scene.run(tmp_path / "many", figures=False)
+    told = read_summary(tmp_path / "many")
+    assert told["direction"] == expected.direction.tolist()
+    for name in ("longitudinal", "transverse_slow", "transverse_fast"):
+        assert told[name] == getattr(expected, name).tolist()
+    told = dict(describe_result(found))["longitudinal velocity"]
+    assert re.fullmatch(r"719\.26 m/s to [0-9.]+ m/s along 3 directions", told)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "ways"), [("fcc", WAYS), ("square", ((1.0, 1.0), (0.0, 1.0))), ("triangular", ((0.5, 1.0), (3.0, 4.0)))]
+)
+def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
+    text = scene_text(
+        f"lattice: {lattice}", "force: [5 N, 9 N]", f"direction: {[list(one) for one in ways]}\nsweep: {{bending: [0, 0.1]}}"
+    )
+    scene = Scene.from_text(text)
+    result = scene.run(tmp_path / "s", figures=False)
+    data = gp.load_sweep(tmp_path / "s" / "sweep.nc")
+    assert data.identical(result.dataset)
+    names = [name for name in ("longitudinal", "transverse", "transverse_slow", "transverse_fast") if name in data]
+    expected = gp.sound_velocities(gp.AveragedLattice(scene.packing).at_force(np.array([5.0, 9.0])), ways)
+    for name in names:
+        assert data[name].dims == ("load", "medium", "bending", "direction")
+        for place in (0, 1):  # bending does not change the sound of one ball in a cell
+            assert_allclose(data[name].values[:, 0, place], getattr(expected, name), rtol=1e-14)
+    assert data["valid"].dims == data["exponent"].dims == ("load", "medium", "bending")
+    assert data["direction"].values.tolist() == [f"({', '.join(f'{x:g}' for x in one)})" for one in ways]
+    assert data.attrs["direction"] == f"{', '.join(data['direction'].values)}, Cartesian"
+    told = read_summary(tmp_path / "s")
+    assert told["direction"] == [list(one) for one in ways]
+    assert told["sizes"] == {"load": 2, "medium": 1, "bending": 2, "direction": len(ways)}
+    with (tmp_path / "s" / "sweep.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4 * len(ways)
+    last = rows[-1]
+    assert (last["direction"], float(last["longitudinal (m/s)"])) == (
+        data["direction"].values[-1],
+        data["longitudinal"].values[-1, 0, -1, -1],
+    )
+    assert [row["direction"] for row in rows[: len(ways)]] == data["direction"].values.tolist()
+    # the same sweep goes on from its file; another direction is another sweep
+    assert is_complete(scene, tmp_path / "s")
+    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")), tmp_path / "s")
+
+
+def test_one_direction_of_a_sweep_is_told_in_its_files(tmp_path):
+    result = read("lattice: fcc", "force: [5 N, 9 N]", "direction: [1, 1, 0]").run(tmp_path / "s", figures=False)
+    data = gp.load_sweep(tmp_path / "s" / "sweep.nc")
+    assert data["longitudinal"].dims == ("load", "medium")
+    assert (str(data["direction"].values), data.attrs["direction"]) == ("(1, 1, 0)", "(1, 1, 0), Cartesian")
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")).at_force(9.0)
+    assert data["transverse_slow"].values[1, 0] == pytest.approx(
+        gp.sound_velocities(state, (1, 1, 0)).transverse_slow, rel=1e-14
+    )
+    assert read_summary(tmp_path / "s")["direction"] == [1.0, 1.0, 0.0]
+    with (tmp_path / "s" / "sweep.csv").open() as file:
+        assert {row["direction"] for row in csv.DictReader(file)} == {"(1, 1, 0)"}
+    assert dict(describe_result(result))["longitudinal velocity"].endswith(" m/s along (1, 1, 0)")
+
+
+def test_directions_in_a_sweep_with_a_simulation_and_its_figure(tmp_path):
+    scene = read(
+        "lattice: triangular, spread: {uniform: 2 um}", "force: [5 N, 9 N]",
+        "direction: [[0, 1], [1, 0]]\nmedium: [ema, {simulation: {shape: 8 8, samples: 2}}]",
+    )  # fmt: skip
+    result = scene.run(tmp_path / "s")
+    assert "sweep.png" in {path.name for path in result.files}
+    data = result.dataset
+    for name in ("longitudinal", "longitudinal_error"):
+        assert data[name].dims == ("load", "medium", "direction")
+        assert_allclose(data[name][..., 0], data[name][..., 1], rtol=1e-12)  # the triangular lattice is isotropic
+    assert np.all(data["longitudinal_error"].values[:, 0] == 0.0)
+    assert np.all(data["longitudinal_error"].values[:, 1] > 0.0)
+    lines = {line.get_gid() for ax in result.figure("sweep.png").axes for line in ax.lines}
+    assert {"longitudinal-valid", "exponent-valid"} <= lines
+
+
+def test_a_sweep_in_python_takes_directions():
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="hcp")
+    data = gp.sweep(packing, force=[5.0], direction=np.eye(3), lattice=["hcp", "fcc"])
+    assert data.sizes["direction"] == 3
+    for place, lattice in enumerate(("hcp", "fcc")):
+        state = gp.AveragedLattice(gp.Packing(packing.material, 8e-3, lattice=lattice)).at_force(5.0)
+        assert_allclose(data["longitudinal"][0, 0, place], gp.sound_velocities(state, np.eye(3)).longitudinal, rtol=1e-14)
+    near = gp.sweep(packing, force=[5.0], direction=[(0.0, 0.0, 1.0), (0.0, 1e-9, 1.0)])
+    assert near["direction"].values.tolist() == ["(0.0, 0.0, 1.0)", "(0.0, 1e-09, 1.0)"] or near.sizes["direction"] == 2
+    for bad, text in (((1, 0), "three finite numbers"), ((0, 0, 0), "not all zero"), ([(1, 0, 0), (2, 0, 0)], "twice")):
+        with pytest.raises(InputError, match=text):
+            gp.sweep(packing, force=[5.0], direction=bad)
+
+
 # -- mistakes -------------------------------------------------------------------------------------------------------
 
 #: packing, load, rest; then line and key, what was found, what is allowed, and what is meant
@@ -232,6 +359,21 @@ MISTAKES = {
         "lattice: chain", "", "phonopy: {band: GX, band_labels: a b c}", "4: phonopy.band_labels", "3 labels", "2, one for",
         "",
     ),
+    "direction of a plane in space": (
+        "lattice: fcc", "", "direction: [1, 1]", "4: direction", "[1, 1]", "three numbers, not all zero", "in space",
+    ),
+    "direction of space in a plane": (
+        "lattice: square", "", "direction: [[1, 0], [1, 0, 0]]", "4: direction.1", "[1, 0, 0]", "two numbers", "in a plane",
+    ),
+    "direction of no length": (
+        "lattice: chain", "", "direction: 0", "4: direction", "0", "one number", "on a line",
+    ),
+    "direction in words": ("lattice: fcc", "", "direction: up", "4: direction", "'up'", "such as [1, 1, 0]", ""),
+    "direction twice": (
+        "lattice: fcc", "", "direction: [[1, 1, 0], [2, 2, 0]]", "4: direction.1", "[2, 2, 0] twice", "each direction once",
+        "",
+    ),
+    "no direction": ("lattice: fcc", "", "direction: []", "4: direction", "[]", "three numbers", ""),
     "lattices of two dimensions": (
         "lattice: fcc", "", "sweep: {lattice: [fcc, chain]}", "4: sweep.lattice", "['fcc', 'chain']", "one dimension",
         "sweep of each",

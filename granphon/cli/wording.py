@@ -31,10 +31,16 @@ def write_quantity(value: float, unit: str) -> str:
     return f"{value / size:.5g} {name}"
 
 
-def write_range(value: float | Sequence[float], unit: str) -> str:
+def write_range(value: Any, unit: str) -> str:
     """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
-    values = value if isinstance(value, Sequence) else [value]
+    values = _flatten(value)
     return " to ".join(write_quantity(end, unit) for end in sorted({min(values), max(values)}))
+
+
+def _flatten(value: Any) -> list[float]:
+    """Return a number, or those of a nested list or an array, as a list."""
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    return [x for one in plain for x in _flatten(one)] if isinstance(plain, Sequence) else [plain]
 
 
 def _describe_load(load: Load, periods: int) -> str:
@@ -102,6 +108,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("will take", describe_cost(cost)))
     if scene.finite_overlap:
         rows.append(("terms", "of the order of the overlap over the diameter are kept"))
+    if scene.direction is not None and "velocities" in scene.observe:
+        rows.append(("direction", " and ".join(_write_directions(one) for one in scene.directions)))
     if "bands" in scene.observe:
         labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
         rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
@@ -127,15 +135,22 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
 
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
-    along = f" along ({', '.join(f'{x:g}' for x in numbers['direction'])})" if "direction" in numbers else ""
+    along = f" along {_write_directions(numbers['direction'])}" if "direction" in numbers else ""
     for name in CATALOGUE:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
-            error = f" +/- {write_quantity(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
+            error = f" +/- {write_range(numbers[f'{name}_error'], one.unit)}" if f"{name}_error" in numbers else ""
             rows.append(
                 (one.label.lower(), write_range(numbers[name], one.unit) + error + (along if one.unit == "m/s" else ""))
             )
     return rows
+
+
+def _write_directions(given: Any) -> str:
+    """Text of one direction, or of the number of them."""
+    if isinstance(given[0], float | int):
+        return f"({', '.join(f'{x:g}' for x in given)})"
+    return f"{len(given)} directions"
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:

@@ -66,6 +66,8 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     """
     across, along, lines = _read_values(dataset, variable), _read_values(dataset, x), _colour_lines(dataset)
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+        if index.get("direction") and "direction" not in across.dims:
+            continue  # it is the same in all directions: the line of the first one shows it
         horizontal, vertical, inside = (
             np.asarray(part.isel(index, missing_dims="ignore")) for part in (along, across, dataset["valid"])
         )
@@ -127,8 +129,9 @@ def _read_values(dataset: Dataset, name: str) -> Any:
 
 
 def _list_parameters(dataset: Dataset) -> list[str]:
-    """Return the dimensions of the sweep besides load and medium."""
-    return [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
+    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
+    along = ("direction",) * ("direction" in dataset.dims)
+    return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
 def _list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -44,13 +45,17 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load."""
+    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load.
+
+    ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
+    """
 
     packing: Packing
     axes: Sequence[Axis]
     media: Sequence[MediumChoice]
     load: Load
     finite_overlap: bool = False
+    direction: tuple[Any, ...] | None = None
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
@@ -32,17 +33,22 @@ CostClass = Literal["packing", "state", "velocities", "exponent", "bands"]
 class Analysis:
     """A state, with the results that several observables share. Each result is found once, and only when it is needed.
 
-    ``given_velocities`` and ``given_moduli`` are results for this state that are known already; None if they are not.
+    ``direction`` is that of the velocities, Cartesian, (p,) or (n, p) for many; None for x. ``given_velocities`` and
+    ``given_moduli`` are results for this state that are known already; None if they are not.
     """
 
     state: ContactState
+    direction: ArrayLike | None = None
     given_velocities: SoundVelocities | None = field(default=None, repr=False)
     given_moduli: Moduli | None = field(default=None, repr=False)
 
     @cached_property
     def velocities(self) -> SoundVelocities:
-        """Sound velocities along x, m/s."""
-        return self.given_velocities or sound_velocities(self.state, np.eye(self.state.packing.structure.periods)[0])
+        """Sound velocities along the direction, m/s."""
+        if self.given_velocities is not None:
+            return self.given_velocities
+        along = np.eye(self.state.packing.structure.periods)[0] if self.direction is None else self.direction
+        return sound_velocities(self.state, along)
 
     @cached_property
     def moduli(self) -> Moduli | None:
@@ -70,6 +76,7 @@ class Observable:
     dims : names of its dimensions besides those of loads, media and parameters.
     swept : whether sweeps store it.
     sampled : whether it is a standard error over samples, which is zero for a medium that does not sample.
+    per_direction : whether it has a value for each direction of sound, if there are many.
     told : whether the command line prints it.
     per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the number of periods.
     """
@@ -84,6 +91,7 @@ class Observable:
     dims: tuple[str, ...] = ()
     swept: bool = True
     sampled: bool = False
+    per_direction: bool = False
     told: bool = False
     per_dimension: str = ""
 
@@ -110,8 +118,9 @@ def _find_pressure(of: Analysis) -> Any:
 
 
 def _find_direction(of: Analysis) -> Any:
-    """Return the direction of propagation; None if the velocities are the same in all directions."""
-    return None if of.state.is_isotropic else of.velocities.direction
+    """Return the direction of propagation; None if it is x and the velocities are the same in all directions."""
+    along = of.velocities.direction
+    return None if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0]) else along
 
 
 def _find_transverse(of: Analysis) -> Any:
@@ -141,7 +150,11 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave."""
-    given: dict[str, Any] = {"find": lambda of: getattr(of.velocities, name), "cost": "velocities"} | more
+    given: dict[str, Any] = {
+        "find": lambda of: getattr(of.velocities, name),
+        "cost": "velocities",
+        "per_direction": True,
+    } | more
     return Observable(name, SoundVelocities.units["velocities"], title, **given)
 
 
@@ -224,8 +237,8 @@ _OBSERVABLES = (
     _make_modulus_entry("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
     _make_modulus_entry("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
     Observable(
-        "direction", "1", "Cartesian direction of propagation, where velocities depend on it", find=_find_direction,
-        cost="velocities", swept=False,
+        "direction", "1", "Cartesian direction of propagation, if velocities depend on it or it is not x",
+        find=_find_direction, cost="velocities", swept=False,
     ),
     _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
     _make_velocity_entry("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),

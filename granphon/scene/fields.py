@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, find_lattice
+from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
 from granphon.balls.material import read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import PARAMETERS, Axis, find_double
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import DENSITY, LENGTH, MODULUS, WIDTH, Quantity, load_quantities
+from granphon.base.quantities import DENSITY, LENGTH, MODULUS, NUMBER, WIDTH, Quantity, load_quantities
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import closest, show
 from granphon.base.validation import (
@@ -361,7 +361,7 @@ def read_observables(value: Any) -> tuple[str, ...]:
     return tuple(name for name in OBSERVABLES if name in names)
 
 
-# -- numbers that depend on the dimension ---------------------------------------------------------------------------
+# -- what depends on the dimension ---------------------------------------------------------------------------
 
 
 #: the mesh of a density of states for one, two and three periods, if a scene gives none
@@ -387,6 +387,35 @@ def _read_grid(value: Any, lattice: Lattice, examples: Sequence[str], low: int, 
 def write_grid(numbers: Sequence[int]) -> str:
     """Return whole numbers for each period as three words, as phonopy writes them: 1 beyond the periods."""
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
+
+
+def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
+    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of these."""
+    p = lattice.periods
+    example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
+    allowed = f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as {example}; or a list of these"
+    plain = value.tolist() if isinstance(value, np.ndarray) else value
+    many = isinstance(plain, list | tuple) and any(
+        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1) for one in plain
+    )
+    found: list[tuple[float, ...]] = []
+    seen = []
+    for place, one in enumerate(plain if many else [plain]):
+        path = (place,) if many else ()
+        try:
+            found.append(_read_direction(one))
+            seen.append(as_direction(found[-1], p).tolist())
+        except InputError:
+            raise Refused(show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path) from None
+        if seen[-1] in seen[:-1]:
+            raise Refused(f"{show(one)} twice", "each direction once", path=path)
+    return tuple(found) if many else found[0]
+
+
+def _read_direction(value: Any) -> tuple[float, ...]:
+    """Read the numbers of one direction, as a list or as a text such as "1 1 0"; a single number is that of a line."""
+    words = value.split() if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
+    return tuple(_read_fraction(float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one) for one in words)
 
 
 def read_load(value: Any, kind: str, lattice: Lattice) -> float:

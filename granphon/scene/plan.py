@@ -145,7 +145,7 @@ class Plan:
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
-        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap)
+        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap, scene.direction)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:

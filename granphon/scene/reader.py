@@ -119,7 +119,7 @@ class Origin:
             with self.at("phonopy", "band_labels"):
                 path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
                 out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
-        named = {"medium": "media", "sweep": "parameters", "observe": "observe"}
+        named = {"medium": "media", "sweep": "parameters", "observe": "observe", "direction": "direction"}
         out |= {argument: given[key] for key, argument in named.items() if key in given}
         out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
         return out | {key: given["packing"][key] for key in ("finite_overlap",) if key in given["packing"]}

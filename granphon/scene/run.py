@@ -28,8 +28,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from granphon.array.atoms import write_extxyz
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
@@ -43,7 +41,7 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
 from granphon.observables.validity import Validity, validity
-from granphon.observables.velocities import Moduli, SoundVelocities, moduli, sound_velocities
+from granphon.observables.velocities import Moduli, SoundVelocities, moduli
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
 from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
@@ -120,7 +118,7 @@ class RunResult:
 
     @cached_property
     def _analysis(self) -> Analysis:
-        return Analysis(self.state, self.velocities, self.moduli)
+        return Analysis(self.state, None, self.velocities, self.moduli)
 
     @cached_property
     def _exponents(self) -> dict[str, Any]:
@@ -197,11 +195,14 @@ class SweepResult:
     def summary(self) -> dict[str, Any]:
         """Return the sizes of the dimensions, and the least and the greatest force, overlap and velocities in SI units.
 
-        The number of states, the media, and whether all states are valid are added.
+        The direction of sound, if it was given, the number of states, the media, and whether all states are valid are added.
         """
         data = self.dataset
-        sizes = {str(name): data.sizes[name] for name in data["valid"].dims}
+        along = ("direction",) * ("direction" in data.dims)
+        sizes = {str(name): data.sizes[name] for name in (*data["valid"].dims, *along)}
         out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
+        if "direction" in data.coords:
+            out["direction"] = json.loads(data["direction"].attrs["values"])
         for name in _EXTENTS:
             if name in data:
                 out[name] = [float(data[name].min()), float(data[name].max())]
@@ -238,7 +239,8 @@ def _list_expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     drawn = []
     if scene.is_sweep:
         names += ["sweep.nc", "sweep.csv"]
-        if sum(len(values) > 1 for _, values in scene.parameters) <= 1:  # lines can show one parameter only
+        lists = [values for _, values in scene.parameters] + [scene.directions]
+        if sum(len(values) > 1 for values in lists) <= 1:  # lines can show one parameter only, or directions
             drawn.append("sweep.png")
     else:
         if "bands" in scene.observe:
@@ -354,8 +356,7 @@ def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
         report = validity(state)
         if "velocities" in scene.observe:
             constants = moduli(state) if "longitudinal" in state.wave_names else None
-            direction = None if state.is_isotropic else np.eye(state.packing.structure.periods)[0]
-            velocities = sound_velocities(state, direction)
+            velocities = Analysis(state, scene.direction).velocities
             _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
     phonons, bands, dos = _compute_spectra(scene, state, progress)
     medium = choice.of(scene.packing)

@@ -57,6 +57,8 @@ class Scene:
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d.
     observe : which of "velocities", "bands", "dos" to compute.
+    direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
+        for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
         lattice; None for (1024,), (64, 64) or (32, 32, 32).
@@ -75,6 +77,7 @@ class Scene:
     parameters: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     finite_overlap: bool = False
     observe: tuple[str, ...] = ("velocities",)
+    direction: tuple[Any, ...] | None = None
     band: BandPath | None = None
     band_points: int = 101
     mesh: tuple[int, ...] | None = None
@@ -100,6 +103,8 @@ class Scene:
         }  # fmt: skip
         if self.dim is not None:
             checks["dim"] = partial(rules.supercell, lattice=lattice)
+        if self.direction is not None:
+            checks["direction"] = partial(rules.read_directions, lattice=lattice)
         for name, rule in checks.items():
             object.__setattr__(self, name, require(name, rule, getattr(self, name)))
         # in space ASE knows the path: a scene without bands does not ask it
@@ -123,6 +128,12 @@ class Scene:
     def inputs(self) -> tuple[Path, ...]:
         """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
         return self._origin.inputs
+
+    @property
+    def directions(self) -> tuple[tuple[float, ...], ...]:
+        """The directions of sound that are given, one or many; empty if none is."""
+        given = self.direction or ()
+        return given if given and isinstance(given[0], tuple) else (given,) * bool(given)
 
     @property
     def balls_differ(self) -> bool:
@@ -255,6 +266,8 @@ class Scene:
         if self.parameters:
             blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}
         blocks["observe"] = self.observe
+        if self.direction is not None:
+            blocks["direction"] = self.direction
         blocks["phonopy"] = {} if self.dim is None else {"dim": rules.write_grid(self.dim)}
         if self.band is not None:
             blocks["phonopy"]["band"] = str(self.band)
@@ -291,7 +304,7 @@ class Scene:
 
     @property
     def parameters_of_branches(self) -> list[str]:
-        """Names of the swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
+        """Names of swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
         return [name for name, _ in self.parameters if name in ("friction", "lattice") or self._changes_motions(name)]
 
     def _changes_motions(self, name: str) -> bool:

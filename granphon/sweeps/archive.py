@@ -127,12 +127,15 @@ def _read_content(values: np.ndarray[Any, Any]) -> tuple[str, Any]:
 
 
 def _write_table(dataset: Dataset, path: Path) -> None:
-    """Write one row for each load, medium and combination of parameters, with all digits."""
-    dims = dataset["valid"].dims
+    """Write one row for each load, medium, combination of parameters and direction of sound, with all digits."""
     load = next(name for name in LOADS if name in dataset.coords)
-    names = [load, *dims[1:], *(name for name, data in dataset.data_vars.items() if data.dims == dims)]
+    along = ("direction",) * ("direction" in dataset.coords)  # a single direction is a coordinate without a dimension
+    own = dataset["valid"].dims
+    dims = (*own, *(name for name in along if name in dataset.dims))
+    grid = dataset["valid"].broadcast_like(dataset[list(along)])
+    names = [load, *own[1:], *along, *(name for name, data in dataset.data_vars.items() if data.dims in (own, dims))]
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
-    columns = [dataset[name].broadcast_like(dataset["valid"]).transpose(*dims).values.ravel() for name in names]
+    columns = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
     with path.open("w", encoding="utf-8", newline="") as stream:
         write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
 
@@ -194,8 +197,8 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
             continue
-        if name == "torsion" and values.dtype.kind in "OUT":
-            continue  # "mindlin" is among its values
+        if name in ("torsion", "direction") and values.dtype.kind in "OUT":
+            continue  # "mindlin" is among the values of torsion; directions are named
         wrong = None if values.dtype.kind in "iuf" else "which are no numbers"
         if wrong is None and lacking and (CATALOGUE[name].cost == "velocities" or name == "pressure"):
             values = values[~np.isnan(values)]

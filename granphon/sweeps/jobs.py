@@ -59,10 +59,11 @@ def packages() -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The work on one case: a job for each medium that serves its loads. ``qpoints`` are those of :class:`Job`."""
+    """The work on one case: a job for each medium that serves its loads. The rest is that of :class:`Job`."""
 
     case: Case
     qpoints: Array | None
+    direction: tuple[Any, ...] | None = None
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -76,7 +77,8 @@ class Work:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
-        return [Job(where, rung, case.finite_overlap, self.qpoints) for where, rung in zip(wheres, rungs, strict=True)]
+        asked = (case.finite_overlap, self.qpoints, self.direction)
+        return [Job(where, rung, *asked) for where, rung in zip(wheres, rungs, strict=True)]
 
     @cached_property
     def pieces(self) -> list[Job]:
@@ -109,13 +111,15 @@ class Work:
 class Job:
     """One medium on one packing at all loads that it serves.
 
-    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands.
+    ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``direction``
+    is that of sound, one or many; None for x.
     """
 
     where: str
     rung: Rung
     finite_overlap: bool
     qpoints: Array | None
+    direction: tuple[Any, ...] | None = None
 
     @property
     def load(self) -> Load:
@@ -128,7 +132,7 @@ class Job:
         rung = self.rung
         data = {
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
-            "qpoints": self.qpoints, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
@@ -184,7 +188,7 @@ class Job:
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return the variables of a state, and its "warnings"."""
-        analysis = Analysis(state)
+        analysis = Analysis(state, self.direction)
         notes: list[Tally | str] = [check.tally for check in validity(state).checks]
         out = find_all(analysis, ("state",), swept=True)
         try:

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS, Axis
+from granphon.balls.parameters import PARAMETERS, Axis, find_double
 from granphon.base.errors import InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LOADS
@@ -62,6 +63,7 @@ def sweep(
     overlap: ArrayLike | None = None,
     media: Any = ("ala",),
     finite_overlap: bool = False,
+    direction: ArrayLike | None = None,
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
     npoints: int = 101,
     labels: Sequence[str] | None = None,
@@ -84,6 +86,8 @@ def sweep(
         {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these,
         each once.
     finite_overlap : keep the terms of relative order delta/d. The exponent, which is of the paper's limit, is then left out.
+    direction : Cartesian direction of sound, (p,) for lattices of p periods, or (n, p) for many; by default x. Many make one
+        more dimension of the velocities, ``direction``.
     bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along it are added to the
         data set.
     npoints : number of points on each segment of that path.
@@ -105,8 +109,8 @@ def sweep(
     Returns
     -------
     Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
-    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along x where sound is
-    not isotropic; in space and on a chain that moves across itself ``transverse_slow`` and ``transverse_fast``), ``bulk``
+    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along the direction;
+    in space and on a chain that moves across itself ``transverse_slow`` and ``transverse_fast``), ``bulk``
     and ``shear`` (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
     standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
     sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
@@ -135,9 +139,10 @@ def sweep(
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
+    along = _parse_direction(packing, axes, direction)
     return sweep_grid(
-        Grid(packing, axes, choices, load, finite_overlap), bands=bands, npoints=npoints, labels=labels, executor=executor,
-        progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
+        Grid(packing, axes, choices, load, finite_overlap, along), bands=bands, npoints=npoints, labels=labels,
+        executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
     )  # fmt: skip
 
 
@@ -167,7 +172,7 @@ def sweep_grid(
     if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
-    works = [Work(case, qpoints) for case in cases]
+    works = [Work(case, qpoints, grid.direction) for case in cases]
     pieces = [work.pieces for work in works]
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
@@ -192,6 +197,21 @@ def _parse_media(given: Any) -> list[MediumChoice]:
     if double:
         raise InputError(message(f"the medium {double[0]!r} is given twice", mend="Give each once"))
     return choices
+
+
+def _parse_direction(packing: Packing, axes: Sequence[Axis], direction: ArrayLike | None) -> tuple[Any, ...] | None:
+    """Return one direction as its numbers, or many as a tuple of these; :class:`InputError` if the lattice has none such."""
+    if direction is None:
+        return None
+    swept = next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure)
+    along = as_direction(direction, find_lattice(swept).periods)
+    numbers = np.asarray(direction, float).tolist()
+    if along.ndim == 1:
+        return tuple(numbers)
+    if (double := find_double(along.tolist())) is not None:
+        what = f"the sweep has the direction {tuple(numbers[double])} twice"
+        raise InputError(message(what, mend="Give each direction once"))
+    return tuple(map(tuple, numbers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,10 +307,17 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
+    along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
+    if (given := grid.direction) is not None:
+        many = isinstance(given[0], tuple)
+        names = np.array(_name_directions(given if many else (given,)))
+        along = f"{', '.join(names.tolist())}, Cartesian"
+        about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
+        coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{choice.name: choice.settings} for choice in grid.media]), "finite_overlap": int(finite),
-        "direction": f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it",
+        "direction": along,
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
@@ -303,7 +330,7 @@ def _collect_identity(frame: Dataset) -> dict[str, Any]:
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
     out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
-    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS] + path:
+    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
         whole = frame[name].attrs.get("values")
         out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
     return out
@@ -314,7 +341,13 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     # the standard error of a medium that samples nothing is zero
-    exact = {name: np.zeros(load.size) for name, one in CATALOGUE.items() if one.sampled and any(name in p for p in parts)}
+    along = ("direction",) * ("direction" in frame.dims)
+    shape = (load.size, *(frame.sizes[name] for name in along))
+    exact = {
+        name: np.zeros(shape if one.per_direction else load.size)
+        for name, one in CATALOGUE.items()
+        if one.sampled and any(name in part for part in parts)
+    }
     parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
     labels = [case.label for case in grid.cases]
     warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
@@ -330,7 +363,12 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
         stack = np.array([part[name] for part in parts])
         stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        variables[name] = ((*dims, *CATALOGUE[name].dims), stack, _list_attributes(name, stack, packing))
+        entry = CATALOGUE[name]
+        variables[name] = (
+            (*dims, *(along if entry.per_direction else ()), *entry.dims),
+            stack,
+            _list_attributes(name, stack, packing),
+        )
     if "tensor" in names:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
@@ -365,6 +403,12 @@ def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResu
 def _is_of_sound(name: str) -> bool:
     """Whether a quantity is a velocity or a modulus."""
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
+
+
+def _name_directions(given: Sequence[Sequence[float]]) -> list[str]:
+    """Return directions in words, such as "(1, 1, 0)", with as many digits as tell them apart."""
+    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in given]
+    return short if len(set(short)) == len(short) else [f"({', '.join(map(repr, numbers))})" for numbers in given]
 
 
 def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
