@@ -132,6 +132,13 @@ def test_the_paths_that_an_error_names_are_taken(lattice):
         assert path.labels == (None if " " in band else tuple(band.replace(",", "")))
 
 
+def test_torsion_belongs_to_the_lattices_of_a_sweep():
+    scene = read("torsion: 0.02", rest="sweep: {lattice: [fcc, hcp]}")
+    assert [state.packing.torsion for _, state in scene.states()] == [0.02, 0.02]
+    with pytest.raises(SceneError, match=r"2: packing.torsion: .*'in_plane' of the square"):
+        read("lattice: fcc, torsion: 0.02", rest="sweep: {lattice: [square, kagome]}")
+
+
 # -- the direction of sound -----------------------------------------------------------------------------------------
 
 WAYS = ((1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1 / 3, 1.0, -2.0))

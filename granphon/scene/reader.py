@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
-from granphon.scene.fields import table_named
+from granphon.scene.fields import choose_lattice, table_named
 from granphon.scene.schema import read_blocks
 
 __all__ = ["Origin"]
@@ -113,7 +114,8 @@ class Origin:
         if self.document is None:
             raise ValueError("there is no document")
         given = read_blocks(self.document, self.folder)
-        packing, drawing = self._packing(given["material"], given["packing"]), given.get("phonopy", {})
+        lattices = dict(given.get("sweep", ())).get("lattice", ())
+        packing, drawing = self._packing(given["material"], given["packing"], lattices), given.get("phonopy", {})
         out: dict[str, Any] = {"packing": packing, "load": self._load(given["load"]), "source": self.path}
         if "band" in drawing or "band_labels" in drawing:
             with self.at("phonopy", "band_labels"):
@@ -130,7 +132,7 @@ class Origin:
         with self.at("load", kind):
             return Load(kind, given[kind], balls)
 
-    def _packing(self, material: dict[str, Any], given: dict[str, Any]) -> Packing:
+    def _packing(self, material: dict[str, Any], given: dict[str, Any], lattices: Sequence[str | Lattice]) -> Packing:
         data: Any = self.document.data if self.document else {}
         # the scales of the ball are made of all three: the one that is farthest from the ordinary is probably wrong
         made = {**material, "diameter": given["diameter"]}
@@ -140,6 +142,9 @@ class Origin:
         with self.at(block, key, before=size):
             names = [name for name in ("diameter", "lattice", "friction") if name in given]
             packing = Packing(Material(**material), **{name: given[name] for name in names})
+        # what motions there may be, and what resists them, depends on the dimension of the lattices of a sweep
+        if choose_lattice(packing.structure, lattices) != packing.structure:
+            packing = replace(packing, lattice=lattices[0])
         for name in [name for name in ("motions", "torsion", "bending") if name in given]:
             allowed = "motions of this lattice" if name == "motions" else "0 where no motion is resisted by it"
             with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}. "):
