@@ -89,8 +89,13 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
 
     Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
     """
-    reach = _reach(cell, radius).astype(int)
-    steps = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1).reshape(-1, len(cell))
+    return _list_steps(cell, radius, _reach(cell, radius))
+
+
+def _list_steps(cell: Array, radius: float, reach: Array) -> NDArray[np.intp]:
+    """:func:`steps_within`, of no more steps along each vector than ``reach`` (p,)."""
+    ranges = [np.arange(-r, r + 1) for r in reach.astype(int)]
+    steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(cell))
     return np.asarray(steps[np.linalg.norm(steps @ cell, axis=1) <= radius], np.intp)
 
 
@@ -115,14 +120,15 @@ def find_contacts(cell: Array, positions: Array, name: str) -> ContactTable:
     n = len(positions)
     apart = positions[None] - positions[:, None]
     radius = 2.0 + float(np.linalg.norm(apart, axis=-1).max())
-    if np.prod(2.0 * _reach(cell, radius) + 1.0) > _MOST_CELLS:
+    reach = _reach(cell, radius)
+    if np.prod(2.0 * reach + 1.0) > _MOST_CELLS:
         what = f"the cell of lattice {name!r} is too oblique, or its sites are too far from each other"
         raise InputError(message(what, mend="Give short lattice vectors, and sites from 0 to 1"))
-    shifts = steps_within(cell, radius)
+    shifts = _list_steps(cell, radius, reach)
     delta = apart[:, :, None] + (shifts @ cell)[None, None]
     distance = np.linalg.norm(delta, axis=-1)
     same = np.eye(n, dtype=bool)[:, :, None] & np.all(shifts == 0, axis=1)[None, None]
-    near = find_near_miss(cell, positions, shifts, TOUCH)
+    near = find_near_miss(cell, shifts, delta, distance, TOUCH)
     if np.any((distance < 1.0 - TOUCH) & ~same):
         least = float(distance[~same].min())
         why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"

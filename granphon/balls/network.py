@@ -35,26 +35,25 @@ class NearMiss:
     mend: str
 
 
-def find_near_miss(cell: Array, positions: Array, shifts: NDArray[np.intp], touch: float) -> NearMiss | None:
+def find_near_miss(cell: Array, shifts: NDArray[np.intp], delta: Array, distance: Array, touch: float) -> NearMiss | None:
     """Find the pair of balls whose distance is nearest to one among those that do not touch; None if none is that near.
 
     Parameters
     ----------
-    cell, positions : (p, d) lattice vectors, and (n, d) centres of the balls, in spacings.
+    cell : (p, d) lattice vectors, in spacings.
     shifts : (n_s, p) whole cells by which the second ball may be displaced.
+    delta, distance : (n, n, n_s, d) and (n, n, n_s) from the first ball to the second one, with each shift.
     touch : deviation of the distance from one up to which balls touch.
     """
-    delta = positions[None, :, None] - positions[:, None, None] + shifts @ cell
-    off = np.abs(np.linalg.norm(delta, axis=-1) - 1.0)
+    off = np.abs(distance - 1.0)
     near = (off > touch) & (off <= NEAR)
     if not np.any(near):
         return None
     i, j, s = np.unravel_index(np.argmin(np.where(near, off, np.inf)), off.shape)
-    distance = float(np.linalg.norm(delta[i, j, s]))
     image = f" shifted by ({', '.join(map(str, shifts[s].tolist()))}) cells" if np.any(shifts[s]) else ""
-    text = f"Ball {i} and ball {j}{image} are {distance:.9g} apart, where touching balls are 1 apart"
+    text = f"Ball {i} and ball {j}{image} are {distance[i, j, s]:.9g} apart, where touching balls are 1 apart"
     mend = _scale_to_touch(cell, delta[near], delta[off <= touch], touch)
-    return NearMiss(text, distance, mend or "If numbers were rounded, write them with eight digits or more")
+    return NearMiss(text, float(distance[i, j, s]), mend or "If numbers were rounded, write them with eight digits or more")
 
 
 def _scale_to_touch(cell: Array, near: Array, touching: Array, touch: float) -> str:
