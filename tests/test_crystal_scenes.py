@@ -20,8 +20,8 @@ from granphon.base.errors import InputError, InstabilityError, MechanismError, S
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
-from granphon.figures.sweeps import sweep_figure
 from granphon.cli.wording import describe_result, describe_scene
+from granphon.figures.sweeps import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Load, Scene
