@@ -55,6 +55,8 @@ def positive(name: str, value: float, unit: str = "") -> float:
 
 def not_negative(name: str, value: float, unit: str = "") -> float:
     """``value`` as a float: a finite real number, zero or above."""
+    if type(value) is float and 0.0 <= value < np.inf:
+        return value
     return float(require(name, partial(validation.zero_or_above, unit=unit), value))
 
 

@@ -85,7 +85,7 @@ class Block:
         """
         odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
         inner = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if self.pushing is not None or not inner.size:
+        if self.pushing is not None or inner.size < 2:  # a single column that is not zero depends on no other
             return self
         size = np.abs(odd) + np.abs(even)
         free, others = find_dependent(even[:, inner], np.linalg.norm(size, axis=1), np.linalg.norm(size[:, inner], axis=0))
@@ -406,6 +406,8 @@ def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
     left, found = np.ones(effects.shape[1], bool), []
+    if effects.all(axis=1).any():  # one row joins all
+        return [np.flatnonzero(left)]
     while np.any(left):
         block = np.arange(len(left)) == np.argmax(left)
         count = 0

@@ -55,6 +55,8 @@ class FreeMotions(LongWaves):
         bent = [
             one for one in np.flatnonzero(columns < len(motions.translations)) if motions.translations[columns[one]] >= p
         ]
+        if not bent:
+            return (), np.zeros((0, len(columns), p))
         found = np.zeros((len(bent), len(columns), p), complex)
         weights = self._frame * np.sqrt(self.masses / self.masses.sum())[:, None]
         for number, place in enumerate(bent):

@@ -227,6 +227,10 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     # a common scale keeps the squared norms in range
     scale = np.max(np.abs(a), axis=(0, 1))
     scale[scale == 0.0] = 1.0
+    if n == 1:  # the only singular value is the length of the column
+        unit = np.divide(a, scale, order="C")
+        length = np.sqrt(np.einsum("nmb,nmb->nb", unit, unit.conj()).real) * scale
+        return length.reshape(*shape, 1), np.ones((*shape, 1, 1), np.result_type(matrices.dtype, np.float64))
     # axes: column first, batch last, so that each rotation works on contiguous rows. Below each column of A is the matching
     # column of the right singular vectors
     columns = np.zeros((n, m + n, a.shape[-1]), np.result_type(matrices.dtype, np.float64))

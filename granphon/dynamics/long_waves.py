@@ -29,6 +29,8 @@ _COUPLED = 1e-9
 #: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
 #: for rounding
 _ISOTROPIC = 1e-10
+#: numbers of directions up to which their long waves are kept
+_FEW_NUMBERS = 12
 #: pairs of axes in Voigt order, for one, two and three periods
 _VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 #: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
@@ -276,7 +278,8 @@ class LongWaves(Compatibility):
         along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
             # at every load of every state the same few directions are asked for
-            return self._waves_along(tuple(along.tolist())) if along.ndim == 1 else self._compute_waves(along)
+            few = along.size <= _FEW_NUMBERS
+            return self._waves_along(along.shape, tuple(along.ravel().tolist())) if few else self._compute_waves(along)
         tensor = self.acoustic_tensor(along, prestress)
         try:
             factor = cholesky_factor(tensor)
@@ -289,9 +292,9 @@ class LongWaves(Compatibility):
         return self._decompose_waves(along, factor)
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
-    def _waves_along(self, along: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return :meth:`sound_velocities` along one unit vector, without prestress; read-only."""
-        values, vectors = self._compute_waves(np.array(along))
+    def _waves_along(self, shape: tuple[int, ...], numbers: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return :meth:`sound_velocities` along a few unit vectors, without prestress; read-only."""
+        values, vectors = self._compute_waves(np.reshape(numbers, shape))
         return read_only(values), read_only(vectors)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
@@ -349,18 +352,12 @@ class LongWaves(Compatibility):
         :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
         """
         self.require_rigid()
-        p, axes = self.periods, self.motions.translations
-        if not set(range(p)) <= set(axes):
-            raise InputError(
-                message(
-                    f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
-                )
-            )
-        own = [axes.index(axis) for axis in range(p)]
-        h = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
+        if prestress is None and not self.is_prestressed:
+            return self._own_tensor
+        h = self._strain_stiffness(prestress)
         each, push = self._find_load(prestress)
         stress = -each * push[3] / self.measure
-        one = np.eye(p)
+        one = np.eye(self.periods)
         c = (
             h
             - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
@@ -372,9 +369,30 @@ class LongWaves(Compatibility):
             )
             - np.einsum("...ij,kl->...ijkl", stress, one)
         )
+        return self._to_voigt(c)
+
+    @cached_property
+    def _own_tensor(self) -> Array:
+        """:meth:`elastic_tensor` without prestress, which every load of every state asks for; read-only."""
+        return read_only(self._to_voigt(self._strain_stiffness()))
+
+    def _strain_stiffness(self, prestress: ArrayLike | None = None) -> Array:
+        """Return :meth:`gradient_stiffness` (..., p, p, p, p) of displacements along the periods, over the measure."""
+        p, axes = self.periods, self.motions.translations
+        if not set(range(p)) <= set(axes):
+            raise InputError(
+                message(
+                    f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
+                )
+            )
+        own = [axes.index(axis) for axis in range(p)]
+        return np.asarray(self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure)
+
+    def _to_voigt(self, c: Array) -> Array:
+        """Return elastic constants c_ijkl (..., p, p, p, p), made symmetric, in Voigt order."""
         c = 0.5 * (c + c.swapaxes(-4, -3))
         c = 0.5 * (c + c.swapaxes(-2, -1))
-        i, j = np.transpose(_VOIGT[p])
+        i, j = np.transpose(_VOIGT[self.periods])
         return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
     @cached_property

@@ -134,7 +134,7 @@ class ContactLattice(FreeMotions):
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
         q, _ = self._fold(wavevectors)
-        values = np.concatenate([self._solve(q[part])[0] for part in self._split(len(q))])
+        values = np.concatenate([self._solve(q[part]) for part in self._split(len(q))])
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
@@ -202,16 +202,13 @@ class ContactLattice(FreeMotions):
         physical = motion.reshape(len(q), self.n_branches, -1)
         return Modes(asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside)
 
-    def _solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
-        """Find frequencies and eigenvectors in the frame."""
+    def _solve(self, q: Array) -> Array:
+        """Find frequencies."""
         try:
-            found = [block.solve(q) for block in self._blocks]
+            values = [block.solve(q)[0] for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        if len(found) == 1:
-            return found[0]
-        values, vectors, _ = self._join([(*one, np.zeros((len(q), one[0].shape[1], 0))) for one in found])
-        return values, vectors
+        return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,10 +129,11 @@ class Validity(Result):
         """Whether every condition holds, at each load."""
         return np.logical_and.reduce([check.ok for check in self.checks])[()]
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each condition that fails; empty if all hold."""
-        return tuple(check.warning for check in self.checks if check.warning is not None)
+        said = [check.warning for check in self.checks]
+        return tuple(one for one in said if one is not None)
 
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:

@@ -59,8 +59,6 @@ class ContactFinder:
         self._coordinates, self._periods = coordinates, lattice.periods
         self._overlap, self._apart = overlap, apart
         self._finite_overlap, self._free, self._lattice = finite_overlap, free, lattice
-        normal = lattice.contacts.normal
-        self._directions = np.pad(np.concatenate([normal, -normal]), ((0, 0), (0, coordinates - normal.shape[1])))
         self._near = PairList()
 
     def find_pairs(self, balls: Atoms, places: Array) -> Pairs:
@@ -71,6 +69,12 @@ class ContactFinder:
         if p < m:  # no vector across the periods counts
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
         return self._near.near(places, cell, tuple(balls.pbc[:m].tolist()), largest)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """(2 n_c, m) contact vectors of the lattice, both ways, at spacing one."""
+        normal = self._lattice.contacts.normal
+        return np.pad(np.concatenate([normal, -normal]), ((0, 0), (0, self._coordinates - normal.shape[1])))
 
     @cached_property
     def _midway(self) -> float:
