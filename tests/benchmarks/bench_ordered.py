@@ -208,85 +208,6 @@ def bands(repeats: int) -> list[Row]:
     ]  # fmt: skip
 
 
-def by_hand_in_space(
-    cell: NDArray[np.float64], sites: NDArray[np.float64], q: NDArray[np.float64], eta: float
-) -> Callable[[], list[NDArray[Any]]]:
-    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors, velocities, fractions."""
-    steps = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3) @ cell
-    apart = sites[None, :, None] + steps - sites[:, None, None]  # (ball i, ball j, step, 3)
-    first, second, step = np.nonzero(np.abs(np.linalg.norm(apart, axis=-1) - 1.0) < 1e-9)
-    normal = apart[first, second, step]
-    once = normal @ [0.7, 0.11, 0.013] > 0.0  # each contact from one of its ends
-    first, second, normal = first[once], second[once], normal[once]
-    tangent = np.cross(normal, np.where(np.abs(normal[:, 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    spin, still = 0.5 * np.sqrt(10.0), np.zeros_like(normal)
-    across = np.cross(normal, tangent)
-    moved = np.stack([normal, np.sqrt(eta) * tangent, np.sqrt(eta) * across])
-    turned = spin * np.stack([still, -np.sqrt(eta) * across, np.sqrt(eta) * tangent])
-    n, c = len(sites), len(normal)
-    near, far = np.zeros((3, c, n, 6)), np.zeros((3, c, n, 6))
-    near[:, np.arange(c), first] = np.concatenate([-moved, turned], axis=2)
-    far[:, np.arange(c), second] = np.concatenate([moved, turned], axis=2)
-    near, far, ahead = near.reshape(3 * c, -1), far.reshape(3 * c, -1), np.tile(normal, (3, 1))
-
-    def solve() -> list[NDArray[Any]]:
-        phase = np.tile(np.exp(1j * q @ normal.T), 3)[..., None]
-        rows = phase * far + near
-        squared, modes = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
-        values = np.sqrt(np.maximum(squared, 0.0))
-        half = ((rows @ modes).conj() * ((1j * phase * far) @ modes)).real
-        motion = modes.reshape(len(q), n, 6, -1)
-        with np.errstate(divide="ignore", invalid="ignore"):  # at Gamma they have no value
-            velocities = (ahead.T @ half).swapaxes(1, 2) / values[..., None]
-            toward = q / np.linalg.norm(q, axis=1)[:, None]
-            longitudinal = np.sum(np.abs(np.einsum("qiab,qa->qib", motion[:, :, :3], toward)) ** 2, axis=1)
-        return [values, modes, velocities, np.sum(np.abs(motion[:, :, 3:]) ** 2, axis=(1, 2)), longitudinal]
-
-    return solve
-
-
-#: crystals in space, and paths through their zones
-SPACE = {
-    "fcc": ("Γ-X-W-L", [[0, 0, 0], [1 / 2, 0, 1 / 2], [1 / 2, 1 / 4, 3 / 4], [1 / 2, 1 / 2, 1 / 2]]),
-    "hcp": ("Γ-M-K-A", [[0, 0, 0], [1 / 2, 0, 0], [1 / 3, 1 / 3, 0], [0, 0, 1 / 2]]),
-}
-
-
-def space(repeats: int) -> list[Row]:
-    """Modes of crystals in space, with rotations, against D(q) typed out."""
-    import granphon as gp
-
-    found = []
-    for name, (path, corners) in SPACE.items():
-        lattice = gp.ContactLattice.of(name, 0.84)
-        ends = lattice.wavevectors(corners)
-        step = np.linspace(0.0, 1.0, 101)[:, None]
-        q = np.concatenate([a + (b - a) * step for a, b in pairwise(ends)])
-        along = np.repeat(np.diff(ends, axis=0), len(step), axis=0)
-        typed = by_hand_in_space(lattice.cell, lattice.positions, q, 0.84)
-        modes, (values, _, velocities, rotation, _) = lattice.modes(q, along), typed()
-        worst = np.max(np.abs(modes.frequencies - values))
-        assert worst < 1e-6, f"numpy disagrees on {name}: the ratio would mean nothing"
-        apart = np.min(np.diff(values, axis=1), axis=1) > 1e-3  # where branches touch, velocities are those of a direction
-        apart &= values[:, 0] > 1e-2
-        assert np.max(np.abs(modes.group_velocities - velocities)[apart]) < 1e-9, "group velocities disagree"
-        assert np.max(np.abs(modes.rotational_fraction - rotation)[apart]) < 1e-9, "rotational fractions disagree"
-
-        def solve(lattice: Any = lattice, q: Any = q, along: Any = along) -> object:
-            return lattice.modes(q, along)
-
-        seconds = alternate(repeats, granphon=solve, numpy=typed)
-        what = (
-            f"modes of {name} ({lattice.n_branches} branches) along {path}, {len(q)} q points, velocities and polarisation"
-        )
-        found.append(
-            Row(f"{what}: over batched numpy, D(q) typed", seconds["granphon"] / seconds["numpy"], "", 3.0,
-                note=against(seconds, "granphon", "numpy"))
-        )  # fmt: skip
-    return found
-
-
 def command(repeats: int) -> list[Row]:
     """The command on the steel example, against the imports and the bare computation, as whole processes."""
     root = Path(__file__).resolve().parents[2]
@@ -321,6 +242,23 @@ def command(repeats: int) -> list[Row]:
             note=against(seconds, "granphon", "imports")),
         Row("the same with velocities alone: over its own imports", seconds["velocities"] / seconds["own"], "", 2.0,
             note=against(seconds, "velocities", "own")),
+        *imports(repeats),
+    ]  # fmt: skip
+
+
+def imports(repeats: int) -> list[Row]:
+    """What ``import granphon`` takes, as a whole process, and how many modules it loads."""
+    count = "import sys; before = len(sys.modules); import granphon; print(len(sys.modules) - before)"
+    loaded = subprocess.run([sys.executable, "-c", count], check=True, capture_output=True, text=True)
+    seconds = alternate(
+        repeats,
+        granphon=lambda: subprocess.run([sys.executable, "-c", "import granphon"], check=True),
+        others=lambda: subprocess.run([sys.executable, "-c", "import numpy, ase"], check=True),
+    )
+    return [
+        Row("`import granphon`, a process: over the imports of numpy and ASE", seconds["granphon"] / seconds["others"], "",
+            0.5, note=against(seconds, "granphon", "others")),
+        Row("`import granphon`: modules that it loads", float(loaded.stdout), "", 12.0),
     ]  # fmt: skip
 
 
@@ -349,7 +287,7 @@ def directions(repeats: int) -> list[Row]:
     return found
 
 
-PARTS: dict[str, Part] = {"bands": bands, "space": space, "command": command, "directions": directions}
+PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the ordered lattice", PARTS))

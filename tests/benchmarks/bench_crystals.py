@@ -1,0 +1,208 @@
+"""Benchmarks of crystals in space: ratios, each measured side by side in one run, and the largest density of states.
+
+    python tests/benchmarks/bench_crystals.py [--json FILE] [--repeats N]
+
+The exit code is 1 if a bound is missed. The documentation quotes a run.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from side_by_side import Part, Row, against, alternate, command_line
+
+Array = NDArray[np.float64]
+#: points on a segment of a path
+POINTS = 101
+
+
+def contacts_by_hand(
+    cell: Array, sites: Array, eta: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]:
+    """Balls i and j of each contact, its normal, and its rows typed out: elongation and two slips of six motions each.
+
+    Rows are (3, n_c, 6), of ball i and of ball j: displacements, then rotations w = R_g phi.
+    """
+    steps = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3) @ cell
+    apart = sites[None, :, None] + steps - sites[:, None, None]  # (ball i, ball j, step, 3)
+    first, second, step = np.nonzero(np.abs(np.linalg.norm(apart, axis=-1) - 1.0) < 1e-9)
+    normal = apart[first, second, step]
+    once = normal @ [0.7, 0.11, 0.013] > 0.0  # each contact from one of its ends
+    first, second, normal = first[once], second[once], normal[once]
+    tangent = np.cross(normal, np.where(np.abs(normal[:, 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    spin, still, across = 0.5 * np.sqrt(10.0), np.zeros_like(normal), np.cross(normal, tangent)
+    moved = np.stack([normal, np.sqrt(eta) * tangent, np.sqrt(eta) * across])
+    turned = spin * np.stack([still, -np.sqrt(eta) * across, np.sqrt(eta) * tangent])
+    return first, second, normal, np.concatenate([-moved, turned], axis=2), np.concatenate([moved, turned], axis=2)
+
+
+def by_hand_in_space(cell: Array, sites: Array, q: Array, eta: float) -> Callable[[], list[NDArray[Any]]]:
+    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors, velocities, fractions."""
+    first, second, normal, own, other = contacts_by_hand(cell, sites, eta)
+    n, c = len(sites), len(normal)
+    near, far = np.zeros((3, c, n, 6)), np.zeros((3, c, n, 6))
+    near[:, np.arange(c), first] = own
+    far[:, np.arange(c), second] = other
+    near, far, ahead = near.reshape(3 * c, -1), far.reshape(3 * c, -1), np.tile(normal, (3, 1))
+
+    def solve() -> list[NDArray[Any]]:
+        phase = np.tile(np.exp(1j * q @ normal.T), 3)[..., None]
+        rows = phase * far + near
+        squared, modes = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
+        values = np.sqrt(np.maximum(squared, 0.0))
+        half = ((rows @ modes).conj() * ((1j * phase * far) @ modes)).real
+        motion = modes.reshape(len(q), n, 6, -1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # at Gamma they have no value
+            velocities = (ahead.T @ half).swapaxes(1, 2) / values[..., None]
+            toward = q / np.linalg.norm(q, axis=1)[:, None]
+            longitudinal = np.sum(np.abs(np.einsum("qiab,qa->qib", motion[:, :, :3], toward)) ** 2, axis=1)
+        return [values, modes, velocities, np.sum(np.abs(motion[:, :, 3:]) ** 2, axis=(1, 2)), longitudinal]
+
+    return solve
+
+
+def bare_phonopy(cell: Array, sites: Array, eta: float) -> Any:
+    """What a user without granphon would write: phonopy with two atoms a ball, force constants of the contacts by hand.
+
+    The first atom of a ball has its displacement, the second, a little aside, its rotation w = R_g phi.
+    """
+    from phonopy import Phonopy
+    from phonopy.structure.atoms import PhonopyAtoms
+
+    n = len(sites)
+    atoms = np.concatenate([sites, sites + 1e-3]) @ np.linalg.inv(cell)
+    unit = PhonopyAtoms(symbols=["Fe"] * n + ["O"] * n, cell=cell, scaled_positions=atoms, masses=[1.0] * (2 * n))
+    ph = Phonopy(unit, 3 * np.eye(3, dtype=int), primitive_matrix="P", is_symmetry=False)
+    ph.unit_conversion_factor = 1.0
+    # the images of an atom of the cell follow each other, in the same order for each
+    images, inverse = len(ph.supercell) // (2 * n), np.linalg.inv(ph.supercell.cell)
+    places = ph.supercell.positions.reshape(2 * n, images, 3)
+    constants = np.zeros((2, n, images, 2, n, images, 3, 3))
+    first, second, normals, own, others = contacts_by_hand(cell, sites, eta)
+    for c, (i, j, normal) in enumerate(zip(first, second, normals, strict=True)):
+        near, far = own[:, c], others[:, c]
+        for image in range(images):
+            gap = (places[j] - places[i, image] - normal) @ inverse
+            there = int(np.argmin(np.abs(gap - np.rint(gap)).sum(axis=1)))
+            ends = ((i, image, near), (j, there, far))
+            for one, here, left in ends:
+                for other, beyond, right in ends:
+                    block = (left.T @ right).reshape(2, 3, 2, 3).swapaxes(1, 2)
+                    constants[:, one, here, :, other, beyond] += block
+    ph.force_constants = constants.reshape(len(ph.supercell), len(ph.supercell), 3, 3)
+    return ph
+
+
+#: crystals in space, and paths through their zones
+SPACE = {
+    "fcc": ("Γ-X-W-L", [[0, 0, 0], [1 / 2, 0, 1 / 2], [1 / 2, 1 / 4, 3 / 4], [1 / 2, 1 / 2, 1 / 2]]),
+    "hcp": ("Γ-M-K-A", [[0, 0, 0], [1 / 2, 0, 0], [1 / 3, 1 / 3, 0], [0, 0, 1 / 2]]),
+}
+#: wave vectors along each axis of the mesh of a density of states
+MESH = 64
+
+
+def space(repeats: int) -> list[Row]:
+    """Modes and bands of crystals in space against D(q) typed out and against bare phonopy, and a density of states."""
+    import granphon as gp
+
+    steel, found = gp.Material(211.65e9, 0.276, 7840.0), []
+    for name, (path, corners) in SPACE.items():
+        state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=name)).at_force(18.446)
+        eta = state.packing.mindlin_ratio
+        lattice = gp.ContactLattice.of(name, eta)
+        fractions = np.array(corners, float)
+        ends = lattice.wavevectors(fractions)
+        step = np.linspace(0.0, 1.0, POINTS)[:, None]
+        paths = [a + (b - a) * step for a, b in pairwise(fractions)]
+        q = lattice.wavevectors(np.concatenate(paths))
+        along = np.repeat(np.diff(ends, axis=0), POINTS, axis=0)
+        typed, bare = (
+            by_hand_in_space(lattice.cell, lattice.positions, q, eta),
+            bare_phonopy(lattice.cell, lattice.positions, eta),
+        )
+        modes, (values, _, velocities, rotation, _) = lattice.modes(q, along), typed()
+
+        def run(bare: Any = bare, paths: Any = paths) -> Any:
+            return bare.run_band_structure(paths, with_eigenvectors=True, with_group_velocities=True)
+
+        run()
+        theirs = np.concatenate(bare.band_structure.frequencies)
+        for other in (values, theirs):
+            assert np.max(np.abs(modes.frequencies - other)) < 1e-6, f"the others disagree on {name}"
+        apart = np.min(np.diff(values, axis=1), axis=1) > 1e-3  # where branches touch, velocities are those of a direction
+        apart &= values[:, 0] > 1e-2
+        assert np.max(np.abs(modes.group_velocities - velocities)[apart]) < 1e-9, "group velocities disagree"
+        assert np.max(np.abs(modes.rotational_fraction - rotation)[apart]) < 1e-9, "rotational fractions disagree"
+
+        def solve(lattice: Any = lattice, q: Any = q, along: Any = along) -> object:
+            return lattice.modes(q, along)
+
+        def bands(state: Any = state, corners: Any = corners) -> object:
+            return gp.Phonons(state).bands([corners], npoints=POINTS)
+
+        seconds = alternate(repeats, granphon=solve, numpy=typed, phonopy=run, bands=bands)
+        points = f"{name} ({lattice.n_branches} branches) along {path}, {len(q)} q points, velocities and polarisation"
+        found += [
+            Row(f"modes of {points}: over batched numpy, D(q) typed", seconds["granphon"] / seconds["numpy"], "", 3.0,
+                note=against(seconds, "granphon", "numpy")),
+            Row(f"`Phonons.bands` of {points}: over bare phonopy, two atoms a ball", seconds["bands"] / seconds["phonopy"],
+                "", 0.5, note=against(seconds, "bands", "phonopy")),
+        ]  # fmt: skip
+    return found + densities(repeats)
+
+
+# -- density of states, alone in a process ------------------------------------------------------------------------------
+
+
+def peak() -> float:
+    """Return the largest memory of this process so far, GiB; on Linux without what the process that started it had."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        found = [line.split()[1] for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")]
+        if found:
+            return int(found[0]) / 2**20
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+def alone(points: int) -> None:
+    """Print what the density of states of fcc on a mesh takes."""
+    import granphon as gp
+
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")).at_force(18.446)
+    start = time.perf_counter()
+    dos = gp.Phonons(state).dos(mesh=(points,) * 3)
+    seconds = time.perf_counter() - start
+    print(json.dumps({"s": seconds, "GiB": peak(), "modes": float(np.trapezoid(dos.total, dos.frequencies))}))
+
+
+def densities(repeats: int) -> list[Row]:
+    """The density of states of fcc on 64^3 wave vectors."""
+    command = [sys.executable, "-c", f"import bench_crystals; bench_crystals.alone({MESH})"]
+    runs = []
+    for _ in range(min(repeats, 3)):
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+        runs.append(json.loads(done.stdout))
+        assert abs(runs[-1]["modes"] - 6.0) < 1e-6, "some modes are missing: the time would mean nothing"
+    what = f"density of states of fcc (6 branches) on {MESH}x{MESH}x{MESH} wave vectors"
+    return [
+        Row(f"{what}: time", float(np.median([run["s"] for run in runs])), "s", 10.0),
+        Row(f"{what}: peak memory of the process", max(run["GiB"] for run in runs), "GiB", 1.0),
+    ]
+
+
+PARTS: dict[str, Part] = {"space": space}
+
+if __name__ == "__main__":
+    sys.exit(command_line("Benchmarks of crystals in space", PARTS))
