@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mpmath
 import numpy as np
 import pytest
@@ -295,3 +297,16 @@ def test_cholesky_factor_keeps_zero_rows_and_refuses_negative_matrices():
     for bad in ([[1.0, 2.0], [2.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]):
         with pytest.raises(np.linalg.LinAlgError):
             cholesky_factor(np.array([bad]))
+
+
+@pytest.mark.parametrize("complex_entries", [False, True])
+def test_one_column_is_its_length_without_a_rotation(complex_entries, monkeypatch):
+    monkeypatch.setattr(linalg.itertools, "combinations", None)
+    columns = draw(5, (2, 3, 4, 1), complex_entries) * np.array([1.0, 1e-200, 1e200])[:, None, None]
+    columns[0, 0] = 0.0
+    values, right = jacobi_svd(columns)
+    exact = [[math.hypot(*np.abs(one).ravel().tolist()) for one in several] for several in columns]
+    assert_allclose(values[..., 0], exact, rtol=1e-15)
+    assert right.shape == (2, 3, 1, 1)
+    assert np.all(right == 1.0)
+    assert right.dtype == columns.dtype

@@ -446,3 +446,24 @@ def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
         found = gp.sound_velocities(state, along)
         slopes = contacts.frequencies([1e-6 * along])[0, :2] / 1e-6 * unit
         assert_allclose(np.sort([found.longitudinal, found.transverse]), slopes, rtol=1e-8)
+
+
+# -- what is found once -------------------------------------------------------------------------------------------------
+
+
+def test_what_does_not_depend_on_the_load_is_found_once():
+    lattice = gp.ContactLattice.of("kagome", ETA)
+    assert lattice.elastic_tensor() is lattice.elastic_tensor()
+    assert not lattice.elastic_tensor().flags.writeable
+    few = np.array([[1.0, 0.0], [0.6, 0.8]])
+    assert all(one is other for one, other in zip(lattice.sound_velocities(few), lattice.sound_velocities(few), strict=True))
+    for way, velocities in zip(few, lattice.sound_velocities(few)[0], strict=True):
+        assert_allclose(lattice.sound_velocities(way)[0], velocities, rtol=1e-15)
+    # under a prestress that vanishes the general formula gives the same
+    assert_allclose(lattice.elastic_tensor(0.0), lattice.elastic_tensor(), rtol=0.0, atol=1e-15)
+
+
+def test_the_warnings_of_a_state_are_put_in_words_once():
+    state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force([1.0, 1e4])
+    assert gp.validity(state).warnings
+    assert gp.moduli(state).warnings is gp.sound_velocities(state).warnings is gp.validity(state).warnings
