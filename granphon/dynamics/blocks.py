@@ -304,9 +304,11 @@ class Block:
             some = values[doubtful]
             some[some <= self._find_rounding(point, doubtful, right[doubtful])] = 0.0
             some[:, : self.free] = 0.0
-            order = np.argsort(some, axis=1, kind="stable")
-            values[doubtful] = np.take_along_axis(some, order, 1)
-            right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
+            values[doubtful] = some
+            if np.any(some[:, 1:] < some[:, :-1]):
+                order = np.argsort(some, axis=1, kind="stable")
+                values[doubtful] = np.take_along_axis(some, order, 1)
+                right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
         return values, right
 
     @property
@@ -320,14 +322,21 @@ class Block:
         kinds = (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
         return 4.0 * float(sum(np.linalg.norm(part) for waves in kinds for part in (waves.odd, waves.even)))
 
+    @cached_property
+    def _sizes(self) -> list[tuple[Array, Array, Array]]:
+        """Half vectors, and the sizes of what sine and cosine multiply, of each kind of rows."""
+        found = []
+        for waves in (self.deforming,) if self.pushing is None else (self.deforming, self.pushing):
+            odd, even = np.abs(waves.odd), np.abs(waves.even)
+            # where two ends cancel, their difference is rounding of both
+            found.append((waves.half, odd, np.where(even > 0.0, even + odd, 0.0)))
+        return found
+
     def _find_rounding(self, point: _Point, places: NDArray[np.intp], right: NDArray[Any]) -> Array:
         """Return (places, n) frequencies that are no more than the rounding of sine and cosine in their own columns."""
         squares: Any = 0.0
-        for waves in (self.deforming,) if self.pushing is None else (self.deforming, self.pushing):
-            angle = np.abs(point.q[places] @ waves.half.T)
-            odd, even = np.abs(waves.odd), np.abs(waves.even)
-            # where two ends cancel, their difference is rounding of both
-            size = angle[:, None, :, None] * odd + np.where(even > 0.0, even + odd, 0.0)
+        for half, odd, even in self._sizes:
+            size = np.abs(point.q[places] @ half.T)[:, None, :, None] * odd + even
             squares = squares + np.sum(size**2, axis=(1, 2))
         if self.bent:
             own, turned, half = self._tilted
