@@ -165,7 +165,7 @@ def sound_velocities(
         longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=(*validity(state).warnings, *warn_of_free_branches(state, v)),
+        warnings=validity(state).warnings + warn_of_free_branches(state, v),
         longitudinal_error=longitudinal_error, transverse_error=transverse_error,
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
