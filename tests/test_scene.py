@@ -599,7 +599,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     diameter = draw(st.floats(1e-6, 1e3))
     friction = lattice != "triangular" or draw(st.booleans())
     packing = gp.Packing(material, diameter, draw(spreads(diameter)), lattice=lattice, friction=friction)
-    several = st.lists(factors, min_size=1, max_size=2)
+    several = st.lists(factors, min_size=1, max_size=2, unique_by=lambda factor: f"{factor:.6g}")
     parameters = draw(st.just({}) | st.fixed_dictionaries({}, optional={
         "young_modulus": several.map(lambda fs: [f * material.young_modulus for f in fs]),
         "poisson_ratio": st.just(space_evenly(0.1, 0.3, 3, "linear")),
