@@ -23,12 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 
 __all__ = [
     "CARRIED_FORCE", "REST_TOLERANCE", "THRESHOLD_FORCE", "Equilibrium", "Prescribed", "equilibrate", "find_linear_response",
-    "explain_too_small", "find_uniform_part",
+    "array_shape", "explain_too_small", "find_uniform_part",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -77,14 +78,18 @@ class Equilibrium(Result):
 
     Attributes
     ----------
-    deviations : (L1, L2) x = Delta/W of the balls.
+    deviations : (L1, ..., Lp) x = Delta/W of the balls; (n, L1, ..., Lp) of n > 1 balls in the cell.
     overlap : y, common to all contacts.
-    balls : (2, L1, L2) displacements in units of W, in the coordinates of :class:`~granphon.array.stencils.Stencils`.
+    balls : (n p, L1, ..., Lp) displacements in units of W, in the coordinates of :class:`~granphon.array.stencils.Stencils`.
     residual : largest force left on a ball, divided by the mean contact force.
     newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
+    lattice : the lattice of the contacts.
+
+    In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
     """
 
-    shapes = {"deviations": "i j", "balls": "2 i j"}
+    shapes = {"deviations": "..."}
+    added = ("lattice",)
 
     deviations: Array
     overlap: float
@@ -92,6 +97,7 @@ class Equilibrium(Result):
     residual: float = math.inf
     newton: int = 0
     conjugate: int = 0
+    lattice: Lattice = TRIANGULAR
 
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have asked for them
@@ -107,38 +113,47 @@ class Equilibrium(Result):
     @cached_property
     def stencils(self) -> Stencils:
         """Compatibility matrix C of the array, without slips."""
-        return Stencils(self.deviations.shape)
+        return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays are not those of an array of balls of the lattice."""
+        super().check()
+        shape = array_shape(self.deviations, self.lattice)
+        wanted = self.lattice.n_balls * self.lattice.periods, *shape
+        if len(shape) != self.lattice.periods or np.shape(self.balls) != wanted:
+            found = f"deviations of the shape {np.shape(self.deviations)} and balls of {np.shape(self.balls)}"
+            raise InputError(message(f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice"))
 
     @property
     def differences(self) -> Array:
-        """(3, L1, L2) differences h - y of the contacts' overlaps from the common one."""
+        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         still = Motion(self.balls, 0.0)
-        return _average_pairs(self.deviations, self.stencils) - self.stencils.deformations(still)
+        return self.stencils.average_pairs(self.deviations) - self.stencils.deformations(still)
 
     @property
     def overlaps(self) -> Array:
-        """(3, L1, L2) overlaps h of the contacts; below zero where balls are apart."""
+        """(n_c, L1, ..., Lp) overlaps h of the contacts; below zero where balls are apart."""
         return self.overlap + self.differences
 
     @property
     def forces(self) -> Array:
-        """(3, L1, L2) contact forces h_+^(3/2)."""
+        """(n_c, L1, ..., Lp) contact forces h_+^(3/2)."""
         closed = np.maximum(self.overlaps, 0.0)
         return closed * np.sqrt(closed)
 
     @property
     def excess(self) -> Array:
-        """(3, L1, L2) contact forces minus y_+^(3/2), computed without the loss of digits that a subtraction causes."""
+        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), computed without the loss of digits that a subtraction causes."""
         return _compute_excess(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
-        """(3, L1, L2) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for the others."""
+        """(n_c, L1, ..., Lp) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for the others."""
         return 1.5 * self._roots
 
     @property
     def stiffness_slopes(self) -> Array:
-        """(3, L1, L2) derivatives of the stiffnesses with respect to h, (3/4) h^(-1/2); zero where no load is carried."""
+        """(n_c, L1, ..., Lp) derivatives of the stiffnesses with respect to h, (3/4) h^(-1/2); zero where no load is carried."""
         root = self._roots
         return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
 
@@ -164,7 +179,7 @@ class Equilibrium(Result):
         return float(np.mean(0.4 * self.forces * np.maximum(self.overlaps, 0.0)))
 
     def response(self) -> Array:
-        """Return (3, L1, L2) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
+        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
         balls = find_linear_response(self.stencils, stiffness, stiffness - find_uniform_part(stiffness))
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
@@ -198,9 +213,9 @@ def find_uniform_part(stiffness: Array) -> float:
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
-def _average_pairs(deviations: Array, stencils: Stencils) -> Array:
-    """Return (3, L1, L2) means (x_i + x_j)/2 of the contacts."""
-    return np.stack([0.5 * (deviations + np.roll(deviations, (-a, -b), (0, 1))) for a, b in stencils.shifts])
+def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
+    """Return the numbers of cells (L1, ..., Lp) of an array with these deviations; see :class:`Equilibrium`."""
+    return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
 def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
@@ -226,9 +241,9 @@ def equilibrate(
 
     Parameters
     ----------
-    deviations : (L1, L2) x = Delta/W, of mean zero.
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the cell.
     load : overlap or mean contact force, reduced.
-    stencils : of the array; made if not given.
+    stencils : of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar load.
     tolerance : largest force left on a ball, over the mean contact force, or over the rms difference of contact forces if
         that is less: at high loads the effect of disorder is itself only a small part of the force.
@@ -240,7 +255,7 @@ def equilibrate(
     """
     stencils = stencils or Stencils(deviations.shape)
     free = load.overlap is None
-    means = _average_pairs(deviations, stencils)
+    means = stencils.average_pairs(deviations)
     equal = not np.ptp(deviations)
     if free and start is None and load.force < THRESHOLD_FORCE and not equal:
         raise explain_too_small(load.force)
@@ -248,7 +263,7 @@ def equilibrate(
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
     if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
-        start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
+        start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
     contacts = means.size
     for newton in range(_NEWTON_STEPS):
@@ -276,8 +291,9 @@ def equilibrate(
         distance = max(left / scale if left else 0.0, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
         if distance <= tolerance:
             found = Equilibrium(
-                deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
-            )
+                deviations=deviations, overlap=y, balls=_centre(balls, stencils), residual=left / force, newton=newton,
+                conjugate=steps, lattice=stencils.lattice,
+            )  # fmt: skip
             return found.share(found.deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
@@ -305,9 +321,11 @@ def explain_too_small(force: float) -> InputError:
     )
 
 
-def _centre(balls: Array) -> Array:
+def _centre(balls: Array, stencils: Stencils) -> Array:
     """Return the displacements minus their mean: a motion of the whole array costs nothing."""
-    return np.asarray(balls - np.mean(balls, axis=(1, 2), keepdims=True))
+    fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
+    means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
+    return np.asarray((fields - means).reshape(balls.shape))
 
 
 def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Prescribed | None) -> float:
@@ -345,9 +363,9 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
 
 
 def find_linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
-    """Return (n, L1, L2) the motion u that solves C^T K C u = C^T ``tension``, for ``tension`` (rows, L1, L2) of contacts.
+    """Return (fields, L1, ..., Lp) the motion u that solves C^T K C u = C^T ``tension``, for a ``tension`` of contacts.
 
-    ``stiffness`` (rows, L1, L2) is zero where balls are apart; there the tension must be zero too. Raises
+    ``stiffness`` and ``tension`` are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tension must be zero too. Raises
     :class:`ConvergenceError` if conjugate gradients do not converge.
     """
     force = Motion(stencils.forces(tension), 0.0)
@@ -375,12 +393,13 @@ def _solve_by_conjugate_gradients(
     there.
     """
     contacts = stencils.n_contacts * stiffness[0].size
-    precondition = stencils.preconditioner(stiffness)
+    springs = stencils.rooms.fill(stiffness)
+    precondition = stencils.preconditioner(springs)
     held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
     left, press = force.balls.copy(), force.compression
     balls, compression = np.zeros_like(left), 0.0
     way, out = stencils.padded(), stencils.padded()
-    inner = way[:, :-1, :-1]
+    inner = way[stencils.rooms.inner]
     better = precondition(left)
     product = first = dot(left, better) + held * press * press
     inner[...] = better
@@ -392,8 +411,8 @@ def _solve_by_conjugate_gradients(
             raise ConvergenceError(
                 message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
             )
-        stencils.wrap(way)
-        change, pull, energy = stencils.product(stiffness, way, squeeze, out)
+        stencils.rooms.wrap(way)
+        change, pull, energy = stencils.product(springs, way, squeeze, out)
         if energy <= 0.0:  # nothing but rounding is left
             break
         length = product / energy

@@ -1,25 +1,29 @@
 """The compatibility matrix of a large periodic array of balls, as stencils on lattice arrays.
 
-Ball (p, q) of an array of L1 x L2 sits at p a1 + q a2 of the triangular lattice. Motions are arrays (n, L1, L2): first the
-projections of the displacement on the first two directions of the contact table, so that elongations are plain differences;
-then, if contacts resist slip, the rotation. Deformations of contacts are arrays (rows, L1, L2): the elongation of each kind
-of contact, then its slip, stored at the ball i from which the contact starts. No matrix is stored: C and its transpose are
-shifts of whole arrays. The inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
+The array is L1 x ... x Lp cells of a lattice with p periods. Motions are arrays (fields, L1, ..., Lp): for each ball of the
+cell first the projections of its displacement on p normals of the contact table, so that many elongations are plain
+differences; then, if contacts resist them, its rotations. Deformations of contacts are arrays (rows, L1, ..., Lp): the
+elongation of each kind of contact, then its slips, twist and rolls, stored at the cell of ball i, from which the contact
+starts. No matrix is stored: C and its transpose are shifts of whole arrays. The inverse of C^T C for equal contacts, the
+lattice Green's function, is a product in Fourier space.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.lattices import TRIANGULAR
-from granphon.balls.motions import select_motions
-from granphon.dynamics.rows import contact_rows
+from granphon.array.green import ArrayRow, green_function
+from granphon.array.rooms import Rooms
+from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.balls.motions import allowed_motions, select_motions
+from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
 __all__ = ["Motion", "Stencils", "dot"]
 
@@ -29,60 +33,74 @@ _CACHED = 2**15
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
-
-
-class _Row(NamedTuple):
-    """A kind of deformation: ``head`` times the motion of ball j, which is ``shift`` away, less ``tail`` times that of i."""
-
-    shift: tuple[int, int]
-    head: tuple[float, ...]
-    tail: tuple[float, ...]
+#: least sine of the angle between a normal and those before it, for displacements to be projected on it
+_INDEPENDENT = 0.1
 
 
 class Motion(NamedTuple):
-    """Periodic motion ``balls`` (n, L1, L2), and the uniform ``compression``, an addition to the overlap of all contacts."""
+    """Periodic motion ``balls`` (fields, L1, ..., Lp), and the uniform ``compression``, added to the overlap of all contacts."""
 
     balls: Array
     compression: float
 
 
 class Stencils:
-    """Compatibility matrix C of an array of ``shape`` (L1, L2); the unit of length is the diameter.
+    """Compatibility matrix C of an array of ``shape`` (L1, ..., Lp) cells of a lattice; the unit of length is the diameter.
 
-    With a ``mindlin_ratio`` eta above zero, C has slips and rotations too; the stiffness of slip is eta times the normal
-    one. ``workers`` threads share each Fourier transform.
+    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C has slips, twists and rolls too,
+    and rotations. Their stiffness is that multiple of the normal one. ``workers`` threads share each Fourier transform.
     """
 
-    def __init__(self, shape: tuple[int, ...], mindlin_ratio: float = 0.0, workers: int = 1) -> None:
-        self.shape: tuple[int, int] = (shape[0], shape[1])
-        self.mindlin_ratio = mindlin_ratio
-        self.workers = workers
-        table = TRIANGULAR.contacts
-        self.motions = select_motions(mindlin_ratio)
-        self.n_fields, self.n_contacts = self.motions.count, len(table)
-        #: (2, 2) unit vectors, as rows, on which displacements are projected
-        self.basis: Array = table.normal[:2]
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        mindlin_ratio: float = 0.0,
+        workers: int = 1,
+        lattice: Lattice = TRIANGULAR,
+        torsion: float = 0.0,
+        bending: float = 0.0,
+    ) -> None:
+        self.shape = tuple(shape)
+        self.mindlin_ratio, self.torsion, self.bending = mindlin_ratio, torsion, bending
+        self.workers, self.lattice = workers, lattice
+        table, p = lattice.contacts, lattice.periods
+        normal = table.normal[:, :p]
+        self.motions = select_motions(mindlin_ratio, torsion, bending, next(iter(allowed_motions(p).values())))
+        self.n_contacts, self.n_balls = len(table), lattice.n_balls
+        self.n_fields = self.n_balls * self.motions.count
+        #: indices (i, j) of the balls of the cell that each kind of contact joins
+        self.ends = list(zip(table.i.tolist(), table.j.tolist(), strict=True))
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
-        self.shifts = [(int(a), int(b)) for a, b in table.shift]
-        project = np.eye(self.n_fields)
-        project[:2, :2] = np.linalg.inv(self.basis)
-        rows = contact_rows(table.normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio)
-        #: stiffness of elongation and of slip over that of elongation, each for three kinds of contact
-        self._ratios = [float(row.stiffness) for row in rows]
-        self._rows = [
-            _Row(shift, tuple(head), tuple(tail))
-            for row in rows
-            for shift, head, tail in zip(
-                self.shifts,
-                _round_coefficients(row.head @ project).tolist(),
-                _round_coefficients(row.tail @ project).tolist(),
-                strict=True,
+        self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
+        #: (p, p) unit vectors, as rows, on which displacements are projected
+        self.basis = _find_basis(normal)
+        self._kinds = contact_rows(
+            normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
+        )
+        self._vector = table.vector[:, :p]
+        project = np.eye(self.motions.count)
+        project[:p, :p] = np.linalg.inv(self.basis)
+        self._rows = [row for kind in self._kinds for row in self._make_rows(kind, project)]
+        self.rooms = Rooms(self.shape, self.shifts)
+
+    def _make_rows(self, kind: Row, project: Array) -> list[ArrayRow]:
+        """Return a kind of deformation for each kind of contact, on the fields of the array."""
+        m = self.motions.count
+        ends = [
+            [tuple((m * ball + at, c) for at, c in enumerate(line) if c) for ball, line in zip(balls, lines, strict=True)]
+            for balls, lines in (
+                ([j for _, j in self.ends], _round_coefficients(kind.head @ project).tolist()),
+                ([i for i, _ in self.ends], _round_coefficients(kind.tail @ project).tolist()),
             )
+        ]
+        return [
+            ArrayRow(shift, head, tail, float(kind.stiffness))
+            for shift, head, tail in zip(self.shifts, *ends, strict=True)
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again
-        return Stencils, (self.shape, self.mindlin_ratio, self.workers)
+        return Stencils, (self.shape, self.mindlin_ratio, self.workers, self.lattice, self.torsion, self.bending)
 
     def forget(self) -> None:
         """Drop Green's function from memory: it is several times as large as the array, and quickly computed again."""
@@ -90,193 +108,239 @@ class Stencils:
 
     @property
     def n_rows(self) -> int:
-        """Number of kinds of deformation: elongations and slips."""
+        """Number of kinds of deformation."""
         return len(self._rows)
 
+    @property
+    def ball_shape(self) -> tuple[int, ...]:
+        """Shape of an array with one number for each ball: (L1, ..., Lp), or (balls, L1, ..., Lp) of several in the cell."""
+        return self.shape if self.n_balls == 1 else (self.n_balls, *self.shape)
+
+    def by_ball(self, values: Array) -> Array:
+        """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis, (balls, L1, ..., Lp)."""
+        return values.reshape(self.n_balls, *self.shape)
+
     def weights(self, stiffness: Array) -> Array:
-        """Return (rows, L1, L2) stiffnesses of all deformations, from those of elongations (3, L1, L2)."""
-        return stiffness if len(self._ratios) == 1 else np.concatenate([ratio * stiffness for ratio in self._ratios])
+        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations (contacts, L1, ..., Lp)."""
+        if self.n_rows == self.n_contacts:
+            return stiffness
+        return np.concatenate([float(kind.stiffness) * stiffness for kind in self._kinds])
+
+    def strains(self) -> Array:
+        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, the balls not turning."""
+        return np.concatenate([strain_rows(kind, self._vector, self.motions) for kind in self._kinds])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
     def padded(self) -> Array:
-        """Return zeros for a motion, with one more row and column, to which :meth:`wrap` copies the first ones."""
-        return np.zeros((self.n_fields, self.shape[0] + 1, self.shape[1] + 1))
-
-    @staticmethod
-    def wrap(room: Array) -> None:
-        """Copy the first row and column of a padded array to its last row and column."""
-        room[:, -1, :-1] = room[:, 0, :-1]
-        room[:, :, -1] = room[:, :, 0]
-
-    @staticmethod
-    def _fold(room: Array) -> Array:
-        """Add the last row and column of a padded array to its first ones; return a view without the last ones."""
-        room[:, 0] += room[:, -1]
-        room[:, :-1, 0] += room[:, :-1, -1]
-        return room[:, :-1, :-1]
+        """Return rooms for a motion, to be filled by :meth:`Rooms.wrap`."""
+        return self.rooms.zeros(self.n_fields)
 
     def blocks(self) -> Iterator[slice]:
         """Yield slices of rows of balls, each small enough to stay in the processor's cache."""
-        step = max(1, _CACHED // self.shape[1])
+        step = max(1, _CACHED // math.prod(self.shape[1:]))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
-    def _deform(self, row: _Row, room: Array, rows: slice) -> Array:
-        """Return the deformation of one kind, in the contacts that start in these rows of balls."""
-        (s1, s2), columns = row.shift, self.shape[1]
+    def _deform(self, row: ArrayRow, flat: Array, first: int, end: int) -> Array:
+        """Return the deformation of one kind in the contacts that start in a part of the flattened room."""
+        step = self.rooms.offset(row.shift)
         if row.head == row.tail:
-            part = _combine(row.head, room[:, rows.start : rows.stop + 1])
-            return part[s1 : s1 + rows.stop - rows.start, s2 : s2 + columns] - part[: rows.stop - rows.start, :columns]
-        ahead = _combine(row.head, room[:, rows.start + s1 : rows.stop + s1, s2 : s2 + columns])
-        return ahead - _combine(row.tail, room[:, rows, :columns])
+            low = first + min(step, 0)
+            part = _combine(row.head, flat, low, end + max(step, 0))
+            return part[first + step - low : end + step - low] - part[first - low : end - low]
+        return _combine(row.head, flat, first + step, end + step) - _combine(row.tail, flat, first, end)
 
-    def _pull(self, row: _Row, force: Array, room: Array, rows: slice) -> None:
-        """Add to ``room`` the forces on balls due to a tension in the contacts that start in these rows of balls."""
-        (s1, s2), columns = row.shift, self.shape[1]
-        for field, (head, tail) in enumerate(zip(row.head, row.tail, strict=True)):
-            if head:
-                room[field, rows.start + s1 : rows.stop + s1, s2 : s2 + columns] += _multiply(head, force)
-            if tail:
-                room[field, rows, :columns] -= _multiply(tail, force)
+    def _pull(self, row: ArrayRow, force: Array, flat: Array, first: int, end: int) -> None:
+        """Add to ``flat`` the forces on balls due to a tension in the contacts that start in this part of the room."""
+        step = self.rooms.offset(row.shift)
+        for (ahead, head), (behind, tail) in zip(row.head, row.tail, strict=True):
+            part = force if abs(head) == 1.0 else abs(head) * force
+            add = np.add if head > 0.0 else np.subtract
+            there = flat[ahead, first + step : end + step]
+            add(there, part, out=there)
+            part = part if abs(tail) == abs(head) else abs(tail) * force
+            add = np.subtract if tail > 0.0 else np.add
+            there = flat[behind, first:end]
+            add(there, part, out=there)
 
     def deformations(self, motion: Motion) -> Array:
-        """Return (rows, L1, L2) C u, minus the compression in the elongations: the losses of overlap, then the slips."""
-        room = self.padded()
-        room[:, :-1, :-1] = motion.balls
-        self.wrap(room)
-        out = np.empty((self.n_rows, *self.shape))
-        for rows in self.blocks():
+        """Return (rows, L1, ..., Lp) C u, minus the compression in the elongations: the losses of overlap, then the others."""
+        room = self.rooms.fill(motion.balls)
+        self.rooms.wrap(room)
+        out = np.empty((self.n_rows, *self.rooms.outer))
+        flat, found = room.reshape(len(room), -1), out.reshape(len(out), -1)
+        for first, end in self.rooms.spans(_CACHED):
             for kind, row in enumerate(self._rows):
-                out[kind, rows] = self._deform(row, room, rows)
-        out[: self.n_contacts] -= motion.compression
-        return out
+                found[kind, first:end] = self._deform(row, flat, first, end)
+        inside: Array = out[self.rooms.inner]
+        inside[: self.n_contacts] -= motion.compression
+        return inside
 
     def forces(self, contacts: Array) -> Array:
-        """Return (n, L1, L2) C^T f, the forces on balls in the coordinates of their motion, for contacts under tension f."""
+        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their motion, for a tension f."""
         room = self.padded()
-        for rows in self.blocks():
-            for kind, row in enumerate(self._rows):
-                self._pull(row, contacts[kind, rows], room, rows)
-        return self._fold(room)
+        flat = room.reshape(len(room), -1)
+        for kind, row in enumerate(self._rows):
+            tension = self.rooms.fill(contacts[kind : kind + 1]).ravel()
+            for first, end in self.rooms.spans(_CACHED):
+                self._pull(row, tension[first:end], flat, first, end)
+        return self.rooms.fold(room)
 
     def around(self, contacts: Array) -> Array:
-        """Return (L1, L2) sums of the values (3, L1, L2) over the six contacts of each ball."""
-        out: Array = np.zeros_like(contacts[0])
-        for one, shift in zip(contacts, self.shifts, strict=True):
-            out += one + np.roll(one, shift, (0, 1))
-        return out
+        """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of :attr:`ball_shape`."""
+        out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
+        axes = tuple(range(len(self.shape)))
+        for one, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
+            out[i] += one
+            out[j] += np.roll(one, shift, axes)
+        return out.reshape(self.ball_shape)
 
-    def cartesian(self, forces: Array) -> Array:
-        """Return (2, L1, L2) forces along x and y, from those in the coordinates of motions."""
-        out: Array = np.einsum("ak,a...->k...", self.basis, forces[:2])
-        return out
+    def average_pairs(self, values: Array) -> Array:
+        """Return (contacts, L1, ..., Lp) means over the two balls of each contact, of values of :attr:`ball_shape`."""
+        balls, axes = self.by_ball(values), tuple(range(len(self.shape)))
+        pairs = zip(self.shifts, self.ends, strict=True)
+        return np.stack([0.5 * (balls[i] + np.roll(balls[j], [-step for step in shift], axes)) for shift, (i, j) in pairs])
 
     def displacements(self, balls: Array) -> Array:
-        """Return (2, L1, L2) displacements along x and y, from their projections."""
-        out: Array = np.einsum("ka,a...->k...", np.linalg.inv(self.basis), balls[:2])
-        return out
+        """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
+        return self._turn(np.linalg.inv(self.basis), balls)
+
+    def cartesian(self, forces: Array) -> Array:
+        """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of motions."""
+        return self._turn(self.basis.T, forces)
+
+    def _turn(self, matrix: Array, fields: Array) -> Array:
+        """Apply a (p, p) matrix to the displacements, or to the forces against them, of each ball."""
+        balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
+        return np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape)
 
     def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
-        """Apply C^T K C to a motion in a wrapped ``room``.
+        """Apply C^T K C to a motion in a wrapped ``room``; ``stiffness`` is in rooms with margins of zeros.
 
         Returns the forces on balls, as a view of ``out``; the sum of K e over elongations; and that of K e^2 over all rows.
         """
         out[...] = 0.0
         pull = energy = 0.0
-        for rows in self.blocks():
+        springs, flat, forces = (rooms.reshape(len(rooms), -1) for rooms in (stiffness, room, out))
+        for first, end in self.rooms.spans(_CACHED):
             for kind, row in enumerate(self._rows):
-                change = self._deform(row, room, rows)
+                change = self._deform(row, flat, first, end)
                 if kind < self.n_contacts and compression:
                     change -= compression
-                force = stiffness[kind, rows] * change
+                force = springs[kind, first:end] * change
                 energy += dot(force, change)
                 if kind < self.n_contacts:
                     pull += float(np.sum(force))
-                self._pull(row, force, out, rows)
-        return self._fold(out), pull, energy
+                self._pull(row, force, forces, first, end)
+        return self.rooms.fold(out), pull, energy
 
     # -- solving ----------------------------------------------------------------------------------------------------
 
     @cached_property
     def _green(self) -> tuple[tuple[Any, ...], ...]:
-        """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; zero for motions that cost nothing.
-
-        It is real, because rotations are multiplied by i. Entries (a, b) are arrays (L1, L2/2 + 1).
-        """
-        n, (first, second) = self.n_fields, self.shape
-        half = np.pi / first * np.arange(first)[:, None], np.pi / second * np.arange(second // 2 + 1)
-        matrix = np.zeros((n, n, first, second // 2 + 1))
-        for kind, row in enumerate(self._rows):
-            angle = row.shift[0] * half[0] + row.shift[1] * half[1]
-            sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
-            # a motion z exp(i q r) deforms by i (2 sin z_u) + 2 cos z_phi about the middle of the contact
-            turns = self.motions.is_rotation.tolist()
-            factor = [head * (cosine if turn else sine) for head, turn in zip(row.head, turns, strict=True)]
-            weight = self._ratios[kind // self.n_contacts]
-            for a in range(n):
-                for b in range(n):
-                    if row.head[a] and row.head[b]:
-                        matrix[a, b] += weight * factor[a] * factor[b]
-        matrix[:2, :2, 0, 0] = np.eye(2)  # translations of the whole array
-        inverse = np.moveaxis(np.linalg.inv(np.moveaxis(matrix, (0, 1), (2, 3))), (2, 3), (0, 1))
-        inverse[:2, :2, 0, 0] = 0.0
-        entries = {(a, b): np.ascontiguousarray(inverse[a, b]) for a in range(n) for b in range(a, n)}
-        return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(n)) for a in range(n))
+        """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; see :func:`green_function`."""
+        return green_function(self._rows, self.shape, self.motions.is_rotation.tolist() * self.n_balls, self.n_balls)
 
     def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
         """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
-        The first carries stress across the array; the second accounts for balls that are held weakly.
+        The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is in
+        rooms with margins of zeros.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        mean = float(np.mean(stiffness[: self.n_contacts]))
-        local, turning = self._invert_blocks(stiffness, _LEAST_LOCAL * mean), self.motions.turning
+        mean = float(np.mean(stiffness[: self.n_contacts][self.rooms.inner]))
+        local = self._invert_blocks(stiffness, _LEAST_LOCAL * mean)
+        axes = tuple(range(1, len(self.shape) + 1))
+        # with one ball in the cell Green's function is that of rotations times i
+        turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
 
         def apply(force: Array) -> Array:
-            waves = fft.rfft2(force, workers=self.workers)
-            for rows in self.blocks():
+            waves = fft.rfftn(force, axes=axes, workers=self.workers)
+            for rows in self.blocks() if len(axes) > 1 else [slice(None)]:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
                 new = [_sum_products([entry[rows] for entry in line], parts) for line in self._green]
                 for field, part in enumerate(new):
                     parts[field] = part
                 parts[turning] *= 1j
-            # transform one axis after the other: both at once would allocate another array of waves
-            waves = fft.ifft(waves, axis=1, workers=self.workers, overwrite_x=True)
-            out: Array = fft.irfft(waves, self.shape[1], axis=2, workers=self.workers)
+            # transform one axis after the other: all at once would allocate another array of waves
+            for axis in axes[:-1]:
+                waves = fft.ifft(waves, axis=axis, workers=self.workers, overwrite_x=True)
+            out: Array = fft.irfft(waves, self.shape[-1], axis=axes[-1], workers=self.workers)
             for rows in self.blocks():
                 part = out[:, rows]
                 part *= 1.0 / mean
-                part[:2] += [_sum_products([entry[rows] for entry in line], force[:2, rows]) for line in local[:2]]
-                for turn, field in zip(local[2], part[turning], strict=True):
-                    field += turn[rows] * force[2, rows]
+                for fields, lines in local:
+                    for field, line in zip(fields, lines, strict=True):
+                        part[field] += _sum_products([entry[rows] for entry in line], [force[one, rows] for one in fields])
             return out
 
         return apply
 
-    def _invert_blocks(self, stiffness: Array, least: float) -> list[list[Array]]:
-        """Return the inverse of each ball's own block of C^T K C, with displacements and rotation treated separately."""
-        blocks = [(0, 0), (0, 1), (1, 1), *((turn, turn) for turn in range(self.n_fields)[self.motions.turning])]
-        room = np.zeros((len(blocks), self.shape[0] + 1, self.shape[1] + 1))
-        for rows in self.blocks():
+    def _invert_blocks(self, stiffness: Array, least: float) -> list[tuple[list[int], list[list[Array]]]]:
+        """Return the inverse of each ball's own block of C^T K C, with displacements and rotations treated separately.
+
+        Each entry holds the fields of a block, and the inverse as lines of arrays (L1, ..., Lp).
+        """
+        springs = stiffness.reshape(len(stiffness), -1)
+        groups = [range(self.motions.count)[part] for part in (self.motions.translating, self.motions.turning)]
+        blocks = [[ball * self.motions.count + at for at in group] for ball in range(self.n_balls) for group in groups if group]
+        out = []
+        for fields in blocks:
+            pairs = list(combinations_with_replacement(fields, 2))
+            room, extra = self.rooms.zeros(len(pairs)), np.zeros(len(pairs))
+            flat = room.reshape(len(pairs), -1)
+            terms = []  # kind of deformation, step, slot, factor
             for kind, row in enumerate(self._rows):
-                (s1, s2), part = row.shift, stiffness[kind, rows]
-                extra = least * self._ratios[kind // self.n_contacts]
-                for slot, (a, b) in enumerate(blocks):
-                    ahead, behind = row.head[a] * row.head[b], row.tail[a] * row.tail[b]
-                    if ahead:
-                        room[slot, rows.start + s1 : rows.stop + s1, s2 : s2 + self.shape[1]] += _multiply(ahead, part)
-                        room[slot, rows, :-1] += _multiply(behind, part) + extra * (ahead + behind)
-        xx, xy, yy, *turns = out = self._fold(room)
-        for rows in self.blocks():
-            first, across, second = out[:3, rows]
-            one_over = 1.0 / (first * second - across * across)
-            xx[rows], xy[rows], yy[rows] = second * one_over, -across * one_over, first * one_over
-            for turn in turns:
-                turn[rows] = 1.0 / turn[rows]
-        return [[xx, xy], [xy, yy], turns]
+                for ends, step in ((row.head, self.rooms.offset(row.shift)), (row.tail, 0)):
+                    values = dict(ends)
+                    for slot, (a, b) in enumerate(pairs):
+                        if square := values.get(a, 0.0) * values.get(b, 0.0):
+                            terms.append((kind, step, slot, square))
+                            extra[slot] += least * row.ratio * square
+            for first, end in self.rooms.spans(_CACHED):
+                for kind, step, slot, square in terms:
+                    flat[slot, first + step : end + step] += square * springs[kind, first:end]
+            held = self.rooms.fold(room)
+            held += extra.reshape(-1, *(1,) * len(self.shape))
+            for rows in self.blocks():
+                _invert_symmetric(held[:, rows], len(fields))
+            where = {pair: slot for slot, pair in enumerate(pairs)}
+            out.append((fields, [[held[where[min(a, b), max(a, b)]] for b in fields] for a in fields]))
+        return out
+
+
+def _find_basis(normal: Array) -> Array:
+    """Return the first normals of contacts (n_c, p) that are independent, as the rows of a (p, p) matrix."""
+    chosen: list[Array] = []
+    for vector in normal:
+        rest = vector - sum((unit @ vector * unit for unit in _orthonormal(chosen)), np.zeros_like(vector))
+        if len(chosen) < len(vector) and np.linalg.norm(rest) > _INDEPENDENT:
+            chosen.append(vector)
+    return np.array(chosen)
+
+
+def _orthonormal(vectors: list[Array]) -> list[Array]:
+    return list(np.linalg.qr(np.array(vectors).T)[0].T) if vectors else []
+
+
+def _invert_symmetric(entries: Array, size: int) -> None:
+    """Invert symmetric matrices of one to three rows, in place; ``entries`` are xx, xy, ..., yy, ... of the upper triangle."""
+    if size == 1:
+        entries[0] = 1.0 / entries[0]
+    elif size == 2:
+        xx, xy, yy = entries
+        one_over = 1.0 / (xx * yy - xy * xy)
+        entries[:] = yy * one_over, -xy * one_over, xx * one_over
+    else:
+        xx, xy, xz, yy, yz, zz = entries
+        first, second, third = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        one_over = 1.0 / (xx * first + xy * second + xz * third)
+        inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+        for entry, value in zip(entries, inverse, strict=True):
+            entry[...] = value * one_over
 
 
 def _round_coefficients(coefficients: Array) -> Array:
@@ -287,16 +351,21 @@ def _round_coefficients(coefficients: Array) -> Array:
 
 def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
-    axes = "abc"[: first.ndim]
+    axes = "abcd"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
-def _combine(coefficients: tuple[float, ...], fields: Array) -> Array:
-    """Return the sum of fields times their coefficients; a single field with coefficient one is returned without a copy."""
-    parts = [_multiply(c, field) for c, field in zip(coefficients, fields, strict=True) if c]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
+def _combine(coefficients: Sequence[tuple[int, float]], flat: Array, first: int, end: int) -> Array:
+    """Return the sum of fields times their coefficients in a part of the flattened room.
+
+    A single field with coefficient one is returned without a copy.
+    """
+    field, factor = coefficients[0]
+    total = flat[field, first:end] if factor == 1.0 else factor * flat[field, first:end]
+    for at, (field, factor) in enumerate(coefficients[1:]):
+        part = flat[field, first:end] if abs(factor) == 1.0 else abs(factor) * flat[field, first:end]
+        combine = np.add if factor > 0.0 else np.subtract
+        total = combine(total, part, out=total if at or coefficients[0][1] != 1.0 else None)
     return total
 
 
@@ -305,7 +374,3 @@ def _sum_products(factors: Sequence[Array], fields: Any) -> Any:
     for factor, field in zip(factors[1:], fields[1:], strict=True):
         total += factor * field
     return total
-
-
-def _multiply(factor: float, array: Array) -> Array:
-    return array if factor == 1.0 else factor * array

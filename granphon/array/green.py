@@ -1,0 +1,87 @@
+"""The lattice Green's function of a periodic array: the inverse of C^T K C for equal contacts, in Fourier space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ArrayRow", "green_function"]
+
+Array = NDArray[np.float64]
+#: number of wave vectors at which matrices are inverted at a time
+_PART = 2**15
+
+
+class ArrayRow(NamedTuple):
+    """A kind of deformation of the contacts between balls one ``shift`` apart: head of ball j less tail of ball i.
+
+    ``head`` and ``tail`` are pairs (field, coefficient). A field is one motion of one ball of the cell. ``ratio`` is the
+    stiffness over that of elongation.
+    """
+
+    shift: tuple[int, ...]
+    head: tuple[tuple[int, float], ...]
+    tail: tuple[tuple[int, float], ...]
+    ratio: float
+
+
+def green_function(
+    rows: Sequence[ArrayRow], shape: tuple[int, ...], is_rotation: Sequence[bool], n_balls: int
+) -> tuple[tuple[Any, ...], ...]:
+    """Return the inverse of C^T K C of contacts of stiffness one, as entries [a][b] over pairs of fields.
+
+    ``is_rotation`` says which of the fields are rotations. Entries have the shape (L1, ..., Lp/2 + 1) of the waves of real
+    arrays. They are zero for translations of the whole array. With one ball in the cell they are real: rotations are
+    multiplied by i. With several they are complex.
+    """
+    fields, real = len(is_rotation), n_balls == 1
+    waves = (*shape[:-1], shape[-1] // 2 + 1)
+    entries = np.zeros((fields, fields, *waves), float if real else complex)
+    still = np.zeros((fields, fields))  # the projection on translations of the whole array
+    per_ball = fields // n_balls
+    for field in np.flatnonzero(~np.array(is_rotation)):
+        still[field, field % per_ball :: per_ball] = 1.0 / n_balls
+    step = max(1, _PART * shape[0] // max(1, int(np.prod(waves))))
+    for first in range(0, waves[0], step):
+        ticks = [np.arange(count) for count in waves]
+        ticks[0] = ticks[0][first : first + step]
+        half = np.meshgrid(*(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)), indexing="ij")
+        matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
+        for row in rows:
+            angle = sum(step * part for step, part in zip(row.shift, half, strict=True))
+            factors = _real_factors(row, angle, is_rotation) if real else _complex_factors(row, angle)
+            for a, one in factors.items():
+                for b, other in factors.items():
+                    matrix[..., a, b] += row.ratio * np.conj(one) * other
+        if first == 0:
+            matrix[(0,) * len(shape)] += still
+        inverse = np.linalg.inv(matrix)
+        if first == 0:
+            inverse[(0,) * len(shape)] -= still
+        entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
+    if real:  # symmetric, to the last digit
+        return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(fields)) for a in range(fields))
+    return tuple(tuple(entries[a, b] for b in range(fields)) for a in range(fields))
+
+
+def _real_factors(row: ArrayRow, angle: Any, is_rotation: Sequence[bool]) -> dict[int, Array]:
+    """Return the deformation about the middle of the contact, by a wave z exp(i q r) of each field, less a common phase.
+
+    A displacement deforms by 2i sin, a rotation in a slip by 2 cos, which becomes 2i cos as rotations are multiplied by i. In
+    twist and roll a rotation deforms by 2i sin.
+    """
+    sine, cosine, tail = 2.0 * np.sin(angle), 2.0 * np.cos(angle), dict(row.tail)
+    return {a: head * (cosine if is_rotation[a] and head == -tail[a] else sine) for a, head in row.head}
+
+
+def _complex_factors(row: ArrayRow, angle: Any) -> dict[int, NDArray[np.complex128]]:
+    """Return the deformation by a wave exp(i q R) of each field, where R is the place of the cell."""
+    factors: dict[int, Any] = {}
+    for a, head in row.head:
+        factors[a] = head * np.exp(2.0j * angle)
+    for a, tail in row.tail:
+        factors[a] = factors.get(a, 0.0) - tail + np.zeros_like(angle, complex)
+    return factors

@@ -1,0 +1,75 @@
+"""Arrays of balls with a margin of periodic images around them, so that every neighbour of a ball is in the same array.
+
+An array (..., L1, ..., Lp) of balls sits inside a *room* (..., P1, ..., Pp). The margins are as wide as the longest shift of a
+contact, to either side. In the flattened room a shift along the lattice is one number, so that what all contacts of a kind
+need are two slices of one long array, whatever the number of dimensions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Rooms"]
+
+Array = NDArray[np.float64]
+
+
+class Rooms:
+    """Geometry of the rooms of periodic arrays of ``shape`` (L1, ..., Lp) with contacts of these ``shifts``."""
+
+    def __init__(self, shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> None:
+        self.shape = tuple(shape)
+        along = list(zip(*shifts, strict=True))
+        #: widths of the margins below and above, along each axis
+        self.below = tuple(max(0, -min(steps)) for steps in along)
+        self.above = tuple(max(0, *steps) for steps in along)
+        self.outer = tuple(sum(widths) for widths in zip(self.below, self.shape, self.above, strict=True))
+        self._strides = [math.prod(self.outer[axis + 1 :]) for axis in range(len(self.outer))]
+        inner = tuple(slice(low, low + size) for low, size in zip(self.below, self.shape, strict=True))
+        #: index of the array inside its room
+        self.inner = (..., *inner)
+        self._first = self.offset(self.below)
+        self._end = self.offset([part.stop - 1 for part in inner]) + 1
+
+    def offset(self, shift: Sequence[int]) -> int:
+        """Return the distance of a shift along the lattice in the flattened room."""
+        return sum(step * stride for step, stride in zip(shift, self._strides, strict=True))
+
+    def zeros(self, count: int) -> Array:
+        """Return ``count`` empty rooms, (count, P1, ..., Pp)."""
+        return np.zeros((count, *self.outer))
+
+    def fill(self, values: Array) -> Array:
+        """Return rooms that hold ``values`` (count, L1, ..., Lp), with margins of zeros."""
+        rooms = self.zeros(len(values))
+        rooms[self.inner] = values
+        return rooms
+
+    def wrap(self, rooms: Array) -> None:
+        """Copy the balls to their images in the margins."""
+        for image, ball in self._images(rooms):
+            image[...] = ball
+
+    def fold(self, rooms: Array) -> Array:
+        """Add what is in the margins to the balls whose images are there; return a view without the margins."""
+        for image, ball in reversed(list(self._images(rooms))):
+            ball += image
+        return rooms[self.inner]
+
+    def _images(self, rooms: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield views of a layer of the margins and of the layer that it repeats, axis after axis."""
+        for axis, (below, size, above) in enumerate(zip(self.below, self.shape, self.above, strict=True)):
+            layers = np.moveaxis(rooms, axis - len(self.shape), 0)
+            for step in range(above):
+                yield layers[below + size + step], layers[below + step % size]
+            for step in range(below):
+                yield layers[below - 1 - step], layers[below + (-1 - step) % size]
+
+    def spans(self, size: int) -> Iterator[tuple[int, int]]:
+        """Yield (first, end) of parts of the flattened room that together hold all balls, each of at most ``size``."""
+        yield from pairwise([*range(self._first, self._end, size), self._end])
