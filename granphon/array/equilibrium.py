@@ -55,6 +55,9 @@ _NOISE = 1e-14
 #: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
 #: many contacts are open the others do not make a solid, and without it the step would be unbounded
 _ADDED_STIFFNESS = 1e-2
+#: rms difference of contact forces, over that of balls held at their sites, below which it is taken to be that fraction: in a
+#: chain all contacts carry the same force, but for rounding
+_LEAST_DIFFERENCE = 1e-4
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
@@ -265,7 +268,7 @@ def equilibrate(
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
     y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
-    contacts = means.size
+    contacts, least = means.size, _LEAST_DIFFERENCE * float(np.std(means))
     for newton in range(_NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
@@ -278,7 +281,7 @@ def equilibrate(
         # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
         push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        scale = min(force, float(np.std(excess)))
+        scale = min(force, max(float(np.std(excess)), 1.5 * float(np.mean(root)) * least))
         if not free and force < THRESHOLD_FORCE and not np.all(root):
             raise InputError(
                 message(

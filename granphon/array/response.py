@@ -11,49 +11,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, find_linear_response, find_uniform_part
-from granphon.array.stencils import Motion, Stencils, dot
-from granphon.balls.lattices import TRIANGULAR
-from granphon.balls.motions import select_motions
-from granphon.dynamics.rows import contact_rows, strain_rows
+from granphon.array.stencils import Stencils, dot
+from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["bulk_and_shear", "elasticity", "shears"]
+__all__ = ["elasticity"]
 
 Array = NDArray[np.float64]
 
 
-def _strain_contacts(mindlin_ratio: float) -> Array:
-    """Return (3 strains, rows) elongations n.e.n, then slips t.e.n, of each kind of contact under each unit strain."""
-    table, motions = TRIANGULAR.contacts, select_motions(mindlin_ratio)
-    rows = contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio)
-    strains = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]]])
-    gradients = np.concatenate([strain_rows(row, table.vector, motions) for row in rows])
-    return np.asarray(np.einsum("rij,sij->sr", gradients, strains))
+def _strain_contacts(stencils: Stencils) -> Array:
+    """Return (n strains, rows) deformations of each kind of contact under each unit strain, in Voigt order."""
+    gradients = stencils.strains()
+    return np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(len(stencils.shape))])
 
 
-def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
-    """Return the (3, 3) elastic tensor of the sample with shear springs eta k at every contact that carries load.
+def elasticity(state: Equilibrium, mindlin_ratio: float, torsion: float = 0.0, bending: float = 0.0) -> Array:
+    """Return the (n, n) elastic tensor of the sample, in Voigt order, with springs at every contact that carries load.
 
-    Voigt order is xx, yy, xy; energies are per area d^2, and the unit is that of the contacts' stiffness. An error of the
-    linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
+    Springs against slip, twist and roll have eta, ``torsion`` and ``bending`` (over d^2) times the normal stiffness of their
+    contact. Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters
+    squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
     """
-    stencils = Stencils(state.deviations.shape, mindlin_ratio, state.stencils.workers)
+    own = state.stencils
+    stencils = Stencils(own.shape, mindlin_ratio, own.workers, state.lattice, torsion, bending)
     normal = state.stiffnesses
     stiffness = stencils.weights(normal)
-    affine = _strain_contacts(mindlin_ratio)[..., None, None]
-    means = stencils.weights(np.full((3, 1, 1), find_uniform_part(normal)))
+    affine = _strain_contacts(stencils)[(..., *(None,) * len(stencils.shape))]
+    # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
+    even = find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
+    means = stencils.weights(np.full((stencils.n_contacts, *(1,) * len(stencils.shape)), even))
     motions = [find_linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
-    strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
-    state.stencils.forget()  # many samples may be kept, each with a large Green's function
-    area = TRIANGULAR.measure * state.deviations.size
-    return np.array([[dot(stiffness * a, b) for b in strains] for a in strains]) / area
-
-
-def shears(tensor: Array) -> Array:
-    """Return (..., 2) shear moduli G of an elastic tensor (..., 3, 3): for the shear xx - yy, then for xy."""
-    c = tensor
-    return np.stack([(c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0, c[..., 2, 2]], axis=-1)
-
-
-def bulk_and_shear(tensor: Array) -> Array:
-    """Return (..., 2) K and G of a nearly isotropic elastic tensor (..., 3, 3); G is the mean over its two orientations."""
-    return np.stack([np.sum(tensor[..., :2, :2], axis=(-2, -1)) / 4.0, np.mean(shears(tensor), axis=-1)], axis=-1)
+    own.forget()  # many samples may be kept, each with a large Green's function
+    measure = state.lattice.measure * np.prod(stencils.shape)
+    tensor = np.zeros((len(affine), len(affine)))
+    for spring, one, moved in zip(stiffness, affine.swapaxes(0, 1), stencils.each_row(motions), strict=True):
+        strained = one - moved
+        for a, first in enumerate(strained):
+            tensor[a] += [dot(spring * first, second) for second in strained]
+    return tensor / measure

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
-from granphon.balls.lattices import BALL, TRIANGULAR
+from granphon.balls.lattices import BALL
 from granphon.balls.packing import Packing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
@@ -43,8 +43,10 @@ class Sample(Result):
     seed : random seed of the diameters; None if the diameters were given.
     equilibrium : the solution, in units of W and c W^(3/2).
 
-    Arrays are indexed by the cell (p, q): the site of the ball is p a1 + q a2. The last axis of contact arrays is the
-    direction, as in the contact table of the lattice: from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
+    Arrays are indexed by the cell (p, q, ...): on the triangular lattice the site of the ball is p a1 + q a2. Where a cell
+    has several balls, arrays of balls have one more axis, (L1, ..., Lp, n). The last axis of contact arrays is the kind of
+    contact, as in the contact table of the lattice: on the triangular one from ball (p, q) to (p, q + 1), (p + 1, q) and
+    (p + 1, q + 1).
     """
 
     packing: Packing
@@ -56,31 +58,42 @@ class Sample(Result):
         return self.packing.width_units
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of cells (L1, ..., Lp)."""
+        return self.equilibrium.stencils.shape
+
+    def _order(self, values: Array) -> Array:
+        """Return values of balls, (..., n, L1, ..., Lp) or (..., L1, ..., Lp) of one ball in the cell, with n last."""
+        several = self.packing.structure.n_balls > 1
+        return np.moveaxis(values, -1 - len(self.shape), -1) if several else values
+
+    @property
     def diameters(self) -> Array:
-        """(L1, L2) diameters, m; their mean is the packing's diameter."""
-        return np.asarray(self.packing.diameter + self._units.width * self.equilibrium.deviations)
+        """(L1, ..., Lp) diameters, m; their mean is the packing's diameter."""
+        return np.asarray(self.packing.diameter + self._units.width * self._order(self.equilibrium.deviations))
 
     @property
     def sites(self) -> Array:
-        """(L1, L2, 2) lattice sites p a1 + q a2, in mean diameters."""
-        rows, columns = self.equilibrium.deviations.shape
-        index = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
-        return np.asarray(index @ TRIANGULAR.vectors)
+        """(L1, ..., Lp, p) lattice sites p a1 + q a2 + ..., in mean diameters."""
+        structure = self.packing.structure
+        index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
+        cells = np.asarray(index @ structure.vectors)
+        return cells if structure.n_balls == 1 else cells[..., None, :] + structure.positions
 
     @property
     def displacements(self) -> Array:
-        """(L1, L2, 2) displacements from the sites, m; balls that nothing holds are where the iteration left them."""
+        """(L1, ..., Lp, p) displacements from the sites, m; balls that nothing holds are where the iteration left them."""
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
-        return self._units.width * np.moveaxis(reduced, 0, -1)
+        return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
 
     @property
     def contact_overlaps(self) -> Array:
-        """(L1, L2, 3) overlaps of the contacts, m; below zero where balls are apart."""
+        """(L1, ..., Lp, n_c) overlaps of the contacts, m; below zero where balls are apart."""
         return self._units.width * np.moveaxis(self.equilibrium.overlaps, 0, -1)
 
     @property
     def contact_forces(self) -> Array:
-        """(L1, L2, 3) forces of the contacts, N; zero where balls are apart."""
+        """(L1, ..., Lp, n_c) forces of the contacts, N; zero where balls are apart."""
         return self._units.force * np.moveaxis(self.equilibrium.forces, 0, -1)
 
     @property
@@ -115,9 +128,9 @@ class Sample(Result):
 
     @property
     def force_fluctuation(self) -> float:
-        """Delta f / f: rms deviation, over balls, of the mean force of a ball's six contacts, divided by the mean force."""
+        """Delta f / f: rms deviation, over balls, of the mean force of a ball's own contacts, divided by the mean force."""
         state = self.equilibrium
-        return float(np.std(state.stencils.around(state.excess) / 6.0)) / state.force
+        return float(np.std(state.stencils.average_around(state.excess))) / state.force
 
     @property
     def contact_force_fluctuation(self) -> float:
@@ -125,7 +138,7 @@ class Sample(Result):
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
-        """Return N_c / 6, the fraction of contacts that carry more than ``threshold`` times the mean force."""
+        """Return N_c / z (N_c / 6 on the triangular lattice), the fraction of contacts that carry more than ``threshold`` times the mean force."""
         return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
 
     def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
@@ -140,12 +153,12 @@ class Sample(Result):
 
     @cached_property
     def elastic_tensor(self) -> Array:
-        """(3, 3) elastic tensor, Pa, in Voigt order xx, yy, xy, of the layer taken one diameter thick."""
+        """Elastic tensor in Voigt order: (3, 3), Pa, of the layer taken one diameter thick; (6, 6), Pa; (1, 1), N, of a chain."""
         return self._compute_elastic_tensor(self.equilibrium)
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
-        """(2, 3, 3) elastic tensors, Pa, of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
+        """(2, n, n) elastic tensors of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
 
         This takes two more equilibria, each started from this one, and their linear responses.
         """
@@ -155,36 +168,37 @@ class Sample(Result):
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
-        scale = self._units.stiffness / self.packing.diameter
-        return read_only(scale * elasticity(equilibrium, self.packing.mindlin_ratio))
+        packing, d = self.packing, self.packing.diameter
+        scale = self._units.stiffness * d if packing.structure.periods == 1 else self._units.stiffness / d
+        torsion = float(packing.torsion)  # that of a Hertz contact is not simulated
+        return read_only(scale * elasticity(equilibrium, packing.mindlin_ratio, torsion, packing.bending))
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
         Balls are at their displaced positions, where contacts have no slip. Arrays are those of :mod:`granphon.array.atoms`,
-        and ``contact_force`` (the mean force of a ball's six contacts over the mean of all) and ``contacts`` (the number of
+        and ``contact_force`` (the mean force of a ball's contacts over the mean of all) and ``contacts`` (the number of
         its contacts that carry load). To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
         """
         from ase import Atoms
 
-        packing, (rows, columns) = self.packing, self.equilibrium.deviations.shape
-        d = packing.diameter
+        packing, p = self.packing, self.packing.structure.periods
+        d, shape = packing.diameter, self.shape
         cell = np.eye(3)
-        cell[:2, :2] = TRIANGULAR.vectors * np.array([[rows], [columns]])
-        moved = np.zeros((rows * columns, 3))
-        moved[:, :2] = self.displacements.reshape(-1, 2) / d
-        sites = np.zeros_like(moved)
-        sites[:, :2] = self.sites.reshape(-1, 2)
-        balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=(True, True, False))
+        cell[:p, :p] = packing.structure.vectors * np.array(shape)[:, None]
+        moved, sites = (np.zeros((self.equilibrium.deviations.size, 3)) for _ in range(2))
+        moved[:, :p] = self.displacements.reshape(-1, p) / d
+        sites[:, :p] = self.sites.reshape(-1, p)
+        balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=[axis < p for axis in range(3)])
         own = {
-            "diameter_deviations": self._units.width / d * self.equilibrium.deviations.ravel(),
+            "diameter_deviations": self._units.width / d * self._order(self.equilibrium.deviations).ravel(),
             "displacements": moved, "slip_origin": moved.copy(),
         }  # fmt: skip
         take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own, count_coordinates(packing))
         forces = self.equilibrium.forces / self.equilibrium.force
-        around = self.equilibrium.stencils.around
-        balls.set_array("contact_force", around(forces).ravel() / 6.0)
-        balls.set_array("contacts", around((forces > LEAST_CONTACT).astype(int)).ravel())
+        stencils = self.equilibrium.stencils
+        balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
+        balls.set_array("contacts", self._order(stencils.around((forces > LEAST_CONTACT).astype(int))).ravel())
         balls.info["relative_overlap"] = self.overlap / d
         return balls
 

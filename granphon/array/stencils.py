@@ -177,6 +177,20 @@ class Stencils:
         inside[: self.n_contacts] -= motion.compression
         return inside
 
+    def each_row(self, motions: Sequence[Array]) -> Iterator[Array]:
+        """Yield (n, L1, ..., Lp) deformations of one kind after the other, under each of n motions (fields, L1, ..., Lp)."""
+        rooms = [self.rooms.fill(balls) for balls in motions]
+        for room in rooms:
+            self.rooms.wrap(room)
+        flats = [room.reshape(len(room), -1) for room in rooms]
+        out = self.rooms.zeros(len(rooms))
+        found = out.reshape(len(out), -1)
+        for row in self._rows:
+            for first, end in self.rooms.spans(_CACHED):
+                for place, flat in enumerate(flats):
+                    found[place, first:end] = self._deform(row, flat, first, end)
+            yield out[self.rooms.inner]
+
     def forces(self, contacts: Array) -> Array:
         """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their motion, for a tension f."""
         room = self.padded()
@@ -195,6 +209,12 @@ class Stencils:
             out[i] += one
             out[j] += np.roll(one, shift, axes)
         return out.reshape(self.ball_shape)
+
+    def average_around(self, contacts: Array) -> Array:
+        """Return means of the values (contacts, L1, ..., Lp) over the contacts of each ball, of :attr:`ball_shape`."""
+        counts = np.bincount(np.ravel(self.ends), minlength=self.n_balls).astype(float)
+        means = self.by_ball(self.around(contacts)) / counts.reshape(-1, *(1,) * len(self.shape))
+        return np.asarray(means.reshape(self.ball_shape))
 
     def average_pairs(self, values: Array) -> Array:
         """Return (contacts, L1, ..., Lp) means over the two balls of each contact, of values of :attr:`ball_shape`."""

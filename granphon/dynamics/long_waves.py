@@ -19,7 +19,7 @@ from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 
-__all__ = ["LongWaves", "voigt_names"]
+__all__ = ["LongWaves", "voigt_names", "voigt_pairs"]
 
 Array = NDArray[np.float64]
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
@@ -36,6 +36,11 @@ _VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2),
 #: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
 _TIED = 1e-12
 _TIED_ALONG = 1e-9
+
+
+def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of axes of the strains in Voigt order."""
+    return _VOIGT[periods]
 
 
 def voigt_names(periods: int) -> tuple[str, ...]:
@@ -289,6 +294,27 @@ class LongWaves(Compatibility):
             way = along if along.ndim == 1 else along[worst[-1]]
             where = f"a squared sound velocity in direction ({', '.join(f'{one:.6g}' for one in way)}) is negative"
             raise self.explain_buckling(where, vectors[worst][:, 0]) from None
+        return self._decompose_waves(along, factor)
+
+    def waves_of_tensor(self, tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
+        """Find long waves as :meth:`sound_velocities` does, from elastic tensors (..., n, n) without prestress.
+
+        ``tensor`` is in Voigt order, and the balls move along the periods alone. Velocities are in the root of its unit over
+        the density. Raises :class:`InstabilityError` if a tensor is not positive.
+        """
+        along, pairs = as_direction(direction, self.periods), _VOIGT[self.periods]
+        toward = np.zeros((*along.shape, len(pairs)))  # from a displacement to the strain of a wave along the direction
+        for place, (a, b) in enumerate(pairs):
+            toward[..., a, place] += along[..., b]
+            if a != b:
+                toward[..., b, place] += along[..., a]
+        stiffness = np.asarray(tensor)[(..., *(None,) * (along.ndim - 1), slice(None), slice(None))]
+        try:
+            factor = cholesky_factor(toward @ stiffness @ toward.swapaxes(-1, -2))
+        except np.linalg.LinAlgError:
+            raise InstabilityError(
+                message("a squared sound velocity is negative", "The elastic tensor is not positive", "Raise the load")
+            ) from None
         return self._decompose_waves(along, factor)
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)

@@ -8,8 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, Prescribed, equilibrate, explain_too_small
+from granphon.array.equilibrium import (
+    THRESHOLD_FORCE,
+    Equilibrium,
+    Prescribed,
+    array_shape,
+    equilibrate,
+    explain_too_small,
+)
 from granphon.array.stencils import Stencils
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError
@@ -28,7 +36,8 @@ def prescribe(packing: Packing, load: Load) -> list[Prescribed]:
         return [Prescribed(overlap=one) for one in units.reduced_overlap(load.array).ravel().tolist()]
     force = units.reduced_force(load.array)
     if load.kind == "pressure":
-        force = load.array / (packing.structure.pressure_factor * units.force) * packing.diameter
+        structure = packing.structure
+        force = load.array / (structure.pressure_factor * units.force) * packing.diameter ** (structure.periods - 1)
     return [Prescribed(force=one) for one in force.ravel().tolist()]
 
 
@@ -61,12 +70,15 @@ def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
     return sorted(range(len(prescribed)), key=lambda i: prescribed[i], reverse=True)
 
 
-def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers: int) -> dict[int, Equilibrium]:
+def find_equilibria(
+    deviations: Array, lattice: Lattice, prescribed: Sequence[Prescribed], workers: int
+) -> dict[int, Equilibrium]:
     """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
     Each is found from the equilibrium at the next higher load. An error carries the index of its load as ``load_index``.
     """
-    stencils, out, last = Stencils(deviations.shape, workers=workers), dict[int, Equilibrium](), None
+    stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
+    out, last = dict[int, Equilibrium](), None
     for place in sort_by_load(prescribed):
         try:
             last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
@@ -79,14 +91,15 @@ def find_equilibria(deviations: Array, prescribed: Sequence[Prescribed], workers
 
 
 def find_equilibrium(
-    deviations: Array, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int
+    deviations: Array, lattice: Lattice, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int
 ) -> Equilibrium:
     """Find the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None.
     """
-    start = None if before is None else Equilibrium(deviations, *before)
-    return equilibrate(deviations, prescribed, Stencils(deviations.shape, workers=workers), start)
+    start = None if before is None else Equilibrium(deviations, *before, lattice=lattice)
+    stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
+    return equilibrate(deviations, prescribed, stencils, start)
 
 
 def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
@@ -94,6 +107,6 @@ def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equili
 
     Equilibria that come from another process have copies of their own.
     """
-    deviations = next(iter(found.values())).deviations
-    stencils = Stencils(deviations.shape, workers=workers)
+    one = next(iter(found.values()))
+    deviations, stencils = one.deviations, Stencils(one.stencils.shape, workers=workers, lattice=one.lattice)
     return {place: one.share(deviations, stencils) for place, one in found.items()}

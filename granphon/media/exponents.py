@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample, jackknife
+from granphon.dynamics.tensors import longitudinal_modulus
 
 if TYPE_CHECKING:
     from granphon.media.simulation import SimulatedState
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def mean_exponent(state: SimulatedState) -> Array:
-    """Return d log v_L / d log P, with the shape of the load, from the mean K + G of the samples of a state."""
+    """Return d log v_L / d log P, with the shape of the load, from the mean M of the samples of a state."""
     return _compute_exponent(np.mean(_compute_terms(state), axis=-2))
 
 
@@ -30,7 +30,7 @@ def exponent_error(state: SimulatedState) -> Array:
 
 
 def _compute_exponent(means: Array) -> Array:
-    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), M = K + G, k and f.
+    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and f.
 
     If all samples have the same force, the four are dM/d log f, M, 1 and 1.
     """
@@ -51,5 +51,5 @@ def _compute_terms(state: SimulatedState) -> Array:
 
 
 def _compute_longitudinal_modulus(state: SimulatedState, of: Callable[[Sample], Array]) -> Array:
-    """Return M = K + G, Pa, of the elastic tensor or tensors that ``of`` finds for every sample."""
-    return np.asarray(np.sum(bulk_and_shear(state.over_samples(of)), axis=-1))
+    """Return the modulus M of longitudinal waves, of the elastic tensor or tensors that ``of`` finds for every sample."""
+    return longitudinal_modulus(state.over_samples(of))

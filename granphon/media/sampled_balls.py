@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Measured
-from granphon.balls.lattices import TRIANGULAR
-from granphon.balls.motions import IN_PLANE
-from granphon.balls.packing import Packing
+from granphon.balls.lattices import Lattice
+from granphon.balls.motions import allowed_motions
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arguments import finite_array, whole_number
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
+from granphon.dynamics.modes import ContactLattice
 
 __all__ = ["MOST_SEED", "SampledBalls"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
 MOST_SEED = 2**64 - 1
+#: default numbers of cells of a sample, with one, two and three periods
+DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: greatest number of balls along a side of a sample, far beyond what fits into memory
 _MOST_SIDE = 2**31
 #: greatest number of samples, far beyond what fits into memory
 _MOST_SAMPLES = 2**31
+#: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing; corners, edges and
+#: faces of the zone are among them
+_PROBED = 12
+#: frequency, in (k/M)^1/2, below which a wave costs nothing
+_SOFT = 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
 _LEAST_WIDTH = 1e-20
 
@@ -38,7 +48,7 @@ class SampledBalls:
     """
 
     packing: Packing
-    shape: tuple[int, int] = (128, 128)
+    shape: tuple[int, ...] | None = None
     seed: int = 0
     samples: int = 1
     diameters: Array | None = None
@@ -48,24 +58,8 @@ class SampledBalls:
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        if self.packing.structure != TRIANGULAR:
-            raise InputError(
-                message(
-                    f"the {self.packing.structure.name} lattice is not simulated",
-                    "Without friction, only the triangular lattice holds its shape",
-                    "Use another medium, or the triangular lattice",
-                )
-            )
-        if self.packing.motions not in (None, IN_PLANE.name) or self.packing.bending:
-            what = "bending" if self.packing.bending else f"the motions {self.packing.motions!r}"
-            raise InputError(
-                message(
-                    f"balls with {what} are not simulated",
-                    "Simulated balls move in the plane, and their contacts resist compression and shear",
-                    "Use another medium, or leave it out",
-                )
-            )
-        shape = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in _read_shape(self.shape))
+        require_standing(self.packing)
+        shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
             self._take(self.diameters)
@@ -95,35 +89,104 @@ class SampledBalls:
 
     def _take(self, diameters: ArrayLike) -> None:
         """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
-        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
-        if array.ndim != 2:
-            raise InputError(message(f"diameters have the shape {array.shape}", mend="Give an array (L1, L2)"))
-        packing = self.packing
+        array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
+        lengths, n = packing.structure.periods, packing.structure.n_balls
+        if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
+            wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
+            raise InputError(message(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})"))
         if packing.spread is None and np.ptp(array):
             # the packing takes the mean of the shifted list, which rounding may have changed
             spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
             packing = replace(packing, spread=spread, diameter=spread.mean)
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "diameters", array)
-        if self.shape not in (SampledBalls.shape, array.shape):
+        own = array.shape[:lengths]
+        if self.shape not in (DEFAULT_SHAPES[lengths], own):
             what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
             raise InputError(message(what, "The diameters determine the shape of the sample", "Leave shape out"))
-        object.__setattr__(self, "shape", array.shape)
+        object.__setattr__(self, "shape", own)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Numbers of cells (L1, ..., Lp) of a sample: ``shape``, or its default."""
+        return self.shape or DEFAULT_SHAPES[self.packing.structure.periods]
+
+    @property
+    def balls(self) -> int:
+        """Number of balls of a sample."""
+        return math.prod(self.cells) * self.packing.structure.n_balls
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W of the diameters of a sample, (L1, L2), with mean zero."""
+        """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
+
+        Their shape is (L1, ..., Lp); with n > 1 balls in the cell it is (n, L1, ..., Lp).
+        """
         packing = self.packing
+        n = packing.structure.n_balls
+        shape = (*self.cells, n) if n > 1 else self.cells
+        given = np.zeros(shape)
+        if packing.spread is not None:
+            given = self.diameters if self.diameters is not None else packing.spread.sample(shape, self.seed + index)
+        if n > 1:
+            given = np.ascontiguousarray(np.moveaxis(given, -1, 0))
         if packing.spread is None:
-            return np.zeros(self.shape)
-        given = self.diameters if self.diameters is not None else packing.spread.sample(self.shape, self.seed + index)
+            return given
         # the mean is subtracted twice, so that what remains is zero to the rounding of the deviations, not of the diameters
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
 
-def _read_shape(shape: Any) -> tuple[Any, Any]:
+def require_standing(packing: Packing) -> None:
+    """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
+
+    Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
+    :class:`~granphon.base.errors.InputError` for motions, or a torsion, that a simulation does not have.
+    """
+    structure = packing.structure
+    own = next(iter(allowed_motions(structure.periods).values()))
+    if structure.dimension > structure.periods or packing.motions not in (None, own.name) or packing.torsion == MINDLIN:
+        what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
+        if packing.torsion == MINDLIN:
+            what, mend = "the torsion of a Hertz contact", "Use another medium, or give torsion as a number"
+        elif structure.dimension > structure.periods:
+            what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
+        raise InputError(
+            message(
+                f"balls with {what} are not simulated",
+                "Simulated balls move along the periods of their lattice, and all contacts have the same ratios of stiffness",
+                mend,
+            )
+        )
+    still = ContactLattice.of(structure, 0.0, motions=own)
+    if still.mechanism or not _stands(structure):
+        why = still.mechanism or "Some of its waves cost no energy"
+        raise MechanismError(
+            message(
+                f"the {structure.name} lattice is not simulated, because it does not stand without friction",
+                why,
+                "Use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp",
+            )
+        )
+
+
+@lru_cache(maxsize=64)
+def _stands(structure: Lattice) -> bool:
+    """Whether every wave of the lattice without friction costs energy, but for translations of the whole."""
+    still = ContactLattice.of(structure, 0.0, motions=next(iter(allowed_motions(structure.periods).values())))
+    ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
+    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
+    return bool(np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT))
+
+
+def _read_shape(shape: Any, periods: int) -> tuple[int, ...]:
+    if shape is None:
+        return DEFAULT_SHAPES[periods]
     try:
-        first, second = shape
-    except (TypeError, ValueError):
-        raise InputError(message(f"shape is {brief(shape)}", mend="Give two whole numbers, (L1, L2)")) from None
-    return first, second
+        lengths = tuple(shape)
+    except TypeError:
+        lengths = ()
+    if len(lengths) != periods:
+        names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
+        count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+        raise InputError(message(f"shape is {brief(shape)}", mend=f"Give {count}, ({names})"))
+    return tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)

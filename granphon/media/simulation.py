@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Prescribed
-from granphon.array.response import bulk_and_shear
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
-from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
+from granphon.dynamics.tensors import bulk_and_shear, symmetrise
+from granphon.media.acoustics import compute_velocities, lattice_without_overlap, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.medium import Loaded
@@ -208,7 +208,7 @@ class SimulatedState(ContactState):
 
     @property
     def force_fluctuation(self) -> Any:
-        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's six contacts, over the mean."""
+        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts, over the mean."""
         return self._average(lambda sample: sample.force_fluctuation)
 
     @property
@@ -218,12 +218,16 @@ class SimulatedState(ContactState):
 
     @property
     def contact_fraction(self) -> Any:
-        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / 6."""
+        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice)."""
         return self._average(lambda sample: sample.contact_fraction())
 
     @property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor, (..., 3, 3), Pa, Voigt order xx, yy, xy: the mean over samples of their linear response.
+        """Elastic tensor in Voigt order: the mean over samples of their linear response.
+
+        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of a
+        chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
+        :attr:`symmetric_tensor`, which has.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples
         without friction the bulk modulus then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
@@ -231,13 +235,26 @@ class SimulatedState(ContactState):
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
 
     @property
+    def symmetric_tensor(self) -> Array:
+        """The part of :attr:`elastic_tensor` that has the symmetry of the lattice, on average over samples the whole."""
+        return symmetrise(self.elastic_tensor, self.packing.structure)
+
+    @property
     def is_isotropic(self) -> bool:
-        """Always True: a simulated sample is isotropic on average."""
-        return True
+        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry, in space never."""
+        return self.packing.structure.periods == 1 or self._is_isotropic_plane
+
+    @property
+    def _is_isotropic_plane(self) -> bool:
+        return self.packing.structure.periods == 2 and super().is_isotropic
 
     @property
     def sampled_moduli(self) -> Array | None:
-        """Bulk and shear modulus of each sample, (..., n_samples, 2), Pa; None if there is only one sample."""
+        """Bulk and shear modulus of each sample, (..., n_samples, 2), Pa; of a chain its modulus and nan, N.
+
+        In space and on other anisotropic lattices they are averages over directions (Voigt's). None if there is only one
+        sample.
+        """
         return self.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor)) if self.n_samples > 1 else None
 
     @property
@@ -251,15 +268,31 @@ class SimulatedState(ContactState):
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities from the mean bulk and shear modulus, m/s, (..., 2) or (..., n, 2) for directions (n, 2).
+        """Return velocities, m/s, (..., n_u) or (..., n, n_u) for directions (n, p), and unit displacements as columns.
 
-        The unit displacements of the longitudinal and the transverse wave, as columns, are along and across.
+        They follow from the mean elastic tensor: in an isotropic plane from its bulk and shear modulus.
         """
-        along = as_direction(direction)
-        velocities = compute_velocities(bulk_and_shear(self.elastic_tensor), self.effective_density)
+        return self._find_waves(self.elastic_tensor, self.effective_density, direction)
+
+    def _find_waves(self, tensor: Array, density: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples, or of their mean."""
+        structure = self.packing.structure
+        along = as_direction(direction, structure.periods)
+        if not self._is_isotropic_plane:
+            tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
+            return lattice_without_overlap(self).waves_of_tensor(tensor, along)
+        velocities = over_directions(compute_velocities(bulk_and_shear(tensor), density), along)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         vectors = np.stack([along, across], axis=-1)
-        return over_directions(velocities, along), np.broadcast_to(vectors, self.shape + vectors.shape)
+        return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
+
+    def wave_errors(self, direction: ArrayLike) -> Array | None:
+        """Return standard errors of the velocities over the samples, in the order of ``wave_names``; None of one sample."""
+        if self.n_samples < 2:
+            return None
+        every = self.over_samples(lambda sample: sample.elastic_tensor)
+        velocities, _ = self._find_waves(every, np.asarray(self.effective_density)[..., None], direction)
+        return standard_error(velocities, len(self.shape))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
@@ -267,7 +300,10 @@ class SimulatedState(ContactState):
 
     @property
     def exponent(self) -> Any:
-        """Local exponent d log v_L / d log P, from the mean K + G of the samples; exactly 1/6 for equal balls.
+        """Local exponent d log v_L / d log P; exactly 1/6 for equal balls.
+
+        It is that of the mean modulus of longitudinal waves over all directions and samples: K + G in the plane, K + 4G/3 in
+        space, with the averages of Voigt where samples are not isotropic.
 
         It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each sample is solved at two
         more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
@@ -331,11 +367,12 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
         if wanted:
             raise no_finite_overlap(self.name)
         prescribed = self.prescribed(load)
+        lattice = self.packing.structure
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, prescribed, self.workers) for one in every]
+            found = [find_equilibria(one, lattice, prescribed, self.workers) for one in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, one, prescribed, self.workers) for one in every]
+            jobs = [self.executor.submit(find_equilibria, one, lattice, prescribed, self.workers) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
@@ -360,7 +397,7 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
         :func:`~granphon.media.equilibria.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
-        found = find_equilibrium(deviations, load, before, self.workers)
+        found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers)
         return Sample(self.packing, None if self.diameters is not None else self.seed, found)
 
     def require(self, load: Load) -> None:

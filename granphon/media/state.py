@@ -352,6 +352,10 @@ class ContactState(Result):
         """Return :meth:`long_waves` and their unit displacements, columns of (..., n_u, n_u) or (..., n, n_u, n_u)."""
         return lattice_waves(self, direction)
 
+    def wave_errors(self, direction: ArrayLike) -> Array | None:
+        """Return standard errors over samples of :meth:`long_waves`; None if there are fewer than two samples."""
+        return None
+
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
         return [lattice_scales(self, direction)] * len(names)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.response import shears
 from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
-from granphon.media.acoustics import compute_velocities, lattice_without_overlap, over_directions
+from granphon.dynamics.tensors import shears
+from granphon.media.acoustics import lattice_without_overlap
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
 
@@ -80,7 +80,7 @@ class SoundVelocities(Result):
     }  # fmt: skip
     shapes = {
         "longitudinal": "...?", "transverse": "...|... 2?", "direction": "p|n p", "longitudinal_error": "...?",
-        "transverse_error": "...?", "out_of_plane": "...?", "velocities": "... u?", "polarisations": "... u u?",
+        "transverse_error": "...|... 2?", "out_of_plane": "...?", "velocities": "... u?", "polarisations": "... u u?",
     }  # fmt: skip
 
     longitudinal: Any
@@ -158,15 +158,15 @@ def sound_velocities(
     if "transverse_slow" in names:
         first = names.index("transverse_slow")
         named["transverse"] = v[..., first : first + 2]
-    longitudinal_error, transverse_error = None, None
-    if (every := state.sampled_moduli) is not None:
-        velocities = compute_velocities(every, np.asarray(state.effective_density)[..., None])
-        errors = over_directions(standard_error(velocities, -2), along)
-        longitudinal_error, transverse_error = np.moveaxis(errors, -1, 0)
+    errors: dict[str, Any] = {}
+    if (found := state.wave_errors(along)) is not None:
+        errors = {name: found[..., place] for place, name in enumerate(names)}
+        if "transverse_slow" in names:
+            errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
         warnings=validity(state).warnings + warn_of_free_branches(state, v),
-        longitudinal_error=longitudinal_error, transverse_error=transverse_error,
+        longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
     )  # fmt: skip
@@ -326,13 +326,7 @@ class Moduli(Result):
     def _find_shears(self) -> Array:
         """Return the shear moduli of an orthonormal set of shears, (..., 2), or (..., 5) in space; Pa."""
         self._require_shear()
-        c = self.tensor
-        if self.periods == 2:
-            return shears(c)
-        along_z = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
-        along_z = along_z - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
-        across = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
-        return np.stack([along_z, across, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
+        return shears(self.tensor)
 
 
 def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:

@@ -30,7 +30,7 @@ class SampleRecord(Result):
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
         "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
     }  # fmt: skip
-    shapes = {"elastic_tensor": "3 3", "elastic_tensors_beside": "2 3 3"}
+    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3|2 6 6|2 1 1"}
 
     force: float
     overlap: float

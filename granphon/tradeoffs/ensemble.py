@@ -16,10 +16,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.response import bulk_and_shear
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities

@@ -1,0 +1,79 @@
+"""Elastic tensors in Voigt order: their symmetry, and the moduli that are their averages over all directions."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.lattices import Lattice
+from granphon.base.results import read_only
+from granphon.dynamics.long_waves import voigt_pairs
+
+__all__ = ["bulk_and_shear", "longitudinal_modulus", "point_group", "shears", "symmetrise"]
+
+Array = NDArray[np.float64]
+#: length, in spacings, of the axes that are added across a line or a plane; no lattice has such a period
+_ACROSS = 1.3719
+#: tolerance of positions, in spacings
+_TOLERANCE = 1e-5
+
+
+@lru_cache(maxsize=64)
+def point_group(lattice: Lattice) -> Array:
+    """Return the rotations and reflections (n, p, p) of space that carry a lattice, with its balls, into itself."""
+    import spglib  # imported here: media that are not simulated do not need it
+
+    p = lattice.periods
+    cell = np.eye(3) * [_ACROSS**power for power in range(3)]
+    cell[:p] = np.pad(lattice.vectors, ((0, 0), (0, 3 - lattice.dimension)))
+    positions = np.pad(lattice.positions, ((0, 0), (0, 3 - lattice.dimension))) @ np.linalg.inv(cell)
+    found = spglib.get_symmetry((cell, positions, np.ones(lattice.n_balls)), symprec=_TOLERANCE)
+    turns = cell.T @ found["rotations"] @ np.linalg.inv(cell.T)
+    return read_only(np.unique(np.round(turns[:, :p, :p], 12) + 0.0, axis=0))
+
+
+def symmetrise(tensor: Array, lattice: Lattice) -> Array:
+    """Return the mean of elastic tensors (..., n, n) in Voigt order over the :func:`point_group` of a lattice."""
+    a, b = np.transpose(voigt_pairs(lattice.periods))
+    place = np.empty((lattice.periods,) * 2, int)
+    place[a, b] = place[b, a] = np.arange(len(a))
+    whole = tensor[..., place[:, :, None, None], place[None, None]]
+    turns = point_group(lattice)
+    mean = np.einsum("gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, whole, optimize=True) / len(turns)
+    return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
+
+
+def shears(tensor: Array) -> Array:
+    """Return the shear moduli of an elastic tensor under an orthonormal set of shears.
+
+    They are (..., 2), of xx - yy and xy, of tensors (..., 3, 3); and (..., 5), of 2zz - xx - yy, xx - yy, yz, xz, xy, of
+    tensors (..., 6, 6). A line has none: (..., 0).
+    """
+    c = tensor
+    if c.shape[-1] == 1:
+        return np.zeros((*c.shape[:-2], 0))
+    across = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
+    if c.shape[-1] == 3:
+        return np.stack([across, c[..., 2, 2]], axis=-1)
+    along_z = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
+    along_z = along_z - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
+    return np.stack([along_z, across, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
+
+
+def bulk_and_shear(tensor: Array) -> Array:
+    """Return (..., 2) K and G of elastic tensors (..., n, n): averages over all directions (W. Voigt, 1889).
+
+    Of a line K is its modulus, and G is zero.
+    """
+    p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    bulk, each = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2, shears(tensor)
+    return np.stack([bulk, np.mean(each, axis=-1) if p > 1 else np.zeros_like(bulk)], axis=-1)
+
+
+def longitudinal_modulus(tensor: Array) -> Array:
+    """Return the modulus of longitudinal waves, (...), averaged over all directions: K + G in the plane, K + 4G/3 in space."""
+    p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
+    return np.asarray(bulk + 2.0 * (p - 1) / p * shear)
