@@ -18,10 +18,10 @@ from scipy import stats
 
 import granphon as gp
 from granphon.array.equilibrium import Prescribed, equilibrate
-from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.media.simulation import SampleLaw, SimulatedState
 
 WIDTH, D = 2.04e-6, 8e-3

@@ -55,8 +55,8 @@ _NOISE = 1e-14
 #: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
 #: many contacts are open the others do not make a solid, and without it the step would be unbounded
 _ADDED_STIFFNESS = 1e-2
-#: rms difference of contact forces, over that of balls held at their sites, below which it is taken to be that fraction: in a
-#: chain all contacts carry the same force, but for rounding
+#: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
+#: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
@@ -119,7 +119,7 @@ class Equilibrium(Result):
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
     def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays are not those of an array of balls of the lattice."""
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
         super().check()
         shape = array_shape(self.deviations, self.lattice)
         wanted = self.lattice.n_balls * self.lattice.periods, *shape
@@ -146,7 +146,7 @@ class Equilibrium(Result):
 
     @property
     def excess(self) -> Array:
-        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), computed without the loss of digits that a subtraction causes."""
+        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a subtraction."""
         return _compute_excess(self.overlap, self.differences)[0]
 
     @property
@@ -156,7 +156,7 @@ class Equilibrium(Result):
 
     @property
     def stiffness_slopes(self) -> Array:
-        """(n_c, L1, ..., Lp) derivatives of the stiffnesses with respect to h, (3/4) h^(-1/2); zero where no load is carried."""
+        """(n_c, L1, ..., Lp) slopes of the stiffnesses, (3/4) h^(-1/2); zero where no load is carried."""
         root = self._roots
         return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
 
@@ -368,8 +368,8 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
 def find_linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
     """Return (fields, L1, ..., Lp) the motion u that solves C^T K C u = C^T ``tension``, for a ``tension`` of contacts.
 
-    ``stiffness`` and ``tension`` are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tension must be zero too. Raises
-    :class:`ConvergenceError` if conjugate gradients do not converge.
+    ``stiffness`` and ``tension`` are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tension
+    must be zero too. Raises :class:`ConvergenceError` if conjugate gradients do not converge.
     """
     force = Motion(stencils.forces(tension), 0.0)
     # a tension that is in balance except for rounding moves nothing

@@ -70,8 +70,8 @@ def green_function(
 def _real_factors(row: ArrayRow, angle: Any, is_rotation: Sequence[bool]) -> dict[int, Array]:
     """Return the deformation about the middle of the contact, by a wave z exp(i q r) of each field, less a common phase.
 
-    A displacement deforms by 2i sin, a rotation in a slip by 2 cos, which becomes 2i cos as rotations are multiplied by i. In
-    twist and roll a rotation deforms by 2i sin.
+    A displacement deforms by 2i sin. A rotation deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
+    by i, and by 2i sin in twist and roll.
     """
     sine, cosine, tail = 2.0 * np.sin(angle), 2.0 * np.cos(angle), dict(row.tail)
     return {a: head * (cosine if is_rotation[a] and head == -tail[a] else sine) for a, head in row.head}

@@ -1,8 +1,8 @@
 """Arrays of balls with a margin of periodic images around them, so that every neighbour of a ball is in the same array.
 
-An array (..., L1, ..., Lp) of balls sits inside a *room* (..., P1, ..., Pp). The margins are as wide as the longest shift of a
-contact, to either side. In the flattened room a shift along the lattice is one number, so that what all contacts of a kind
-need are two slices of one long array, whatever the number of dimensions.
+An array (..., L1, ..., Lp) of balls sits inside a *room* (..., P1, ..., Pp). The margins are as wide as the longest shift
+of a contact, to either side. In the flattened room a shift along the lattice is one number, so that what all contacts of a
+kind need are two slices of one long array, whatever the number of dimensions.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class Rooms:
         self._strides = [math.prod(self.outer[axis + 1 :]) for axis in range(len(self.outer))]
         inner = tuple(slice(low, low + size) for low, size in zip(self.below, self.shape, strict=True))
         #: index of the array inside its room
-        self.inner = (..., *inner)
+        self.inner: tuple[EllipsisType | slice, ...] = (..., *inner)
         self._first = self.offset(self.below)
         self._end = self.offset([part.stop - 1 for part in inner]) + 1
 

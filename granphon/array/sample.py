@@ -138,7 +138,7 @@ class Sample(Result):
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
-        """Return N_c / z (N_c / 6 on the triangular lattice), the fraction of contacts that carry more than ``threshold`` times the mean force."""
+        """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force."""
         return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
 
     def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
@@ -153,7 +153,7 @@ class Sample(Result):
 
     @cached_property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor in Voigt order: (3, 3), Pa, of the layer taken one diameter thick; (6, 6), Pa; (1, 1), N, of a chain."""
+        """Elastic tensor in Voigt order: (3, 3), Pa, of a layer one diameter thick; (6, 6), Pa; (1, 1), N, of a chain."""
         return self._compute_elastic_tensor(self.equilibrium)
 
     @cached_property

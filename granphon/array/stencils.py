@@ -38,7 +38,7 @@ _INDEPENDENT = 0.1
 
 
 class Motion(NamedTuple):
-    """Periodic motion ``balls`` (fields, L1, ..., Lp), and the uniform ``compression``, added to the overlap of all contacts."""
+    """Periodic motion ``balls`` (fields, L1, ..., Lp), and ``compression``, which adds to the overlap of every contact."""
 
     balls: Array
     compression: float
@@ -94,8 +94,7 @@ class Stencils:
             )
         ]
         return [
-            ArrayRow(shift, head, tail, float(kind.stiffness))
-            for shift, head, tail in zip(self.shifts, *ends, strict=True)
+            ArrayRow(shift, head, tail, float(kind.stiffness)) for shift, head, tail in zip(self.shifts, *ends, strict=True)
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -127,7 +126,7 @@ class Stencils:
         return np.concatenate([float(kind.stiffness) * stiffness for kind in self._kinds])
 
     def strains(self) -> Array:
-        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, the balls not turning."""
+        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, without rotation."""
         return np.concatenate([strain_rows(kind, self._vector, self.motions) for kind in self._kinds])
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
@@ -165,7 +164,7 @@ class Stencils:
             add(there, part, out=there)
 
     def deformations(self, motion: Motion) -> Array:
-        """Return (rows, L1, ..., Lp) C u, minus the compression in the elongations: the losses of overlap, then the others."""
+        """Return (rows, L1, ..., Lp) C u, with the compression taken from elongations, which are then losses of overlap."""
         room = self.rooms.fill(motion.balls)
         self.rooms.wrap(room)
         out = np.empty((self.n_rows, *self.rooms.outer))
@@ -224,7 +223,7 @@ class Stencils:
 
     def displacements(self, balls: Array) -> Array:
         """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
-        return self._turn(np.linalg.inv(self.basis), balls)
+        return self._turn(np.asarray(np.linalg.inv(self.basis), float), balls)
 
     def cartesian(self, forces: Array) -> Array:
         """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of motions."""
@@ -233,7 +232,7 @@ class Stencils:
     def _turn(self, matrix: Array, fields: Array) -> Array:
         """Apply a (p, p) matrix to the displacements, or to the forces against them, of each ball."""
         balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
-        return np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape)
+        return np.asarray(np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape))
 
     def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
         """Apply C^T K C to a motion in a wrapped ``room``; ``stiffness`` is in rooms with margins of zeros.
@@ -306,7 +305,9 @@ class Stencils:
         """
         springs = stiffness.reshape(len(stiffness), -1)
         groups = [range(self.motions.count)[part] for part in (self.motions.translating, self.motions.turning)]
-        blocks = [[ball * self.motions.count + at for at in group] for ball in range(self.n_balls) for group in groups if group]
+        blocks = [
+            [ball * self.motions.count + at for at in group] for ball in range(self.n_balls) for group in groups if group
+        ]
         out = []
         for fields in blocks:
             pairs = list(combinations_with_replacement(fields, 2))
@@ -347,7 +348,7 @@ def _orthonormal(vectors: list[Array]) -> list[Array]:
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:
-    """Invert symmetric matrices of one to three rows, in place; ``entries`` are xx, xy, ..., yy, ... of the upper triangle."""
+    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle, row after row."""
     if size == 1:
         entries[0] = 1.0 / entries[0]
     elif size == 2:

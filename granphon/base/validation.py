@@ -21,7 +21,8 @@ from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import closest, show
 
 __all__ = [
-    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "number", "number_list",
+    "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "lengths", "number",
+    "number_list",
     "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth", "refuse_unknown_key", "whole",
     "zero_or_above",
 ]  # fmt: skip
@@ -197,6 +198,14 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     if not all(low <= w <= high for w in words[:periods]):
         raise Refused(show(value), allowed)
     return tuple(map(int, words[:periods]))
+
+
+def lengths(value: Any, low: int, high: int) -> tuple[int, ...]:
+    """One to three whole numbers from ``low`` to ``high``, the lengths of an array; see :func:`grid`."""
+    words = value.split() if isinstance(value, str) else value
+    count = len(words) if hasattr(words, "__len__") else 2
+    examples = ("16384", "128 128", "24 24 24")
+    return grid(value, low, high, examples[min(max(count, 1), 3) - 1], min(max(count, 1), 3))
 
 
 # -- arrays of numbers ----------------------------------------------------------------------------------------------

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import Lattice
 from granphon.base.results import read_only
 from granphon.dynamics.long_waves import voigt_pairs
@@ -14,24 +16,37 @@ from granphon.dynamics.long_waves import voigt_pairs
 __all__ = ["bulk_and_shear", "longitudinal_modulus", "point_group", "shears", "symmetrise"]
 
 Array = NDArray[np.float64]
-#: length, in spacings, of the axes that are added across a line or a plane; no lattice has such a period
-_ACROSS = 1.3719
 #: tolerance of positions, in spacings
-_TOLERANCE = 1e-5
+_TOLERANCE = 1e-6
 
 
 @lru_cache(maxsize=64)
 def point_group(lattice: Lattice) -> Array:
-    """Return the rotations and reflections (n, p, p) of space that carry a lattice, with its balls, into itself."""
-    import spglib  # imported here: media that are not simulated do not need it
-
+    """Return the rotations and reflections (n, p, p) that, with some shift, carry a lattice with its balls into itself."""
     p = lattice.periods
-    cell = np.eye(3) * [_ACROSS**power for power in range(3)]
-    cell[:p] = np.pad(lattice.vectors, ((0, 0), (0, 3 - lattice.dimension)))
-    positions = np.pad(lattice.positions, ((0, 0), (0, 3 - lattice.dimension))) @ np.linalg.inv(cell)
-    found = spglib.get_symmetry((cell, positions, np.ones(lattice.n_balls)), symprec=_TOLERANCE)
-    turns = cell.T @ found["rotations"] @ np.linalg.inv(cell.T)
-    return read_only(np.unique(np.round(turns[:, :p, :p], 12) + 0.0, axis=0))
+    cell, balls = lattice.vectors[:, :p], lattice.positions
+    gram = cell @ cell.T
+    # lattice vectors onto which each vector of the cell may be carried: they are as long
+    reach = steps_within(cell, float(np.sqrt(gram.diagonal().max())) + _TOLERANCE) @ cell
+    lengths = np.linalg.norm(reach, axis=1)
+    images = [reach[np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE] for axis in range(p)]
+    chosen = np.array([np.stack(rows) for rows in itertools.product(*images)])
+    kept = chosen[np.max(np.abs(chosen @ chosen.swapaxes(1, 2) - gram), axis=(1, 2)) < _TOLERANCE]
+    turns = (np.linalg.inv(cell) @ kept).swapaxes(1, 2)  # carries each row of the cell to its image
+    return read_only([turn for turn in turns if _carries_balls(turn, cell, balls)])
+
+
+def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
+    """Whether ``turn``, with some shift along the periods, carries balls (n, d) to balls, up to lattice vectors."""
+    p = len(cell)
+    turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
+    for shift in balls - turned[0]:
+        apart = (turned + shift)[:, None] - balls
+        along = apart[..., :p] @ np.linalg.inv(cell)
+        apart[..., :p] = (along - np.rint(along)) @ cell
+        if np.all(np.min(np.linalg.norm(apart, axis=-1), axis=1) < _TOLERANCE):
+            return True
+    return False
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
@@ -73,7 +88,7 @@ def bulk_and_shear(tensor: Array) -> Array:
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
-    """Return the modulus of longitudinal waves, (...), averaged over all directions: K + G in the plane, K + 4G/3 in space."""
+    """Return the modulus of longitudinal waves over all directions, (...): K + G in the plane, K + 4G/3 in space."""
     p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
     return np.asarray(bulk + 2.0 * (p - 1) / p * shear)

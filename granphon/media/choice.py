@@ -14,7 +14,7 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import Rule, block, choice, grid, number, read_inside, require, whole
+from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, require, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
@@ -165,7 +165,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
     },
     DirectSimulation.name: {
-        "shape": Option(DirectSimulation.shape, partial(grid, low=1, high=20_000, example="128 128")),
+        "shape": Option(DirectSimulation.shape, partial(lengths, low=1, high=20_000)),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
@@ -299,7 +299,8 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
     settings = choice.settings
     if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
         return np.full(load.shape, np.inf)
-    balls = int(np.prod(settings["shape"])) * settings["samples"] if choice.simulates else 1
+    medium = choice.of(packing)
+    balls = medium.balls * medium.samples if isinstance(medium, DirectSimulation) else 1
     return accuracy().error(choice.name, packing, load, balls)
 
 

@@ -212,7 +212,7 @@ def estimate(
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and their moduli, from which the
     local exponent is found. A load below the rigidity threshold is taken to be at the threshold.
     """
-    balls, count = int(np.prod(simulation.shape)), load.size * simulation.samples
+    balls, count = simulation.balls, load.size * simulation.samples
     packing = simulation.packing
     turning = moduli and packing.ball_motions.rotate
     kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES * (count - 1)

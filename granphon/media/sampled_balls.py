@@ -153,7 +153,7 @@ def require_standing(packing: Packing) -> None:
         raise InputError(
             message(
                 f"balls with {what} are not simulated",
-                "Simulated balls move along the periods of their lattice, and all contacts have the same ratios of stiffness",
+                "Simulated balls move along the periods of their lattice, with the same ratios of stiffness in all contacts",
                 mend,
             )
         )

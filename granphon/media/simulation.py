@@ -225,8 +225,8 @@ class SimulatedState(ContactState):
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: the mean over samples of their linear response.
 
-        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of a
-        chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
+        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of
+        a chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
         :attr:`symmetric_tensor`, which has.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import granphon as gp
-from granphon.array.response import bulk_and_shear
 from granphon.array.sample import STEP, Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.loads import Load
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.media.accuracy import compute_form_coefficients
 from granphon.media.simulation import SimulatedState
 from granphon.tradeoffs.ensemble import observe

@@ -20,9 +20,9 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
-from granphon.array.response import bulk_and_shear
 from granphon.balls.loads import Load
 from granphon.dynamics.local_field import local_field
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState
 

@@ -1,0 +1,377 @@
+"""Disordered arrays on lattices in one, two and three dimensions, against arrays written out ball by ball."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+import granphon as gp
+from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.response import elasticity
+from granphon.array.stencils import Motion, Stencils, dot
+from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
+from granphon.base.errors import InputError, MechanismError
+from granphon.dynamics.tensors import bulk_and_shear, point_group, symmetrise
+
+ETA = 0.84
+#: fcc in its cube of four balls
+CUBE = Lattice(
+    "cube of fcc", tuple(map(tuple, math.sqrt(2.0) * np.eye(3))), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))
+)
+SMALL = {CHAIN: (5,), TRIANGULAR: (3, 4), KAGOME: (3, 3), SC: (3, 3, 4), FCC: (3, 4, 3), HCP: (3, 2, 2), CUBE: (2, 1, 2)}
+every_lattice = pytest.mark.parametrize("lattice", SMALL, ids=lambda lattice: lattice.name)
+STANDING = [CHAIN, TRIANGULAR, FCC, HCP, CUBE]
+every_standing = pytest.mark.parametrize("lattice", STANDING, ids=lambda lattice: lattice.name)
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+WIDTH, D = 2.04e-6, 8e-3
+
+
+class Explicit:
+    """A periodic array of balls in space, one contact after the other, from the positions alone.
+
+    Six motions a ball: u, then phi. Balls are in the order (cell, ball of the cell). Rows: elongation, two slips, twist and
+    two rolls, for contact after contact.
+    """
+
+    def __init__(self, lattice, shape):
+        p = lattice.periods
+        self.p, self.n = p, lattice.n_balls
+        cells = list(itertools.product(*map(range, shape)))
+        base = np.zeros((self.n, 3))
+        base[:, : lattice.dimension] = lattice.positions
+        vectors = np.zeros((p, 3))
+        vectors[:, : lattice.dimension] = lattice.vectors
+        self.sites = np.array([np.array(cell) @ vectors + ball for cell in cells for ball in base])
+        images = [np.array(step) * shape @ vectors for step in itertools.product((-1, 0, 1), repeat=p)]
+        self.contacts = []
+        for i, j in itertools.product(range(len(self.sites)), repeat=2):
+            for image in images:
+                apart = self.sites[j] + image - self.sites[i]
+                first = next((x for x in apart if abs(x) > 1e-9), 0.0)
+                if abs(np.linalg.norm(apart) - 1.0) < 1e-6 and first > 0.0:  # each once
+                    self.contacts.append((i, j, apart))
+
+    def rows(self, kinds):
+        """Dense C, (contacts, 6, 6 balls): e, s, s, twist, roll, roll of each contact; ``kinds`` of them kept."""
+        out = np.zeros((len(self.contacts), 6, len(self.sites), 6))
+        for row, (i, j, n) in enumerate(self.contacts):
+            t = np.cross(n, [0.3, -0.5, 0.8])
+            t /= np.linalg.norm(t)
+            b = np.cross(n, t)
+            for kind, axis in ((0, n), (1, t), (2, b)):
+                out[row, kind, j, :3] += axis
+                out[row, kind, i, :3] -= axis
+            for kind, axis in ((1, t), (2, b)):  # -(d/2)(phi_i + phi_j) x n . axis = -(d/2) phi . (n x axis)
+                for ball in (i, j):
+                    out[row, kind, ball, 3:] -= 0.5 * np.cross(n, axis)
+            for kind, axis in ((3, n), (4, t), (5, b)):
+                out[row, kind, j, 3:] += axis
+                out[row, kind, i, 3:] -= axis
+        return out[:, kinds].reshape(len(self.contacts), -1, 6 * len(self.sites))
+
+    def means(self, deviations):
+        """(x_i + x_j)/2 of contact after contact, of deviations in the order of the balls."""
+        return np.array([0.5 * (deviations[i] + deviations[j]) for i, j, _ in self.contacts])
+
+
+def in_order(lattice, values):
+    """Values (..., n, cells) of an array as (..., balls) in the order of the explicit one."""
+    lead = values.ndim - lattice.periods - (lattice.n_balls > 1)
+    if lattice.n_balls > 1:
+        values = np.moveaxis(values, lead, -1)
+    return values.reshape(*values.shape[:lead], -1)
+
+
+def six_motions(lattice, stencils, balls):
+    """A motion of the stencils as a flat one of six motions a ball."""
+    p, m = lattice.periods, stencils.motions
+    out = np.zeros((6, math.prod(stencils.shape) * lattice.n_balls))
+    out[:p] = in_order(lattice, stencils.displacements(balls))
+    fields = balls.reshape(lattice.n_balls, m.count, *stencils.shape)
+    for at, axis in enumerate(m.rotations):
+        out[3 + axis] = in_order(lattice, fields[:, len(m.translations) + at].reshape(stencils.ball_shape))
+    return out.T.ravel()
+
+
+def kinds_of(eta, torsion, bending):
+    return [0, *[1, 2] * bool(eta), *[3] * bool(torsion), *[4, 5] * bool(bending)]
+
+
+@every_lattice
+@pytest.mark.parametrize(("eta", "torsion", "bending"), [(0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.1, 0.02)])
+def test_energy_and_forces_are_those_of_the_array_ball_by_ball(lattice, eta, torsion, bending):
+    shape = SMALL[lattice]
+    stencils = Stencils(shape, eta, 1, lattice, torsion, bending)
+    explicit = Explicit(lattice, shape)
+    kept = kinds_of(eta, torsion, bending)
+    dense = explicit.rows(kept)
+    rng = np.random.default_rng(5)
+    weights = np.array([1.0, eta, eta, torsion, bending, bending])[kept]
+    matrix = np.einsum("crx,r,cry->xy", dense, weights, dense)
+    one, other = rng.normal(size=(2, stencils.n_fields, *shape))
+    flat, second = six_motions(lattice, stencils, one), six_motions(lattice, stencils, other)
+    level = stencils.weights(np.ones((stencils.n_contacts, *shape)))
+    forces = stencils.forces(level * stencils.deformations(Motion(one, 0.0)))
+    scale = float(flat @ matrix @ flat)
+    assert dot(other, forces) == pytest.approx(float(second @ matrix @ flat), abs=1e-13 * scale)
+    assert dot(one, forces) == pytest.approx(scale, rel=1e-13)
+    # the product in one go, with stiffnesses that differ from contact to contact
+    rough = stencils.weights(rng.uniform(0.0, 2.0, (stencils.n_contacts, *shape)))
+    room = stencils.rooms.fill(one)
+    stencils.rooms.wrap(room)
+    found, pull, energy = stencils.product(stencils.rooms.fill(rough), room, 0.3, stencils.padded())
+    strain = stencils.deformations(Motion(one, 0.3))
+    np.testing.assert_allclose(found, stencils.forces(rough * strain), rtol=0.0, atol=1e-12)
+    assert energy == pytest.approx(float(np.sum(rough * strain**2)), rel=1e-13)
+    assert pull == pytest.approx(float(np.sum((rough * strain)[: stencils.n_contacts])), rel=1e-11, abs=1e-11)
+    assert dot(strain, rough) == pytest.approx(
+        dot(one, stencils.forces(rough)) - 0.3 * float(np.sum(rough[: stencils.n_contacts])), rel=1e-11, abs=1e-11
+    )
+
+
+@every_standing
+@pytest.mark.parametrize("eta", [0.0, ETA], ids=["smooth", "rough"])
+def test_preconditioner_of_equal_contacts_holds_their_inverse(lattice, eta):
+    shape = SMALL[lattice]
+    stencils = Stencils(shape, eta, 1, lattice, 0.1 * eta, 0.02 * eta)
+    springs = stencils.rooms.fill(stencils.weights(np.full((stencils.n_contacts, *shape), 0.7)))
+    size = stencils.n_fields * math.prod(shape)
+    units = np.eye(size).reshape(size, stencils.n_fields, *shape)
+
+    def apply(balls):
+        room = stencils.rooms.fill(balls)
+        stencils.rooms.wrap(room)
+        return stencils.product(springs, room, 0.0, stencils.padded())[0].copy()
+
+    matrix = np.stack([apply(unit).ravel() for unit in units], axis=1)
+    precondition = stencils.preconditioner(springs)
+    found = np.stack([precondition(unit).ravel() for unit in units], axis=1)
+    np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
+    # on what costs energy it is the inverse, plus that of each ball alone, whose eigenvalues are positive
+    values, vectors = np.linalg.eigh(matrix)
+    keep = values > 1e-9
+    assert np.count_nonzero(~keep) == lattice.periods
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    own = np.linalg.eigvalsh(found - inverse)
+    assert own[0] > 0.02
+    alone = np.zeros_like(matrix)  # each ball's own block, displacements and rotations apart
+    ball = np.arange(stencils.n_fields) // stencils.motions.count
+    group = 2 * ball + np.tile(stencils.motions.is_rotation, lattice.n_balls)
+    cell = np.tile(np.arange(math.prod(shape)), stencils.n_fields)
+    same = (cell[:, None] == cell) & (np.repeat(group, math.prod(shape))[:, None] == np.repeat(group, math.prod(shape)))
+    alone[same] = np.linalg.inv(np.where(same, matrix, 0.0))[same]
+    np.testing.assert_allclose(found - inverse, alone, rtol=0.0, atol=3e-5 * np.max(alone))
+
+
+def draw(lattice, shape, seed=0):
+    full = shape if lattice.n_balls == 1 else (lattice.n_balls, *shape)
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, full)
+    return x - np.mean(x)
+
+
+@every_standing
+@pytest.mark.parametrize("overlap", [0.1, 3.0])
+def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
+    shape = SMALL[lattice]
+    x = draw(lattice, shape)
+    state = equilibrate(x, Prescribed(overlap=overlap), Stencils(shape, lattice=lattice))
+    explicit = Explicit(lattice, shape)
+    rows = explicit.rows([0])[:, 0].reshape(len(explicit.contacts), -1, 6)[..., : lattice.periods]
+    rows = rows.reshape(len(explicit.contacts), -1)
+    means = explicit.means(in_order(lattice, x))
+
+    def energy(u):
+        h = np.maximum(overlap + means - rows @ u, 0.0)
+        return 0.4 * np.sum(h**2.5), -rows.T @ h**1.5
+
+    found = minimize(energy, np.zeros(rows.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 5000})
+    h = np.maximum(overlap + means - rows @ found.x, 0.0)
+    assert state.energy == pytest.approx(np.mean(0.4 * h**2.5), rel=1e-9)
+    np.testing.assert_allclose(np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force)
+    at_force = equilibrate(x, Prescribed(force=state.force), Stencils(shape, lattice=lattice))
+    assert at_force.overlap == pytest.approx(overlap, rel=1e-9)
+
+
+@every_standing
+@pytest.mark.parametrize(("eta", "torsion", "bending"), [(0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.1, 0.02)])
+def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice, eta, torsion, bending):
+    shape, p = SMALL[lattice], lattice.periods
+    x = draw(lattice, shape, 1)
+    state = equilibrate(x, Prescribed(overlap=0.15), Stencils(shape, lattice=lattice))
+    found = elasticity(state, eta, torsion, bending)
+    explicit, kept = Explicit(lattice, shape), kinds_of(eta, torsion, bending)
+    dense = explicit.rows(kept)
+    overlaps = np.maximum(0.15 + explicit.means(in_order(lattice, x)) - _elongations(lattice, explicit, state), 0.0)
+    stiffness = 1.5 * np.sqrt(np.where(overlaps > 1e-8, overlaps, 0.0))
+    weights = np.sqrt(stiffness[:, None] * np.array([1.0, eta, eta, torsion, bending, bending])[kept])
+    pairs = {1: [(0, 0)], 2: [(0, 0), (1, 1), (0, 1)], 3: [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]}[p]
+    affine = []
+    for a, b in pairs:
+        strain = np.zeros((3, 3))
+        strain[a, b] = strain[b, a] = 1.0 if a == b else 0.5
+        moved = np.zeros((len(explicit.contacts), len(kept)))
+        for row, (_, _, n) in enumerate(explicit.contacts):
+            t = np.cross(n, [0.3, -0.5, 0.8])
+            t /= np.linalg.norm(t)
+            for at, kind in enumerate(kept[:3]):
+                moved[row, at] = (n, t, np.cross(n, t))[kind] @ strain @ n if kind < 3 else 0.0
+        affine.append((weights * moved).ravel())
+    affine = np.array(affine).T
+    matrix = (weights[..., None] * dense).reshape(affine.shape[0], -1)
+    left = affine - matrix @ np.linalg.lstsq(matrix, affine, rcond=1e-11)[0]
+    wanted = left.T @ left / (lattice.measure * math.prod(shape))
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-9 * np.max(wanted))
+    if not eta:  # under an even strain the overlaps change evenly: K follows from the stiffness
+        bulk = bulk_and_shear(found)[0]
+        assert bulk == pytest.approx(lattice.pressure_factor / p * state.stiffness, rel=1e-10)
+
+
+def _elongations(lattice, explicit, state):
+    u = six_motions(lattice, state.stencils, state.balls)
+    return explicit.rows([0])[:, 0] @ u
+
+
+@every_standing
+def test_equal_balls_have_the_elastic_tensor_of_the_lattice(lattice):
+    shape = SMALL[lattice]
+    state = equilibrate(np.zeros_like(draw(lattice, shape)), Prescribed(overlap=0.3), Stencils(shape, lattice=lattice))
+    for eta, torsion, bending in ((0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.2, 0.1)):
+        wanted = gp.ContactLattice.of(lattice, eta, torsion=torsion, bending=bending).elastic_tensor()
+        found = elasticity(state, eta, torsion, bending) / state.stiffness
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-12 * np.max(wanted))
+
+
+@settings(max_examples=10)
+@given(st.sampled_from([FCC, HCP, TRIANGULAR]), st.integers(0, 2**32 - 1), st.data())
+def test_moving_all_balls_by_a_lattice_vector_moves_the_forces(lattice, seed, data):
+    shape = SMALL[lattice]
+    x = draw(lattice, shape, seed)
+    axes = tuple(range(-lattice.periods, 0))
+    shift = [data.draw(st.integers(0, length - 1)) for length in shape]
+    stencils = Stencils(shape, lattice=lattice)
+    one = equilibrate(x, Prescribed(force=0.2), stencils)
+    other = equilibrate(np.roll(x, shift, axes), Prescribed(force=0.2), stencils)
+    np.testing.assert_allclose(np.roll(one.forces, shift, axes), other.forces, rtol=0.0, atol=1e-9)
+
+
+# -- symmetry -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [("chain", 2), ("square", 8), ("triangular", 12), ("sc", 48), ("bcc", 48), ("fcc", 48), ("diamond", 48), ("hcp", 24)],
+)
+def test_point_groups_have_their_orders_and_keep_the_elastic_tensor(name, order):
+    lattice = find_lattice(name)
+    assert len(point_group(lattice)) == order
+    tensor = gp.ContactLattice.of(lattice, ETA, bending=0.1).elastic_tensor()
+    np.testing.assert_allclose(symmetrise(tensor, lattice), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
+
+
+def test_the_symmetric_part_on_the_triangular_lattice_is_isotropic():
+    rough = np.random.default_rng(0).normal(size=(4, 3, 3))
+    rough = rough + rough.swapaxes(1, 2)
+    bulk, shear = bulk_and_shear(rough).T
+    found = symmetrise(rough, TRIANGULAR)
+    np.testing.assert_allclose(found[:, 0, 0], bulk + shear, atol=1e-14)
+    np.testing.assert_allclose(found[:, 0, 1], bulk - shear, atol=1e-14)
+    np.testing.assert_allclose(found[:, 2, 2], shear, atol=1e-14)
+    assert np.max(np.abs(found[:, :2, 2])) < 1e-14
+
+
+# -- the medium ---------------------------------------------------------------------------------------------------------
+
+
+def packing(lattice, friction=True, **more):
+    return gp.Packing(STEEL, D, spread=gp.Uniform(WIDTH), lattice=lattice, friction=friction, **more)
+
+
+@pytest.mark.parametrize("name", ["sc", "bcc", "diamond", "square", "kagome", "honeycomb"])
+def test_lattices_that_do_not_stand_without_friction_are_refused(name):
+    with pytest.raises(MechanismError, match="does not stand without friction"):
+        gp.DirectSimulation(packing(name))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "given", "words"),
+    [
+        ("fcc", {"shape": (4, 4)}, "Give three whole numbers"),
+        ("chain", {"shape": (4, 4)}, "Give one whole number"),
+        ("triangular", {"shape": (4, 4, 4)}, "Give two whole numbers"),
+        ("hcp", {"shape": (4, 4, 0)}, "shape"),
+        ("hcp", {"diameters": np.full((3, 3, 3), D)}, r"Give an array \(L1, L2, L3, 2\)"),
+    ],
+)
+def test_shapes_are_those_of_the_lattice(lattice, given, words):
+    with pytest.raises(InputError, match=words):
+        gp.DirectSimulation(packing(lattice), **given)
+
+
+@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}])
+def test_motions_across_a_plane_are_refused(more):
+    with pytest.raises(InputError, match="are not simulated"):
+        gp.DirectSimulation(packing("triangular", **more))
+
+
+def test_the_torsion_of_a_hertz_contact_is_refused():
+    with pytest.raises(InputError, match="torsion"):
+        gp.DirectSimulation(packing("fcc", torsion="mindlin"))
+
+
+def test_every_contact_of_a_chain_carries_the_same_force():
+    state = gp.DirectSimulation(packing("chain"), (40,), samples=2).at_force([0.5, 20.0])
+    hertz = gp.AveragedLattice(packing("chain")).law
+    np.testing.assert_allclose(state.overlap, hertz.overlap(np.array([0.5, 20.0])), rtol=1e-12)
+    np.testing.assert_allclose(state.normal_stiffness, hertz.stiffness(state.overlap), rtol=1e-10)
+    np.testing.assert_allclose(state.contact_force_fluctuation, 0.0, atol=1e-14)
+    np.testing.assert_allclose(state.exponent, 1.0 / 6.0, rtol=1e-9)
+    assert gp.sound_velocities(state).longitudinal == pytest.approx(
+        gp.sound_velocities(gp.AveragedLattice(packing("chain")).at_force([0.5, 20.0])).longitudinal, rel=1e-9
+    )
+
+
+def test_arrays_of_a_sample_are_indexed_by_cell_then_ball():
+    state = gp.DirectSimulation(packing("hcp"), (3, 4, 5)).at_force(10.0)
+    sample = state.sample
+    assert sample.diameters.shape == (3, 4, 5, 2)
+    assert sample.displacements.shape == sample.sites.shape == (3, 4, 5, 2, 3)
+    assert sample.contact_forces.shape == (3, 4, 5, 12)
+    np.testing.assert_allclose(sample.sites[1, 2, 3, 1], np.array([1, 2, 3]) @ HCP.vectors + HCP.positions[1], atol=1e-14)
+    again = gp.DirectSimulation(packing("hcp"), diameters=sample.diameters).at_force(10.0)
+    np.testing.assert_allclose(again.sample.contact_forces, sample.contact_forces, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "shape"), [("fcc", (4, 4, 4)), ("hcp", (3, 4, 3)), ("chain", (30,))])
+@pytest.mark.parametrize("friction", [False, True])
+def test_the_calculator_finds_the_balls_of_a_sample_at_rest(name, shape, friction):
+    state = gp.DirectSimulation(packing(name, friction), shape).at_force(10.0)
+    balls = gp.HertzMindlin(state).adopt(state.sample.atoms())
+    balls.calc = gp.HertzMindlin(state)
+    force = 10.0 / (state.normal_stiffness * D)  # of a contact, in reduced units
+    assert np.max(np.abs(balls.get_forces())) < 1e-9 * force
+
+
+def test_velocities_in_fcc_have_its_symmetry_and_errors():
+    state = gp.DirectSimulation(packing("fcc"), (4, 4, 4), samples=3).at_force([8.0, 30.0])
+    v = gp.sound_velocities(state, [[1, 0, 0], [0, 0, 1], [1, 1, 1]])
+    np.testing.assert_allclose(v.velocities[:, 0], v.velocities[:, 1], rtol=1e-13)
+    np.testing.assert_allclose(v.transverse[..., [0, 2], 0], v.transverse[..., [0, 2], 1], rtol=1e-12)
+    assert v.longitudinal_error.shape == (2, 3)
+    assert v.transverse_error.shape == (2, 3, 2)
+    assert np.all(v.longitudinal_error > 0.0)
+    c = state.symmetric_tensor
+    rho = state.effective_density
+    np.testing.assert_allclose(v.longitudinal[:, 0], np.sqrt(c[:, 0, 0] / rho), rtol=1e-12)
+    np.testing.assert_allclose(v.transverse[:, 0, 0], np.sqrt(c[:, 3, 3] / rho), rtol=1e-12)
+    with pytest.raises(InputError, match="depend on the direction"):
+        gp.sound_velocities(state)
+    moduli = gp.moduli(state)
+    assert not moduli.isotropic
+    assert np.all(moduli.voigt.shear > 0.0)
+    assert state.standard_error("elastic_tensor").shape == (2, 6, 6)
