@@ -22,9 +22,8 @@ from granphon.base.text import closest, show
 
 __all__ = [
     "Rule", "above_zero", "block", "choice", "each", "finite_numbers", "grid", "is_whole", "lengths", "number",
-    "number_list",
-    "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth", "refuse_unknown_key", "whole",
-    "zero_or_above",
+    "number_list", "read_inside", "real_number", "real_numbers", "require", "text", "text_list", "truth",
+    "refuse_unknown_key", "whole", "zero_or_above",
 ]  # fmt: skip
 
 Rule = Callable[[Any], Any]
