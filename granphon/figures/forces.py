@@ -167,7 +167,9 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     least, largest = min(float(np.min(one)) for one in forces), max(float(np.max(one)) for one in forces)
     width = max(float(np.mean([sample.contact_force_fluctuation for sample in state.samples])) / 4.0, 1e-12)
     bins = int(np.clip((largest - least) / width, 20, 400))
-    margin = (largest - least) / (2.0 * bins) if largest - least > _SAME else 0.05
+    margin = (largest - least) / (2.0 * bins)
+    if largest - least < _SAME:
+        bins, margin = 21, 0.05
     found = [sample.force_distribution(bins, largest + margin, max(least - margin, 0.0)) for sample in state.samples]
     edges, density = found[0][0], np.mean([each for _, each in found], axis=0)
     first, last = np.flatnonzero(density)[[0, -1]].tolist()

@@ -1,0 +1,157 @@
+"""Benchmarks of simulations in space: ratios, each measured side by side in one run, each with the bound it is to keep.
+
+    python tests/benchmarks/bench_arrays.py [--json FILE] [--repeats N]
+
+The exit code is 1 if a bound is missed. Balls on the fcc lattice are spread uniformly and rest under a given overlap; one
+thread throughout.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator, cg
+from side_by_side import Part, Row, alternate, command_line
+
+import granphon as gp
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.stencils import Stencils
+from granphon.balls.lattices import FCC
+
+Array = NDArray[np.float64]
+#: a*, times faster than Newton's method with scipy's conjugate gradients
+AGAINST = ((1.0, 10.0), (0.7, 5.0))
+#: numbers of cells along each axis, whose iterations are compared
+SIDES = (16, 32, 64, 100)
+
+
+def balls(side: int, seed: int = 0) -> Array:
+    x = gp.Uniform(1.0).sample((side,) * 3, seed)
+    return x - np.mean(x)
+
+
+def rest(side: int, spacing: float, stencils: Stencils | None = None) -> Equilibrium:
+    """The equilibrium at a*."""
+    return equilibrate(balls(side), Prescribed(overlap=spacing - 0.5), stencils or Stencils((side,) * 3, lattice=FCC))
+
+
+class Plain:
+    """Newton's method with scipy's conjugate gradients and the diagonal as preconditioner.
+
+    The measure of rest, the accuracy of each step's linear equations, the stiffness added to contacts and the rule for the
+    length of a step are those of the simulation.
+    """
+
+    def __init__(self, side: int) -> None:
+        table, site = FCC.contacts, np.arange(side**3).reshape((side,) * 3)
+        i = np.tile(site.ravel(), len(table))
+        j = np.concatenate([np.roll(site, [-a for a in shift], (0, 1, 2)).ravel() for shift in table.shift.tolist()])
+        normal = np.repeat(table.normal, side**3, axis=0)
+        row = np.repeat(np.arange(i.size), 6)
+        column = np.concatenate([3 * j[:, None] + range(3), 3 * i[:, None] + range(3)], axis=1).ravel()
+        entries = np.concatenate([normal, -normal], axis=1).ravel()
+        self.c = csr_array((entries, (row, column)), shape=(i.size, 3 * side**3))
+        self.transposed = csr_array(self.c.T)
+        self.squared = csr_array(self.transposed.power(2))
+        x = balls(side).ravel()
+        self.means = 0.5 * (x[i] + x[j])
+
+    def forces(self, overlap: float) -> Array:
+        """Contact forces at rest, in units of c W^(3/2)."""
+        h = overlap + self.means
+        while True:
+            closed = np.maximum(h, 0.0)
+            force = closed * np.sqrt(closed)
+            pull = self.transposed @ force
+            scale = min(float(np.mean(force)), float(np.std(force)))
+            distance = math.sqrt(float(np.max(np.sum(pull.reshape(-1, 3) ** 2, axis=1)))) / scale
+            if distance <= REST_TOLERANCE:
+                return np.asarray(force)
+            k = 1.5 * np.sqrt(closed)
+            k += 1e-2 * min(1.0, distance) * np.mean(k)
+            diagonal = 1.0 / (self.squared @ k)
+            product = LinearOperator((pull.size,) * 2, lambda u, k=k: self.transposed @ (k * (self.c @ u)))
+            inverse = LinearOperator((pull.size,) * 2, lambda u, d=diagonal: d * u)
+            reduction = min(0.1, max(math.sqrt(distance), 0.3 * REST_TOLERANCE / distance))
+            step, _ = cg(product, pull, rtol=reduction, M=inverse, maxiter=3000)
+            h = h - self.length(h, self.c @ step) * (self.c @ step)
+
+    @staticmethod
+    def length(h: Array, strain: Array) -> float:
+        """The length at which the slope of the energy has a tenth of its first size, by Newton's method within brackets."""
+        low, high, length, first = 0.0, math.inf, 0.0, 0.0
+        for trial in range(30):
+            closed = np.maximum(h - length * strain, 0.0)
+            root = np.sqrt(closed)
+            slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
+            if trial == 0:
+                first, length = slope, 1.0
+                continue
+            if abs(slope) <= 0.1 * abs(first):
+                break
+            low, high = (length, high) if slope < 0.0 else (low, length)
+            length -= slope / rise
+            if not low < length < high:
+                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        return length
+
+
+def against(repeats: int) -> list[Row]:
+    """32^3 balls: same tolerance, same start; what both make once for the array is left out."""
+    rows, plain, stencils = [], Plain(32), Stencils((32, 32, 32), lattice=FCC)
+    for spacing, bound in AGAINST:
+        ours, theirs = rest(32, spacing, stencils), plain.forces(spacing - 0.5)
+        apart = np.max(np.abs(ours.forces.ravel() - theirs)) / ours.force
+        assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
+        seconds = alternate(
+            repeats, granphon=lambda s=spacing: rest(32, s, stencils), plain=lambda s=spacing: plain.forces(s - 0.5)
+        )
+        note = f"{seconds['granphon']:.3g} s against {seconds['plain']:.3g} s"
+        what = f"fcc, 32^3, a* = {spacing:g}, to 1e-10: times faster than Newton's method with scipy's conjugate gradients"
+        rows.append(Row(what, seconds["plain"] / seconds["granphon"], "", bound, least=True, note=note))
+    return rows
+
+
+def growth(repeats: int) -> list[Row]:
+    """Iterations do not depend on the machine."""
+    counts = {side: rest(side, 1.0).conjugate for side in SIDES}
+    note = ", ".join(f"{count} for {side}^3" for side, count in counts.items())
+    value = max(counts.values()) / counts[SIDES[0]]
+    return [Row(f"fcc, a* = 1: iterations from {SIDES[0]}^3 to {SIDES[-1]}^3", value, "", 1.5, note=note)]
+
+
+def alone(side: int) -> None:
+    """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
+    start = time.perf_counter()
+    state = rest(side, 1.0)
+    seconds = time.perf_counter() - start
+    gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(json.dumps({"s": seconds, "GiB": gib, "newton": state.newton, "conjugate": state.conjugate}))
+
+
+def million(repeats: int) -> list[Row]:
+    """One million balls, once."""
+    command = [sys.executable, "-c", "import bench_arrays; bench_arrays.alone(100)"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+    seen = json.loads(done.stdout)
+    took = f"{seen['newton']} steps, {seen['conjugate']} iterations"
+    return [
+        Row("fcc, 100^3, a* = 1: time of the first sample", seen["s"], "s", 90.0, note=took),
+        Row("fcc, 100^3, a* = 1: peak memory of the process", seen["GiB"], "GiB", 1.5),
+    ]
+
+
+#: memory first: it is measured in a process that inherits the peak of this one
+PARTS: dict[str, Part] = {"million": million, "against": against, "growth": growth}
+
+if __name__ == "__main__":
+    sys.exit(command_line("Benchmarks of simulations in space", PARTS))
