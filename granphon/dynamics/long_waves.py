@@ -17,6 +17,7 @@ from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.results import read_only
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
+from granphon.dynamics.polarisations import decompose_waves, name_waves
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 
 __all__ = ["LongWaves", "voigt_names", "voigt_pairs"]
@@ -33,9 +34,6 @@ _ISOTROPIC = 1e-10
 _FEW_NUMBERS = 12
 #: pairs of axes in Voigt order, for one, two and three periods
 _VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
-#: relative difference of velocities, and of the parts of polarisations along q, below which they are equal but for rounding
-_TIED = 1e-12
-_TIED_ALONG = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
@@ -296,27 +294,6 @@ class LongWaves(Compatibility):
             raise self.explain_buckling(where, vectors[worst][:, 0]) from None
         return self._decompose_waves(along, factor)
 
-    def waves_of_tensor(self, tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
-        """Find long waves as :meth:`sound_velocities` does, from elastic tensors (..., n, n) without prestress.
-
-        ``tensor`` is in Voigt order, and the balls move along the periods alone. Velocities are in the root of its unit over
-        the density. Raises :class:`InstabilityError` if a tensor is not positive.
-        """
-        along, pairs = as_direction(direction, self.periods), _VOIGT[self.periods]
-        toward = np.zeros((*along.shape, len(pairs)))  # from a displacement to the strain of a wave along the direction
-        for place, (a, b) in enumerate(pairs):
-            toward[..., a, place] += along[..., b]
-            if a != b:
-                toward[..., b, place] += along[..., a]
-        stiffness = np.asarray(tensor)[(..., *(None,) * (along.ndim - 1), slice(None), slice(None))]
-        try:
-            factor = cholesky_factor(toward @ stiffness @ toward.swapaxes(-1, -2))
-        except np.linalg.LinAlgError:
-            raise InstabilityError(
-                message("a squared sound velocity is negative", "The elastic tensor is not positive", "Raise the load")
-            ) from None
-        return self._decompose_waves(along, factor)
-
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(self, shape: tuple[int, ...], numbers: tuple[float, ...]) -> tuple[Array, Array]:
         """Return :meth:`sound_velocities` along a few unit vectors, without prestress; read-only."""
@@ -329,11 +306,7 @@ class LongWaves(Compatibility):
 
     def _decompose_waves(self, along: Array, factor: Array) -> tuple[Array, Array]:
         """Return velocities and polarisations along unit vectors, from factors (..., n, n_u) of the acoustic tensors."""
-        values, right = jacobi_svd(factor)
-        if len(self.motions.translations) == 3:
-            right = _settle_vectors(np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - self.periods)]), values, right)
-        order = self._order_waves(along, right)
-        return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
+        return decompose_waves(along, factor, self.motions.translations)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
@@ -341,29 +314,7 @@ class LongWaves(Compatibility):
 
         On a plane of balls that also move across it, "out_of_plane" is the last.
         """
-        axes = self.motions.translations
-        ahead = ("longitudinal",) * (set(range(self.periods)) <= set(axes))
-        across = ("out_of_plane",) * (self.periods == 2 and 2 in axes)
-        rest = len(axes) - len(ahead) - len(across)
-        return (*ahead, *(("transverse",) if rest == 1 else ("transverse_slow", "transverse_fast")[:rest]), *across)
-
-    def _order_waves(self, along: Array, polarisations: Array) -> NDArray[np.intp]:
-        """Return the columns (..., n_u) of ``polarisations``, ascending in velocity, in the order of :attr:`wave_names`."""
-        axes, names = self.motions.translations, self.wave_names
-        toward = np.zeros((*along.shape[:-1], len(axes)))
-        for axis in set(range(self.periods)) & set(axes):
-            toward[..., axes.index(axis)] = along[..., axis]
-        rank = np.zeros(polarisations.shape[:-2] + polarisations.shape[-1:])
-        if names[0] == "longitudinal":
-            part = np.abs(np.einsum("...i,...ib->...b", toward, polarisations))
-            # of two that are equally longitudinal, the fast one
-            tied = part >= (1.0 - _TIED_ALONG) * np.max(part, axis=-1, keepdims=True)
-            ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
-            np.put_along_axis(rank, ahead[..., None], -1.0, -1)
-        if names[-1] == "out_of_plane":
-            across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(polarisations[..., axes.index(2), :])), axis=-1)
-            np.put_along_axis(rank, across[..., None], 1.0, -1)
-        return np.argsort(rank, axis=-1, kind="stable")
+        return name_waves(self.motions.translations, self.periods)
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in the plane.
@@ -446,30 +397,3 @@ class LongWaves(Compatibility):
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
-
-
-def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
-    """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal velocities, and their signs.
-
-    ``along`` (..., 3) is the direction; ``values`` (..., 3) are the velocities, ascending.
-    """
-    vectors = vectors.copy()
-    along = np.broadcast_to(along, vectors.shape[:-1])
-    tied = np.diff(values, axis=-1) <= _TIED * values[..., 1:]
-    triple = np.all(tied, axis=-1)
-    vectors[triple, :, 2] = along[triple]
-    for pair, third in ((0, 2), (1, 0)):
-        here = tied[..., pair] & (~triple if pair else True)
-        apart = vectors[here][..., third]
-        # the first vector, without its part along the third: the direction, or an axis far from the third vector
-        ahead = along[here] - np.sum(along[here] * apart, axis=-1, keepdims=True) * apart
-        axis = np.eye(3)[np.argmin(np.round(np.abs(apart), 9), axis=-1)]
-        aside = axis - np.sum(axis * apart, axis=-1, keepdims=True) * apart
-        first = np.where(np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG, ahead, aside)
-        first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        vectors[here, :, pair], vectors[here, :, pair + 1] = first, np.cross(apart, first)
-    # longitudinal parts point ahead; of a vector without one, the largest component is above zero
-    part = np.einsum("...i,...ib->...b", along, vectors)
-    largest = np.argmax(np.round(np.abs(vectors), 9), axis=-2)
-    own = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
-    return vectors * np.where(np.where(np.abs(part) > _TIED_ALONG, part, own) < 0.0, -1.0, 1.0)[..., None, :]

@@ -6,14 +6,17 @@ import itertools
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
-from granphon.balls.lattices import Lattice
+from granphon.balls.lattices import Lattice, as_direction
+from granphon.base.errors import InstabilityError, message
 from granphon.base.results import read_only
+from granphon.dynamics.linalg import cholesky_factor
 from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.polarisations import decompose_waves
 
-__all__ = ["bulk_and_shear", "longitudinal_modulus", "point_group", "shears", "symmetrise"]
+__all__ = ["bulk_and_shear", "longitudinal_modulus", "point_group", "shears", "symmetrise", "waves_of_tensor"]
 
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
@@ -92,3 +95,30 @@ def longitudinal_modulus(tensor: Array) -> Array:
     p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
     return np.asarray(bulk + 2.0 * (p - 1) / p * shear)
+
+
+def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
+    """Find the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p), without prestress.
+
+    Returns
+    -------
+    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.polarisations.name_waves`, in the root
+        of the tensor's unit: over the root of the density they are velocities.
+    polarisations : (..., p, p), or (..., n, p, p), unit vectors as columns.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if a tensor is not positive.
+    """
+    periods = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
+    along, pairs = as_direction(direction, periods), voigt_pairs(periods)
+    strain = np.zeros((*along.shape, len(pairs)))  # of a wave with a unit displacement along each axis
+    for place, (a, b) in enumerate(pairs):
+        strain[..., a, place] += along[..., b]
+        if a != b:
+            strain[..., b, place] += along[..., a]
+    stiffness = np.asarray(tensor)[(..., *(None,) * (along.ndim - 1), slice(None), slice(None))]
+    try:
+        factor = cholesky_factor(strain @ stiffness @ strain.swapaxes(-1, -2))
+    except np.linalg.LinAlgError:
+        what = "a squared sound velocity is negative"
+        raise InstabilityError(message(what, "The elastic tensor is not positive", "Raise the load")) from None
+    return decompose_waves(along, factor, tuple(range(periods)))

@@ -23,8 +23,8 @@ from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
-from granphon.dynamics.tensors import bulk_and_shear, symmetrise
-from granphon.media.acoustics import compute_velocities, lattice_without_overlap, over_directions, sample_scales
+from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
+from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
 from granphon.media.medium import Loaded
@@ -280,7 +280,7 @@ class SimulatedState(ContactState):
         along = as_direction(direction, structure.periods)
         if not self._is_isotropic_plane:
             tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
-            return lattice_without_overlap(self).waves_of_tensor(tensor, along)
+            return waves_of_tensor(tensor, along)
         velocities = over_directions(compute_velocities(bulk_and_shear(tensor), density), along)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         vectors = np.stack([along, across], axis=-1)
