@@ -334,24 +334,29 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
 
     Parameters
     ----------
-    packing : the balls, on the triangular lattice.
-    shape : (L1, L2), numbers of balls of a periodic sample along a1 and a2 of the cell.
+    packing : the balls, on a lattice that stands without friction: the chain, the triangular lattice, fcc, hcp, or one given
+        as data.
+    shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by default (16384,),
+        (128, 128) or (24, 24, 24).
     seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on any machine.
     samples : number of samples that are averaged.
-    diameters : (L1, L2), m, instead of a shape and a seed: one sample of just these balls. They are shifted to have the
-        packing's diameter as their mean; a packing without a spread takes theirs.
+    diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed: one sample
+        of just these balls. They are shifted to have the packing's diameter as their mean; a packing without a spread takes
+        theirs.
     executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that solves samples in parallel.
     workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers`` changes results.
 
     Raises
     ------
-    InputError : another lattice, a shape or number that is not whole and above zero, diameters with a shape or samples, a
-        width below 1e-20 of the diameter.
+    MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome.
+    InputError : motions other than those along the periods, the torsion of a Hertz contact, a shape or number that is not
+        whole and above zero, diameters with a shape or samples, a width below 1e-20 of the diameter.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
     that is not finite, not compressive, or presses balls together by their whole diameter; for a load so low that a
-    sample carries none (at and below the rigidity threshold a* = 0.343); and with ``finite_overlap``, whose terms a
-    simulation does not have. They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found.
+    sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice); and with
+    ``finite_overlap``, whose terms a simulation does not have. They raise
+    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found.
     """
 
     name = "simulation"

@@ -142,10 +142,10 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: relative amount by which simulated shear moduli with friction are too small, by a*. It was measured against a
-#: discrete-element code and against a response with the true directions of contacts. The simulation is the limit of zero
-#: width. With true directions, loose balls lean on their neighbours with 1e-6 to 1e-3 of the mean force; the stiffness of
-#: the shear springs at these contacts goes as the cube root of that force, so that they still add to the modulus
+#: relative amount by which simulated shear moduli with friction are too small, by a*, measured on the triangular lattice
+#: against a discrete-element code and against a response with the true directions of contacts. The simulation is the limit
+#: of zero width. With true directions, loose balls lean on their neighbours with 1e-6 to 1e-3 of the mean force; the
+#: stiffness of their shear springs goes as the cube root of that force, so that they still add to the modulus
 _DEFICITS = {0.4: 0.17, 0.45: 0.055, 0.5: 0.03, 0.7: 3e-4}
 #: W/d at which these deficits were measured
 _DEFICIT_WIDTH = 2.55e-4
@@ -218,7 +218,7 @@ def _compute_validity(state: ContactState) -> Validity:
     values["resonance"] = top * velocity_scale(state) / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    if state.n_samples and state.packing.width and state.packing.mindlin_ratio:
+    if state.n_samples and state.packing.width and state.packing.mindlin_ratio and lattice.periods > 1:
         values["shear"] = _estimate_shear_deficit(state)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
