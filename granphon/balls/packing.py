@@ -137,6 +137,11 @@ class Packing:
         return find_lattice(self.lattice)
 
     @property
+    def carries_one_force(self) -> bool:
+        """Whether all contacts carry the same force, whatever the diameters: on a line each ball passes its load on."""
+        return self.structure.periods == 1
+
+    @property
     def width(self) -> float:
         """Width W = sqrt(12) Delta_rms of the distribution of diameters, m; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width

@@ -5,9 +5,10 @@ deformations as its balls can make by moving, the range of K^1/2 C, so the star 
 
     e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
 
-Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. To second order in the spread of diameters the
-forces of an array without friction deviate by (1 - P) from what balls held at their sites would have, so that 1 - u_1 = Xi/(1
-+ Xi) is also, in any lattice, the part of their variance that is left once the balls have moved.
+Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. In an array without friction the overlaps of
+contacts deviate, to first order, by 1 - P times what they would be with balls held at their sites. So 1 - u_1 = Xi/(1 + Xi)
+is, in any lattice, the part of their variance that is left once the balls have moved, and with it the second order of the
+force.
 
 On the triangular lattice two more elongations give all results: those of the contacts between the corona and the second
 neighbours on top of it and at its bridges. The tension of the star is balanced on the central ball. It is the load with
@@ -114,9 +115,9 @@ def local_field(
     ----------
     lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over all contacts.
     mindlin_ratio : eta, zero or above.
-    torsion, bending : stiffness of a contact against twist and against rolling, over k d^2. At zero of all three the balls do
-        not turn. The torsion of a Hertz contact that does not slip is of the order of delta/d, which the medium leaves out:
-        take 0 for it.
+    torsion, bending : stiffness of a contact against twist and against rolling, over k d^2. Without these and friction the
+        balls do not turn. The torsion of a Hertz contact that does not slip is of the order delta/d, which the medium leaves
+        out: take 0 for it.
 
     Returns
     -------
@@ -130,8 +131,8 @@ def local_field(
     PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, that the integral over q does not
         settle.
     """
-    stiffness = not_negative("mindlin_ratio", mindlin_ratio), not_negative("torsion", torsion), not_negative("bending", bending)
-    return _compute_local_field(find_lattice(lattice), *stiffness)
+    given = {"mindlin_ratio": mindlin_ratio, "torsion": torsion, "bending": bending}
+    return _compute_local_field(find_lattice(lattice), *(not_negative(name, value) for name, value in given.items()))
 
 
 @lru_cache(maxsize=256)

@@ -3,8 +3,8 @@
 Projections on the motions of a lattice are such functions: bounded, and smooth but for these points, where the direction of
 approach matters. It matters at Gamma, and, where balls can roll like gears, at others. The zone is cut into simplices that
 have these points as corners: two segments, eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each is the
-image of a cube of p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth: Gauss's rule
-converges geometrically. Lines along the three edges that leave a corner are resolved too, such as that from M to R of sc.
+image of a cube with p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth: Gauss's
+rule converges geometrically. Lines from one corner to another along the axes are resolved too, as that from M to R of sc.
 """
 
 from __future__ import annotations
