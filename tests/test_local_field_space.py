@@ -6,7 +6,9 @@ ball and extrapolated, the third the law at high load of arrays of random balls.
 
 from __future__ import annotations
 
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 import granphon as gp
-from granphon.balls.lattices import Lattice, find_lattice
+from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.dynamics.local_field import LocalField, _find_range, local_field
 
@@ -111,8 +113,7 @@ CLUSTERS = [
     ("diamond", 0.84, {"bending": 0.05}, (3, 4, 5, 6, 7), 5e-4),
     ("fcc", 0.5, {"torsion": 0.1, "bending": 0.2}, (3, 4, 5, 6), 1e-4),
     ("fcc", 0.84, {}, (3, 5, 7, 9), 3e-6),
-    ("fcc", 0.84, {}, (5, 7, 9, 11), 1e-6),
-    ("sc", 0.84, {}, (7, 9, 11, 13, 15), 1e-6),
+    ("sc", 0.84, {}, (5, 7, 9, 11), 1e-5),
 ]
 
 
@@ -133,14 +134,40 @@ def test_reference_values(name, eta):
     assert local_field(name, eta).xi == pytest.approx(VALUES[name, eta], rel=2e-9)
 
 
+#: the table of the page: lattice, contacts, Xi without friction, with it, and with bending as well
+TABLE = re.findall(
+    r"^\| (\w+) \| (\d+) \| ([\d.]+|none) \| ([\d.]+|none) \| ([\d.]+) \|$",
+    (Path(__file__).parents[1] / "docs" / "explanation" / "ladder.md").read_text(encoding="utf-8"), re.MULTILINE,
+)  # fmt: skip
+
+
+def test_the_table_of_the_page_has_every_lattice():
+    assert [(name, float(contacts)) for name, contacts, *_ in TABLE] == [
+        (n, one.coordination) for n, one in LATTICES.items()
+    ]
+
+
+@pytest.mark.claim("local-field-space")
+@pytest.mark.parametrize("name", only(["chain", "triangular", "square", "honeycomb", "kagome", "sc", "fcc"], LATTICES))
+def test_the_table_of_the_page(name):
+    ((*_, smooth, rough, held),) = (row for row in TABLE if row[0] == name)
+    for shown, given in ((smooth, {}), (rough, {"mindlin_ratio": 0.84}), (held, {"mindlin_ratio": 0.84, "bending": 0.05})):
+        if shown == "none":
+            with pytest.raises(MechanismError):
+                local_field(name, **given)
+        else:
+            assert f"{local_field(name, **given).xi:.6f}".startswith(shown)
+
+
 @pytest.mark.exhaustive
+@pytest.mark.claim("local-field-space")
 @pytest.mark.parametrize(("name", "eta"), VALUES)
 def test_more_points_change_nothing(name, eta):
     from granphon.dynamics.local_field import _average_response, _divide_by_symmetry
     from granphon.dynamics.modes import ContactLattice
 
     medium = ContactLattice.of(name, eta)
-    finer = 1.0 / float(_average_response(medium, _divide_by_symmetry(medium, 18))[0]) - 1.0
+    finer = 1.0 / float(_average_response(medium, _divide_by_symmetry(medium, 16))[0]) - 1.0
     assert local_field(name, eta).xi == pytest.approx(finer, rel=1e-9)
 
 
@@ -304,7 +331,7 @@ def test_lattices_that_do_not_hold_a_ball(name):
         assert local_field(name, 0.84, **held).xi > 0.0
 
 
-@pytest.mark.parametrize("name", only(["kagome"], ["kagome", "sc", "bcc"]))
+@pytest.mark.parametrize("name", only(["kagome"], ["kagome", "sc"]))
 def test_too_little_friction(name):
     with pytest.raises(
         PrecisionError, match=rf"'{name}' at mindlin_ratio 1e-08, torsion 0, bending 0 .*Raise mindlin_ratio\.$"
@@ -349,6 +376,7 @@ def test_every_medium_gives_hertz_on_a_line(medium, spread):
     np.testing.assert_array_equal(gp.sound_velocities(state).longitudinal, gp.sound_velocities(equal).longitudinal)
 
 
+@pytest.mark.claim("chain-one-force")
 def test_balls_on_a_line_carry_one_force():
     # the statement itself: on a ring of random balls in equilibrium every overlap is the same, whatever the diameters
     deviations = np.random.default_rng(5).uniform(-0.5, 0.5, 40)
