@@ -151,12 +151,12 @@ def test_the_table_of_the_page_has_every_lattice():
 @pytest.mark.parametrize("name", only(["chain", "triangular", "square", "honeycomb", "kagome", "sc", "fcc"], LATTICES))
 def test_the_table_of_the_page(name):
     ((*_, smooth, rough, held),) = (row for row in TABLE if row[0] == name)
-    for shown, given in ((smooth, {}), (rough, {"mindlin_ratio": 0.84}), (held, {"mindlin_ratio": 0.84, "bending": 0.05})):
+    for shown, stiffness in ((smooth, {}), (rough, {"mindlin_ratio": 0.84}), (held, {"mindlin_ratio": 0.84, "bending": 0.05})):
         if shown == "none":
             with pytest.raises(MechanismError):
-                local_field(name, **given)
+                local_field(name, **stiffness)
         else:
-            assert f"{local_field(name, **given).xi:.6f}".startswith(shown)
+            assert f"{local_field(name, **stiffness).xi:.6f}".startswith(shown)
 
 
 @pytest.mark.exhaustive
