@@ -151,7 +151,8 @@ def test_the_table_of_the_page_has_every_lattice():
 @pytest.mark.parametrize("name", only(["chain", "triangular", "square", "honeycomb", "kagome", "sc", "fcc"], LATTICES))
 def test_the_table_of_the_page(name):
     ((*_, smooth, rough, held),) = (row for row in TABLE if row[0] == name)
-    for shown, stiffness in ((smooth, {}), (rough, {"mindlin_ratio": 0.84}), (held, {"mindlin_ratio": 0.84, "bending": 0.05})):
+    friction = {"mindlin_ratio": 0.84}
+    for shown, stiffness in ((smooth, {}), (rough, friction), (held, {**friction, "bending": 0.05})):
         if shown == "none":
             with pytest.raises(MechanismError):
                 local_field(name, **stiffness)

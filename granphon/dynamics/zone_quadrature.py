@@ -10,7 +10,6 @@ rule converges geometrically. Lines from one corner to another along the axes ar
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -139,12 +138,16 @@ def divide_zone(
     if symmetries is None:
         symmetries = [_list_operations(periods)[0], Operation(tuple(range(periods)), (-1,) * periods)]
     points, gauss = np.polynomial.legendre.leggauss(order)
-    axes = np.meshgrid(*[0.5 + 0.5 * points] * periods, indexing="ij")
-    cube = np.stack(axes, axis=-1).reshape(-1, periods)
+    cube, gauss = (_combine(values, periods) for values in (0.5 + 0.5 * points, 0.5 * gauss))
     away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in the order of the simplex
-    weights = math.prod(np.meshgrid(*[0.5 * gauss] * periods, indexing="ij")).ravel() * np.prod(away[:, :-1], axis=1)
+    weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
     for simplex, count in _take_one_of_each(tuple(symmetries), periods):
         fractions = np.empty_like(away)
         fractions[:, simplex.order] = away
         fractions = 0.5 * np.array(simplex.corner) + 0.25 * np.array(simplex.signs) * fractions
         yield fractions @ basis, weights * (count / 4.0**periods)
+
+
+def _combine(values: Array, periods: int) -> Array:
+    """Return (n^p, p), all combinations of n values."""
+    return np.stack(np.meshgrid(*[values] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
