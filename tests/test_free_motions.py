@@ -445,3 +445,18 @@ def test_at_gamma_a_flexural_wave_stands_still():
     bent = int(np.argmax(modes.out_of_plane_fraction[0]))
     assert modes.out_of_plane_fraction[0, bent] == pytest.approx(1.0)
     assert np.all(modes.group_velocities[0, bent] == 0.0)
+
+
+def test_the_spin_of_a_ball_between_two_others_is_free_along_any_line():
+    # triangular layers, a third of whose balls carry struts of two contacts: the middle ball may spin about its strut, which
+    # is along no axis. That takes no part in sound; the layers shift on their struts
+    layer, tall = np.array([[1.5, math.sqrt(0.75), 0.0], [0.0, math.sqrt(3.0), 0.0]]), np.array([0.4, 0.2, 0.0])
+    tall[2] = math.sqrt(4.0 - tall @ tall)
+    cell = np.array([*layer, tall])
+    centres = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, math.sqrt(0.75), 0.0], 0.5 * tall])
+    lattice = make(gp.Lattice("struts", cell, centres @ np.linalg.inv(cell)))
+    assert lattice.free_branches == 1
+    values = lattice.frequencies(scatter(lattice, 5))
+    assert np.all(values[:, 0] == 0.0)
+    assert np.all(values[:, 1] > 0.0)
+    assert "strain" in lattice.mechanism
