@@ -377,6 +377,12 @@ def test_every_medium_gives_hertz_on_a_line(medium, spread):
     np.testing.assert_array_equal(gp.sound_velocities(state).longitudinal, gp.sound_velocities(equal).longitudinal)
 
 
+def test_the_choice_of_a_medium_on_a_line_is_exact():
+    data = gp.sweep(packing("chain"), force=[0.01, 1.0], media=("auto", "ema"))
+    assert np.all(data["expected_error"].sel(medium="auto") == 0.0)
+    np.testing.assert_array_equal(data["longitudinal"].sel(medium="auto"), data["longitudinal"].sel(medium="ema"))
+
+
 @pytest.mark.claim("chain-one-force")
 def test_balls_on_a_line_carry_one_force():
     # the statement itself: on a ring of random balls in equilibrium every overlap is the same, whatever the diameters
@@ -437,6 +443,12 @@ def test_everything_downstream(lattice):
     waves = np.log(gp.sound_velocities(near, along).velocities[..., -1])
     rise = (waves[1] - waves[0]) / np.diff(np.log(near.pressure), axis=0)[0]
     np.testing.assert_allclose(rise, gp.local_exponent(state), rtol=1e-6)
+
+
+def test_a_line_tells_no_width():
+    state = gp.EffectiveMedium(packing("chain")).at_force(np.geomspace(0.1, 10.0, 5))
+    with pytest.raises(InputError, match="On a line all contacts carry the same force"):
+        gp.fit_width(state.packing, state.force, gp.sound_velocities(state).longitudinal)
 
 
 def test_widths_are_fitted_in_space():

@@ -137,9 +137,9 @@ class Packing:
         return find_lattice(self.lattice)
 
     @property
-    def carries_one_force(self) -> bool:
-        """Whether all contacts carry the same force, whatever the diameters: on a line each ball passes its load on."""
-        return self.structure.periods == 1
+    def spread_matters(self) -> bool:
+        """Whether contact forces differ with the diameters: not of equal balls, nor on a line, where each passes its load on."""
+        return bool(self.width) and self.structure.periods > 1
 
     @property
     def width(self) -> float:

@@ -53,7 +53,7 @@ class _ByLaw(Loaded[ContactState]):
     @cached_property
     def law(self) -> Law:
         """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
-        return self._law if self.packing.width and not self.packing.carries_one_force else self.packing.law
+        return self._law if self.packing.spread_matters else self.packing.law
 
     @property
     @abstractmethod

@@ -254,10 +254,9 @@ class ContactState(Result):
 
         It is 0 for equal balls, on a line, and if the medium was ``chosen``.
         """
-        width = self.packing.width
-        if not width or self.chosen or self.packing.carries_one_force:
+        if self.chosen or not self.packing.spread_matters:
             return 0.0
-        return self.law.least_valid_force(width)
+        return self.law.least_valid_force(self.packing.width)
 
     @property
     def regime(self) -> Values:
