@@ -256,7 +256,9 @@ def test_quadrature_sum_rules(name):
 
 
 @pytest.mark.claim("api-local-field")
-@pytest.mark.parametrize(("name", "eta"), [("triangular", 0.0), ("triangular", 0.84), ("square", 0.84), ("kagome", 0.84)])
+@pytest.mark.parametrize(
+    ("name", "eta"), [("triangular", 0.0), ("triangular", 0.84), ("square", 0.84), ("kagome", 0.84), ("sc", 0.84)]
+)
 def test_quadrature_converges_geometrically(name, eta):
     medium = ContactLattice.of(name, eta)
 

@@ -138,7 +138,7 @@ class Packing:
 
     @property
     def spread_matters(self) -> bool:
-        """Whether contact forces differ with the diameters: not of equal balls, nor on a line, where each passes its load on."""
+        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where each passes its load on."""
         return bool(self.width) and self.structure.periods > 1
 
     @property

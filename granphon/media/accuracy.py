@@ -82,9 +82,9 @@ class Accuracy:
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
-        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls and on a line,
-        and +inf for packings that the table does not cover and below its least load. Above its greatest load the error falls
-        as the square of the spread over the overlap, which is the law of high loads.
+        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls and on a
+        line, and +inf for packings that the table does not cover and below its least load. Above its greatest load the error
+        falls as the square of the spread over the overlap, which is the law of high loads.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
