@@ -335,9 +335,18 @@ def test_lattices_that_do_not_hold_a_ball(name):
 @pytest.mark.parametrize("name", only(["kagome"], ["kagome", "sc"]))
 def test_too_little_friction(name):
     with pytest.raises(
-        PrecisionError, match=rf"'{name}' at mindlin_ratio 1e-08, torsion 0, bending 0 .*Raise mindlin_ratio\.$"
+        PrecisionError, match=rf"'{name}' at mindlin_ratio 1e-08, torsion 0, bending 0 .*nearer to that of comp"
     ):
         local_field(name, 1e-8)
+
+
+def test_extreme_stiffnesses_of_a_lattice_that_needs_none():
+    start = local_field("fcc")
+    assert local_field("fcc", 1e-12).xi == pytest.approx(start.xi, rel=1e-9)
+    # without friction nothing joins rotations to displacements
+    assert local_field("fcc", torsion=1e6).xi == start.xi
+    # at strong friction the stiffness that holds the corona is that of shear
+    assert local_field("fcc", 1e8).xi / local_field("fcc", 1e4).xi == pytest.approx(1e4, rel=2e-4)
 
 
 @pytest.mark.parametrize("name", ["mindlin_ratio", "torsion", "bending"])

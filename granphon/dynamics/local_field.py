@@ -128,8 +128,8 @@ def local_field(
     InputError : a stiffness is below zero or not finite, or the lattice is unknown.
     MechanismError : the lattice has a motion that costs no energy, so that nothing holds the corona: sc, bcc, square,
         honeycomb, kagome and diamond without friction, honeycomb and diamond also with friction alone.
-    PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, that the integral over q does not
-        settle.
+    PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so strong, that the integral
+        over q does not settle.
     """
     given = {"mindlin_ratio": mindlin_ratio, "torsion": torsion, "bending": bending}
     return _compute_local_field(find_lattice(lattice), *(not_negative(name, value) for name, value in given.items()))
@@ -205,13 +205,12 @@ def _find_elongations(medium: ContactLattice) -> list[float]:
         if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= agreement * values[0] * held:
             return [float(value) for value in values]
         before = values
-    given = ("mindlin_ratio", "torsion", "bending")
-    shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in given)
+    shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
     raise PrecisionError(
         message(
             f"the local field of lattice {medium.name!r} at {shown} does not converge",
-            "With so little stiffness against shear and rolling some of its motions cost almost no energy",
-            "Raise " + " or ".join(name for name in given if getattr(medium, name)),
+            "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
+            "Use stiffnesses nearer to that of compression",
         )
     )
 
