@@ -29,6 +29,16 @@ VALUES = {
     ("fcc", 0.0): 3.148424295, ("hcp", 0.0): 3.179145988, ("fcc", 0.84): 6.548829644, ("hcp", 0.84): 6.506911516,
     ("bcc", 0.84): 4.751496460, ("sc", 0.84): 3.307124611, ("square", 0.84): 1.578749224, ("kagome", 0.84): 0.628004709,
 }  # fmt: skip
+#: layers of triangles on top of each other; and the stacking ABAC, in which balls are of two kinds
+STACKED = Lattice("stacked", [(1, 0, 0), (-0.5, np.sqrt(0.75), 0), (0, 0, 1)])
+ABAC = Lattice(
+    "ABAC", [(1, 0, 0), (-0.5, np.sqrt(0.75), 0), (0, 0, 4 * np.sqrt(2 / 3))],
+    [(0, 0, 0), (1 / 3, 2 / 3, 0.25), (0, 0, 0.5), (2 / 3, 1 / 3, 0.75)],
+)  # fmt: skip
+
+
+def structure(name: str) -> Lattice:
+    return {"stacked": STACKED, "ABAC": ABAC}.get(name) or find_lattice(name)
 
 
 # -- the second way: periodic supercells, ball by ball ---------------------------------------------------------------------
@@ -114,14 +124,16 @@ CLUSTERS = [
     ("fcc", 0.5, {"torsion": 0.1, "bending": 0.2}, (3, 4, 5, 6), 1e-4),
     ("fcc", 0.84, {}, (3, 5, 7, 9), 3e-6),
     ("sc", 0.84, {}, (5, 7, 9, 11), 1e-5),
+    ("stacked", 0.84, {}, (3, 5, 7, 9), 1e-4),
+    ("ABAC", 0.0, {}, (2, 3, 4, 5), 1e-3),
 ]
 
 
 @pytest.mark.claim("local-field-space")
 @pytest.mark.parametrize(("name", "eta", "more", "sizes", "error"), only(CLUSTERS[1:3], CLUSTERS))
 def test_periodic_clusters_in_space_extrapolate(name, eta, more, sizes, error):
-    values = [Supercell(find_lattice(name), size).compliance(eta, **more) for size in sizes]
-    exact = local_field(name, eta, **more).compliance
+    values = [Supercell(structure(name), size).compliance(eta, **more) for size in sizes]
+    exact = local_field(structure(name), eta, **more).compliance
     # images of the star are sums of dipoles, and fall as the inverse volume
     orders = -np.diff(np.log(np.abs(np.array(values) - exact))) / np.diff(np.log(sizes))
     assert 2.9 < orders[-1] < 5.0
@@ -177,13 +189,13 @@ def test_more_points_change_nothing(name, eta):
 
 @cache
 def supercell(name, size):
-    return Supercell(find_lattice(name), size)
+    return Supercell(structure(name), size)
 
 
 def equilibrium_force(name, size, deviations, y):
     """Mean force f* of an array without friction at the overlap y, by Newton's method; all contacts must be closed."""
     cell = supercell(name, size)
-    rows = cell.elongations[:, np.arange(6 * cell.balls).reshape(-1, 6)[:, : find_lattice(name).dimension].ravel()]
+    rows = cell.elongations[:, np.arange(6 * cell.balls).reshape(-1, 6)[:, : structure(name).dimension].ravel()]
     base = y + 0.5 * (deviations[cell.i] + deviations[cell.j])
     motion = np.zeros(rows.shape[1])
     for _ in range(30):
@@ -206,7 +218,8 @@ def second_order(name, size, deviations):
 
 @pytest.mark.claim("local-field-space", "second-order-any-lattice")
 @pytest.mark.parametrize(
-    ("name", "size"), only([("triangular", 8), ("fcc", 4)], [("triangular", 8), ("fcc", 4), ("hcp", 3), ("fcc", 6)])
+    ("name", "size"),
+    only([("triangular", 8), ("fcc", 4), ("ABAC", 2)], [("triangular", 8), ("fcc", 4), ("hcp", 3), ("fcc", 6), ("ABAC", 2)]),
 )
 def test_high_load_law_of_arrays(name, size):
     """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), in any lattice: for one array, then for the mean over all arrays.
@@ -217,7 +230,7 @@ def test_high_load_law_of_arrays(name, size):
     """
     cell = supercell(name, size)
     count, contacts = cell.balls, len(cell.i)
-    dimension = find_lattice(name).dimension
+    dimension = structure(name).dimension
     rows = cell.elongations[:, np.arange(6 * count).reshape(-1, 6)[:, :dimension].ravel()].toarray()
     left = np.linalg.svd(rows, full_matrices=False)
     basis = left[0][:, left[1] > 1e-9]
