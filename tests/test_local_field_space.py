@@ -436,6 +436,8 @@ def test_the_packing_says_what_the_local_field_is_made_of():
     assert gp.EffectiveMedium(packing("sc", torsion="mindlin")).local_field is plain
     with pytest.raises(MechanismError, match="Xi of lattice 'diamond' does not exist"):
         _ = gp.EffectiveMedium(packing("diamond", torsion="mindlin")).at_force(1.0)
+    with pytest.raises(InputError, match="the paper gives no local field with bending"):
+        gp.EffectiveMedium(packing("triangular", bending=0.1), local_field="paper")
     # which motions are asked for does not change what static forces meet
     for motions in ("in_plane", "out_of_plane", "all"):
         assert gp.EffectiveMedium(packing("triangular", motions=motions)).local_field.xi == pytest.approx(2.39082, abs=1e-5)

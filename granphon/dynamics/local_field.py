@@ -60,19 +60,19 @@ class LocalField(Result):
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.
-    torsion, bending : stiffness of a contact against twist and against rolling, over k d^2.
+    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
     """
 
     #: fields that data written by an earlier version lack
-    added: ClassVar[tuple[str, ...]] = ("torsion", "bending")
+    added: ClassVar[tuple[str, ...]] = ("bending", "torsion")
 
     alpha: float | None
     beta: float | None
     xi: float
     mindlin_ratio: float
     lattice: str
-    torsion: float = 0.0
     bending: float = 0.0
+    torsion: float = 0.0
 
     @property
     def compliance(self) -> float:
@@ -102,7 +102,7 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
 
 
 def local_field(
-    lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, *, torsion: float = 0.0, bending: float = 0.0
+    lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, bending: float = 0.0, torsion: float = 0.0
 ) -> LocalField:
     """Find the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or better (1e-10 in the plane).
 
@@ -115,9 +115,9 @@ def local_field(
     ----------
     lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over all contacts.
     mindlin_ratio : eta, zero or above.
-    torsion, bending : stiffness of a contact against twist and against rolling, over k d^2. Without these and friction the
-        balls do not turn. The torsion of a Hertz contact that does not slip is of the order delta/d, which the medium leaves
-        out: take 0 for it.
+    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without friction they change
+        nothing, as the tension of the star turns no ball. The torsion of a Hertz contact that does not slip is of the order
+        delta/d, which the medium leaves out: take 0 for it.
 
     Returns
     -------
@@ -131,17 +131,17 @@ def local_field(
     PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so strong, that the integral
         over q does not settle.
     """
-    given = {"mindlin_ratio": mindlin_ratio, "torsion": torsion, "bending": bending}
+    given = {"mindlin_ratio": mindlin_ratio, "bending": bending, "torsion": torsion}
     return _compute_local_field(find_lattice(lattice), *(not_negative(name, value) for name, value in given.items()))
 
 
 @lru_cache(maxsize=256)
-def _compute_local_field(structure: Lattice, eta: float, torsion: float, bending: float) -> LocalField:
+def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion: float) -> LocalField:
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
     _require_support(medium)
 
     def make_field(xi: float, alpha: float | None = None, beta: float | None = None) -> LocalField:
-        return LocalField(alpha, beta, xi, eta, structure.name, torsion, bending)
+        return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
 
     blocks = medium.elongating_blocks
     if all(block.rank == block.n_rows for block in blocks):

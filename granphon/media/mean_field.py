@@ -185,7 +185,7 @@ class EffectiveMedium(_ByLaw):
 
     Raises
     ------
-    InputError : another word, or "paper" on another lattice.
+    InputError : another word, or "paper" on another lattice or with bending.
     """
 
     name = "ema"
@@ -199,6 +199,8 @@ class EffectiveMedium(_ByLaw):
             raise InputError(
                 message(f"the paper gives no local field of the {packing.structure.name} lattice", mend="Use 'computed'")
             )
+        if local_field == "paper" and isinstance(packing, Packing) and packing.bending:
+            raise InputError(message("the paper gives no local field with bending", mend="Use 'computed'"))
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
         self.__post_init__()
@@ -218,7 +220,7 @@ class EffectiveMedium(_ByLaw):
         if self.source == "paper":
             return paper_local_field(eta)
         torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0
-        return local_field(packing.structure, eta, torsion=torsion, bending=packing.bending)
+        return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
 
     @property
     def _law(self) -> Law:
