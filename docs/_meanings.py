@@ -70,7 +70,7 @@ SPREAD_BLOCKS = {
 RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
-    "ema": "effective medium: the neighbours of a ball give way; for balls that differ, lattices in the plane only",
+    "ema": "effective medium: the neighbours of a ball give way",
     "simulation": "every ball of an array by itself; triangular lattice, no `finite_overlap`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }

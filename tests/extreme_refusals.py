@@ -131,6 +131,15 @@ def fast_pulses() -> Iterable[Callable[[], Any]]:
 
 def loose_fields() -> Iterable[Callable[[], Any]]:
     yield lambda: local_field("kagome", 1e-18)
+    yield lambda: local_field("sc", 1e8)
+
+
+def unheld_balls() -> Iterable[Callable[[], Any]]:
+    """Lattices in which nothing holds the neighbours of a ball."""
+    for lattice in ("square", "kagome", "sc", "bcc", "diamond"):
+        yield lambda lattice=lattice: local_field(lattice)
+    yield lambda: local_field("diamond", 0.84)
+    yield lambda: gp.EffectiveMedium(gp.Packing(STEEL, D, gp.Uniform(1e-6), "bcc", friction=False)).at_force(1.0)
 
 
 REFUSALS = [
@@ -155,7 +164,13 @@ REFUSALS = [
         errors.InputError, unusable_wavevectors,
     ),
     Refusal("pulses that no branch carries", "a frequency above the top", errors.UnreachableFrequencyError, fast_pulses),
-    Refusal("local fields without digits", "kagome lattice, η of 1e-18", errors.PrecisionError, loose_fields),
+    Refusal(
+        "local fields without digits", "kagome lattice, η of 1e-18; sc, η of 1e8", errors.PrecisionError, loose_fields
+    ),
+    Refusal(
+        "effective media of lattices that hold no ball",
+        "sc, bcc, square, kagome without friction; diamond with friction alone", errors.MechanismError, unheld_balls,
+    ),
     Refusal(
         "spreads that cannot be", "not finite, a ball of no size, a kind rarer than 1e-12",
         errors.InputError, unusable_spreads,

@@ -427,9 +427,9 @@ MISTAKES = {
         "lattice: square", "", "sweep: {friction: [true, false]}", "2: packing.lattice", "'square'",
         "rigid; friction = False: the lattice", "In a scene of its own it has bands and a density of states: observe: [b",
     ),
-    "effective medium in space": (
-        "lattice: fcc, spread: {uniform: 1 um}", "", "medium: ema", "4: medium", "'ema'", "a medium for this lattice",
-        "'afa'",
+    "effective medium of a mechanism": (
+        "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]\nmedium: ema", "5: medium", "'ema'",
+        "a medium for this lattice", "Use friction",
     ),
     "simulation in space": (
         "lattice: fcc, spread: {uniform: 1 um}", "", "medium: simulation", "4: medium", "'simulation'",
@@ -732,13 +732,15 @@ def test_equal_balls_are_the_same_in_every_medium(steel, lattice):
             assert np.array_equal(values.values, first.values), name
 
 
-def test_balls_that_differ_have_the_averaged_force_in_space(steel):
+def test_balls_that_differ_have_the_averaged_force_and_the_effective_medium_in_space(steel):
     packing = gp.Packing(steel, 8e-3, lattice="fcc", spread=gp.Uniform(2e-6))
-    data = gp.sweep(packing, force=[0.1, 100.0], media=("ala", "afa"))
-    ratio = (data["longitudinal"].sel(medium="afa") / data["longitudinal"].sel(medium="ala")).values
-    assert ratio[0] < ratio[1] < 1.0
-    with pytest.raises(InputError, match="local field of the fcc lattice is not known"):
-        gp.sweep(packing, force=1.0, media="ema")
+    data = gp.sweep(packing, force=[0.1, 100.0], media=("ala", "afa", "ema"))
+    for medium in ("afa", "ema"):
+        ratio = (data["longitudinal"].sel(medium=medium) / data["longitudinal"].sel(medium="ala")).values
+        assert ratio[0] < ratio[1] < 1.0
+    exponent = data["exponent"].sel(medium="ema").values
+    assert exponent[0] > 0.3
+    assert exponent[1] == pytest.approx(1.0 / 6.0, abs=1e-3)
     with pytest.raises(InputError, match="the fcc lattice is not simulated"):
         gp.sweep(packing, force=1.0, media="simulation")
     with pytest.raises(InputError, match="no errors for the fcc lattice"):
@@ -786,8 +788,8 @@ def test_fits_that_a_lattice_does_not_have(steel):
         fit(branch="transverse", parameters=("young_modulus",))
     with pytest.raises(InputError, match="three finite numbers"):
         fit(direction=(0, 1), parameters=("young_modulus",))
-    with pytest.raises(InputError, match="local field of the fcc lattice is not known"):
-        fit()
+    with pytest.raises(MechanismError, match="the lattice sc is a mechanism"):
+        gp.fit_width(gp.Packing(steel, 8e-3, lattice="sc", friction=False), [1.0, 2.0], [500.0, 560.0], direction=(1, 0, 0))
     with pytest.raises(InputError, match="cannot tell young_modulus and diameter apart"):
         fit(parameters=("young_modulus", "diameter"))
     with pytest.raises(InputError, match="Give one or more, each at most once"):

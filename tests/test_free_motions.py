@@ -485,3 +485,18 @@ def test_frequencies_of_blocks_need_no_joined_vectors(monkeypatch):
     monkeypatch.setattr(type(lattice), "_join", None)
     np.testing.assert_array_equal(lattice.frequencies(q), expected)
     assert_allclose(expected, np.sort(2.0 * np.abs(np.sin(0.5 * q)), axis=1), rtol=1e-13)
+
+
+def test_the_spin_of_a_ball_between_two_others_is_free_along_any_line():
+    # triangular layers, a third of whose balls carry struts of two contacts: the middle ball may spin about its strut, which
+    # is along no axis. That takes no part in sound; the layers shift on their struts
+    layer, tall = np.array([[1.5, math.sqrt(0.75), 0.0], [0.0, math.sqrt(3.0), 0.0]]), np.array([0.4, 0.2, 0.0])
+    tall[2] = math.sqrt(4.0 - tall @ tall)
+    cell = np.array([*layer, tall])
+    centres = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, math.sqrt(0.75), 0.0], 0.5 * tall])
+    lattice = make(gp.Lattice("struts", cell, centres @ np.linalg.inv(cell)))
+    assert lattice.free_branches == 1
+    values = lattice.frequencies(scatter(lattice, 5))
+    assert np.all(values[:, 0] == 0.0)
+    assert np.all(values[:, 1] > 0.0)
+    assert "strain" in lattice.mechanism

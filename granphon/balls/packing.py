@@ -145,6 +145,11 @@ class Packing:
         return find_lattice(self.lattice)
 
     @property
+    def spread_matters(self) -> bool:
+        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where each passes its load on."""
+        return bool(self.width) and self.structure.periods > 1
+
+    @property
     def width(self) -> float:
         """Width W = sqrt(12) Delta_rms of the distribution of diameters, m; 0 for equal balls."""
         return 0.0 if self.spread is None else self.spread.width

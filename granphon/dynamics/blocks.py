@@ -94,7 +94,11 @@ class Block:
         turn = np.eye(self.size, dtype=even.dtype)
         turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
         odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
-        even[..., inner[: free.shape[1]]] = 0.0
+        still = inner[: free.shape[1]]
+        even[..., still] = 0.0
+        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
+        odd[..., still] = np.where(np.abs(odd[..., still]) <= rounding, 0.0, odd[..., still])
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         return replace(self, deforming=self.deforming._replace(odd=odd, even=even), tilt=tilt, turn=turn)
 

@@ -75,6 +75,12 @@ class FreeMotions(LongWaves):
         used = np.flatnonzero(np.any(found != 0.0, axis=(1, 2)))
         return tuple(int(bent[one]) for one in used), found[used]
 
+    @cached_property
+    def elongating_blocks(self) -> list[Block]:
+        """Those blocks whose motions lengthen or shorten contacts; other motions do not act on static forces."""
+        lengthens = self._deforming.find_effects()[0].any(axis=0)  # elongations come first among the kinds of rows
+        return [block for block in self._blocks if np.any(lengthens[block.columns])]
+
     # -- branches that vanish at every wave vector -----------------------------------------------------------------------
 
     @cached_property

@@ -5,7 +5,12 @@ deformations as its balls can make by moving, the range of K^1/2 C, so the star 
 
     e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
 
-Three elongations give all results: u_1 of the star itself, and those of the contacts between the corona and the second
+Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. In an array without friction the overlaps of
+contacts deviate, to first order, by 1 - P times what they would be with balls held at their sites. So 1 - u_1 = Xi/(1 + Xi)
+is, in any lattice, the part of their variance that is left once the balls have moved, and with it the second order of the
+force.
+
+On the triangular lattice two more elongations give all results: those of the contacts between the corona and the second
 neighbours on top of it and at its bridges. The tension of the star is balanced on the central ball. It is the load with
 which the paper's appendix begins: unit radial forces on the corona, in the whole lattice with the contacts of the central
 ball. That ball does not move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
@@ -13,33 +18,33 @@ ball. That ball does not move, and u_1 is the radial displacement of the corona.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arguments import not_negative, whole_number
-from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.errors import MechanismError, PrecisionError, message
 from granphon.base.results import Result
 from granphon.dynamics.modes import ContactLattice
+from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
 __all__ = ["LocalField", "local_field", "local_field_on", "paper_local_field"]
 
 Array = NDArray[np.float64]
-#: numbers of points along each side of the quadrature's triangles, tried in turn until two successive results agree
-_ORDERS = (12, 16, 24, 36, 54, 81)
-#: required relative agreement of these results; errors fall geometrically, so the error of the finer one is far smaller
-_AGREEMENT = 1e-9
+#: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
+#: two successive results agree; with one period Xi is zero
+_ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
+#: required relative agreement of these results; errors fall geometrically, so that of the finer one is far smaller
+_AGREEMENT = {2: 1e-9, 3: 1e-8}
 #: least value of 1 - u_1 that doubles hold to that relative accuracy
 _LEAST_HELD = 1e-6
-#: number of wave vectors of a uniform grid that are worked on at a time
-_PART = 2**14
+#: number of entries of C(q) that are worked on at a time, few enough for the cache
+_ENTRIES = 2**16
 #: height of an equilateral triangle of side one
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
@@ -55,10 +60,11 @@ class LocalField(Result):
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.
-    bending : stiffness of a contact against rolling, over k d^2.
+    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
     """
 
-    added = ("bending",)
+    #: fields that data written by an earlier version lack
+    added: ClassVar[tuple[str, ...]] = ("bending", "torsion")
 
     alpha: float | None
     beta: float | None
@@ -66,11 +72,17 @@ class LocalField(Result):
     mindlin_ratio: float
     lattice: str
     bending: float = 0.0
+    torsion: float = 0.0
 
     @property
     def compliance(self) -> float:
         """Compliance u_1 = 1/(1 + Xi), 1/k: the radial displacement of the corona under unit radial forces."""
         return 1.0 / (1.0 + self.xi)
+
+    @property
+    def is_determinate(self) -> bool:
+        """Whether Xi is zero: the load alone then fixes the force of every contact, whatever the diameters of the balls."""
+        return self.xi == 0.0
 
 
 def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
@@ -89,49 +101,69 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
     return LocalField(alpha, beta, compute_xi(alpha, beta, eta), eta, TRIANGULAR.name)
 
 
-def local_field(lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, bending: float = 0.0) -> LocalField:
-    """Find the local field of a lattice of equal balls, with rotations relaxed, to 1e-10 or better.
+def local_field(
+    lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, bending: float = 0.0, torsion: float = 0.0
+) -> LocalField:
+    """Find the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or better (1e-10 in the plane).
 
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi - 39 sqrt(3)/2) / D,
-    beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6 - sqrt(3)/pi (to 13 digits).
+    beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6 - sqrt(3)/pi (to 13 digits). On a chain Xi is
+    exactly zero: all its contacts carry the same force. All motions that act on static forces take part: u_x on a line, u_x,
+    u_y and phi_z in a plane, all six in space.
 
     Parameters
     ----------
-    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over them.
-    mindlin_ratio : eta, zero or above; at zero the tension of the star turns no ball.
-    bending : stiffness of a contact against rolling over k d^2, which hinders the balls from turning. Torsion, and motions
-        out of the plane, take no part.
+    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over all contacts.
+    mindlin_ratio : eta, zero or above.
+    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without friction they change
+        nothing, as the tension of the star turns no ball. The torsion of a Hertz contact that does not slip is of the order
+        delta/d, which the medium leaves out: take 0 for it.
 
     Returns
     -------
-    Alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells; Xi = 1/u_1 - 1 on all lattices.
+    Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells.
 
     Raises
     ------
-    InputError : eta or the bending is below zero or not finite, or the lattice is unknown.
-    MechanismError : the lattice has a motion that costs no energy.
-    PrecisionError : friction is so weak, on a lattice that needs it, that the integral over q does not settle.
+    InputError : a stiffness is below zero or not finite, or the lattice is unknown.
+    MechanismError : the lattice has a motion that costs no energy, so that nothing holds the corona: sc, bcc, square,
+        honeycomb, kagome and diamond without friction, honeycomb and diamond also with friction alone.
+    PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so strong, that the integral
+        over q does not settle.
     """
-    eta, roll = not_negative("mindlin_ratio", mindlin_ratio), not_negative("bending", bending)
-    # without slip nothing turns the balls, so that they do not roll
-    return _compute_local_field(find_lattice(lattice), eta, roll if eta else 0.0)
+    given = {"mindlin_ratio": mindlin_ratio, "bending": bending, "torsion": torsion}
+    return _compute_local_field(find_lattice(lattice), *(not_negative(name, value) for name, value in given.items()))
 
 
 @lru_cache(maxsize=256)
-def _compute_local_field(structure: Lattice, eta: float, bending: float) -> LocalField:
-    if structure.periods != 2:
-        what = f"the local field of the {structure.name} lattice is not known"
-        raise InputError(message(what, "That of lattices in the plane is", "Use 'ala' or 'afa', or equal balls"))
-    medium = ContactLattice.of(structure, eta, bending=bending)
-    medium.require_rigid()
-    star, *second = _find_elongations(medium, structure.name)
+def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion: float) -> LocalField:
+    medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
+    _require_support(medium)
+
+    def make_field(xi: float, alpha: float | None = None, beta: float | None = None) -> LocalField:
+        return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
+
+    blocks = medium.elongating_blocks
+    if all(block.rank == block.n_rows for block in blocks):
+        return make_field(0.0)  # the contacts can take up any deformation
+    star, *second = _find_elongations(medium)
     xi = 1.0 / star - 1.0
     if not second:
-        return LocalField(None, None, xi, eta, structure.name, bending)
+        return make_field(xi)
     # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
     on_top, bridge = second
-    beta = (1.0 + 2.0 * bridge / star) / np.sqrt(3.0)
-    return LocalField(1.0 + on_top / star, beta, xi, eta, structure.name, bending)
+    return make_field(xi, 1.0 + on_top / star, (1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
+
+
+def _require_support(medium: ContactLattice) -> None:
+    """Raise :class:`~granphon.base.errors.MechanismError` if nothing holds the corona of a ball."""
+    try:
+        medium.require_rigid()
+    except MechanismError as error:
+        raise MechanismError(
+            f"Xi of lattice {medium.name!r} does not exist: it is the stiffness with which the rest of the lattice holds the"
+            f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
+        ) from None
 
 
 def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
@@ -151,61 +183,92 @@ def local_field_on(points: int, mindlin_ratio: float, graded: bool) -> float:
     """
     points = whole_number("points", points, 2)
     medium = ContactLattice.of(TRIANGULAR, not_negative("mindlin_ratio", mindlin_ratio))
-    return float(1.0 / _find_response(medium, points, _divide_zone if graded else _grid_zone)[0] - 1.0)
+    zone = _divide_by_symmetry(medium, points) if graded else _grid_zone(medium.reciprocal, points)
+    return float(1.0 / _average_response(medium, zone)[0] - 1.0)
 
 
 # -- the response of the lattice ------------------------------------------------------------------------------------
 
 
-def _find_elongations(medium: ContactLattice, name: str) -> list[float]:
+def _find_elongations(medium: ContactLattice) -> list[float]:
     """Find the mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges.
 
     Means are over the contacts of each kind and over the balls of the cell. Raises :class:`PrecisionError`.
     """
     before: Array = np.zeros(0)
-    for order in _ORDERS:
-        values = _find_response(medium, order)
+    agreement = _AGREEMENT[medium.periods]
+    for order in _ORDERS[medium.periods]:
+        values = _average_response(medium, _divide_by_symmetry(medium, order))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1 must be accurate, so 1 -
         # u_1 must be well above rounding
         held = 1.0 - values[0]
-        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= _AGREEMENT * values[0] * held:
+        if before.size and held > _LEAST_HELD and np.max(np.abs(values - before)) <= agreement * values[0] * held:
             return [float(value) for value in values]
         before = values
+    shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
     raise PrecisionError(
         message(
-            f"the local field of lattice {name!r} at mindlin_ratio {medium.mindlin_ratio:g} does not converge",
-            "With so little shear stiffness some of its motions cost almost no energy",
-            "Raise mindlin_ratio",
+            f"the local field of lattice {medium.name!r} at {shown} does not converge",
+            "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
+            "Use stiffnesses nearer to that of compression",
         )
     )
 
 
-#: type of a quadrature over the zone: it takes reciprocal vectors and a number of points, and yields wave vectors and
-#: weights
-_Quadrature = Callable[[Array, int], Iterator[tuple[Array, Array]]]
+def _divide_by_symmetry(medium: ContactLattice, order: int) -> Iterator[tuple[Array, Array]]:
+    """Yield wave vectors and weights of :func:`divide_zone` for the response of a lattice."""
+    return divide_zone(medium.reciprocal, order, _find_operations(medium))
 
 
-def _find_response(medium: ContactLattice, order: int, quadrature: _Quadrature | None = None) -> Array:
+@lru_cache(maxsize=16)
+def _find_operations(medium: ContactLattice) -> list[Operation]:
+    """Find the operations on q that leave the response of a lattice the same."""
+    return find_symmetries(_make_response(medium), medium.reciprocal)
+
+
+def _average_response(medium: ContactLattice, zone: Iterator[tuple[Array, Array]]) -> Array:
     """Find the mean elongation of each kind of contact under a unit tension of the first: the zone mean of s^H P t."""
-    total: Any = 0.0
+    find = _make_response(medium)
+    return np.asarray(sum(weights @ find(q) for q, weights in zone))
+
+
+def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
+    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the contacts of each kind."""
     places = _place_contacts(medium)
-    for wavevectors, weights in (quadrature or _divide_zone)(medium.reciprocal, order):
-        # P = Q Q^H. The QR factor Q of K^1/2 C does not depend on the scale of the columns, which is small near Gamma or at
-        # weak friction
-        adjoint = np.linalg.qr(medium.compatibility(wavevectors))[0][:, : len(medium.contacts)].conj().swapaxes(1, 2)
-        for kinds in places:
-            moved = [(adjoint @ _transform_tension(medium, where, wavevectors)[..., None])[..., 0] for where in kinds]
-            total = total + np.array([np.einsum("q,qb,qb->", weights, m.conj(), moved[0]).real for m in moved])
-    return np.asarray(total / [sum(len(kinds[k]) for kinds in places) for k in range(len(places[0]))])
+    counts = [sum(len(kinds[k]) for kinds in places) for k in range(len(places[0]))]
+    tensions = [_Tension(medium, kinds) for kinds in zip(*places, strict=True)]
+    columns = np.concatenate([block.columns for block in medium.elongating_blocks])
+    rank = sum(block.rank for block in medium.elongating_blocks)
+    size = max(1, _ENTRIES // (len(medium.rows) * len(medium.contacts) * len(columns)))
+
+    def find(q: Array) -> Array:
+        return np.concatenate([find_part(q[start : start + size]) for start in range(0, len(q), size)])
+
+    def find_part(q: Array) -> Array:
+        adjoint = _find_range(medium.compatibility(q)[..., columns], rank)[:, : len(medium.contacts)].conj().swapaxes(1, 2)
+        moved = [adjoint @ tension.transform(q) for tension in tensions]
+        return np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1) / counts
+
+    return find
+
+
+def _find_range(rows: NDArray[Any], rank: int) -> NDArray[Any]:
+    """Find an orthonormal basis (n_q, m, rank) of the range of rows (n_q, m, n): P = Q Q^H."""
+    if rank == rows.shape[2]:
+        # the QR factor does not depend on the scale of the columns, which is small near Gamma or at weak friction
+        return np.asarray(np.linalg.qr(rows)[0])
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(np.linalg.svd(rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)[0][..., :rank])
 
 
 def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
-    """Find, for each ball of the cell, midpoints (n, 2) of the contacts of its star, on top and at the bridges.
+    """Find, for each ball of the cell, midpoints (n, d) of the contacts of its star, on top and at the bridges.
 
-    A lattice with six contacts at every ball is triangular, in whatever cell; for other lattices only the star is returned.
+    A lattice in the plane with six contacts at every ball is triangular, in whatever cell; for other lattices only the star
+    is returned.
     """
     table = medium.contacts
-    triangular = len(table) == 3 * medium.n_balls
+    triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
     places = []
     for ball, centre in enumerate(medium.positions):
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
@@ -218,42 +281,27 @@ def _place_contacts(medium: ContactLattice) -> list[list[Array]]:
     return places
 
 
-def _transform_tension(medium: ContactLattice, where: Array, wavevectors: Array) -> NDArray[np.complex128]:
-    """Return the Fourier transform (n_q, n_c) of a unit tension on the contacts whose midpoints are ``where`` (n, 2)."""
-    table = medium.contacts
-    offset = (where[:, None] - (medium.positions[table.i] + 0.5 * table.vector)) @ np.linalg.inv(medium.cell)
-    which = np.max(np.abs(offset - np.rint(offset)), axis=-1) < 1e-3
-    return np.asarray(np.exp(-1j * (wavevectors @ where.T)) @ which)
+class _Tension:
+    """Unit tensions on some contacts, one set for each ball of the cell, given by the midpoints of the contacts."""
 
+    def __init__(self, medium: ContactLattice, places: tuple[Array, ...]) -> None:
+        table, p = medium.contacts, medium.periods
+        middle = medium.positions[table.i] + 0.5 * table.vector
+        self.which: list[tuple[Array, Array]] = []
+        for where in places:
+            offset = where[:, None] - middle
+            steps = offset[..., :p] @ np.linalg.inv(medium.cell[:, :p])
+            apart = np.max(np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1)
+            self.which.append((where[:, :p], (apart < 1e-3).astype(float)))
 
-def _divide_zone(reciprocal: Array, order: int) -> Iterator[tuple[Array, Array]]:
-    """Yield wave vectors (n_q, 2) and weights (n_q,), in parts, for the mean of an even function over the Brillouin zone.
-
-    The integrand is bounded but depends on direction at Gamma, and, where balls can roll like gears, at the other points
-    q = -q. The zone is cut into triangles that have these four points as corners, and each triangle is the image of a
-    square (q = corner + s (side + t across), Duffy's map), in which the integrand is smooth. Half of the triangles suffice,
-    because q and -q are equivalent.
-    """
-    # find the shortest reciprocal vectors, whatever the cell; the given ones come first and win among equals
-    longest = float(np.linalg.norm(reciprocal, axis=1).max())
-    found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
-    lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
-    _, near, *rest = found[np.argsort(lengths, kind="stable")]
-    far = next(v for v in rest if abs(near[0] * v[1] - near[1] * v[0]) > 1e-6 * (near @ near))
-    points, gauss = np.polynomial.legendre.leggauss(order)
-    s, t = np.meshgrid(0.5 + 0.5 * points, 0.5 + 0.5 * points, indexing="ij")
-    weights = np.outer(gauss * (0.5 + 0.5 * points), gauss).ravel() / 32.0
-    triangle = np.stack([s, s * t], axis=-1).reshape(-1, 2)
-    for corner in np.ndindex(2, 2):
-        for axes, sign in itertools.product(([0, 1], [1, 0]), (1.0, -1.0)):
-            fractions = 0.5 * np.array(corner) + 0.25 * triangle[:, axes] * [1.0, sign]
-            yield fractions @ np.stack([near, far]), weights
+    def transform(self, q: Array) -> NDArray[np.complex128]:
+        """Return the Fourier transforms (n_q, n_c, n_balls) of the tensions."""
+        return np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in self.which], axis=2)
 
 
 def _grid_zone(reciprocal: Array, points: int) -> Iterator[tuple[Array, Array]]:
-    """Yield what :func:`_divide_zone` yields, on a grid of ``points``^2 points of equal weight, half a step off Gamma."""
+    """Yield what :func:`divide_zone` yields, on a grid of ``points``^2 points of equal weight, half a step off Gamma."""
     ticks = (np.arange(points) + 0.5) / points
     half = ticks[ticks <= 0.5]  # q and -q are equivalent
     grid = np.stack(np.meshgrid(half, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-    for part in np.array_split(grid, -(-len(grid) // _PART)):
-        yield part @ reciprocal, np.where(part[:, 0] < 0.5, 2.0, 1.0) / points**2
+    yield grid @ reciprocal, np.where(grid[:, 0] < 0.5, 2.0, 1.0) / points**2

@@ -138,9 +138,12 @@ class LongWaves(Compatibility):
         if not free.shape[1]:
             return False
         # to first order in q the deformations of both sound and inner motions are i times real numbers
-        _, total = self._combine_ends(*self._weight_rows())
+        gap, total = self._combine_ends(*self._weight_rows())
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
         change = self._select_inner(total) @ free
+        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        rows = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
+        change = np.where(np.abs(change) <= _SOFT * rows * np.linalg.norm(free, axis=0), 0.0, change)
         waves = self._relax(half[:, :, None] * change[:, None, :])
         sound = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
         coupling = np.einsum("rij,rlm->ijlm", sound, waves)

@@ -141,6 +141,8 @@ def _find_starts(problem: FitProblem) -> list[Array]:
         effect = max(effect, float(np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))))
     if effect < _NO_EFFECT:
         what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
+        if model.packing.structure.periods == 1:
+            raise InputError(message(what, "On a line all contacts carry the same force", "Fit other parameters"))
         raise InputError(message(what, mend="Use another medium, such as ema, and a spread that has a shape"))
     squares.append(math.inf)
     return [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]

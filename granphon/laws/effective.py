@@ -132,7 +132,10 @@ class EffectiveLaw(SpreadLaw):
         return self.curve.energy_offset
 
     def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid by Section IV (f* = 0.08), for the ``width`` W, m."""
+        """Return the force, N, from which the medium is valid by Section IV (f* = 0.08), for the ``width`` W, m.
+
+        The limit was found by comparison with simulations of the triangular lattice.
+        """
         return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def _evaluate_near(self, y: Array, order: int) -> Array:

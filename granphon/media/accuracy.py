@@ -54,7 +54,7 @@ class Accuracy:
 
     def explain_uncovered(self, packing: Packing) -> str | None:
         """Return the reason why the table does not cover a packing; None if it does."""
-        if not packing.width:
+        if not packing.spread_matters:
             return None
         if packing.structure != TRIANGULAR:
             return f"there are no errors for the {packing.structure.name} lattice, as it is not simulated"
@@ -82,11 +82,11 @@ class Accuracy:
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
         """Return the largest expected relative error of velocities and frequencies, with the shape of an applied load.
 
-        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls, and +inf
-        for packings that the table does not cover and below its least load. Above its greatest load the error falls as the
-        square of the spread over the overlap, which is the law of high loads.
+        ``balls`` is the number of balls of a simulation, in all its samples. The error is zero for equal balls and on a
+        line, and +inf for packings that the table does not cover and below its least load. Above its greatest load the error
+        falls as the square of the spread over the overlap, which is the law of high loads.
         """
-        if not packing.width:
+        if not packing.spread_matters:
             return np.zeros(load.shape)
         if self.explain_uncovered(packing) is not None:
             return np.full(load.shape, np.inf)

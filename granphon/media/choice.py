@@ -276,8 +276,8 @@ def solving_time(packing: Packing) -> float:
 
 def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, sorted by their time at the least of these loads."""
-    if not packing.width:
-        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls
+    if not packing.spread_matters:
+        return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
     media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
     least = load[int(np.argmin(load.array))]
     simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]

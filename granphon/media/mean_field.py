@@ -2,7 +2,8 @@
 
 A medium turns a packing and a load into a :class:`ContactState`. The media of Section III are, in order of accuracy, the
 averaged lattice (equations 23 and 24), the averaged force (25) and the effective medium (28-46). They differ only in their
-contact law. For equal balls all are the averaged lattice, which is then exact.
+contact law. For equal balls all are the averaged lattice, which is then exact. So they are on a line, where all contacts
+carry the same force even if balls differ.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ class _ByLaw(Loaded[ContactState]):
 
     @cached_property
     def law(self) -> Law:
-        """Contact law of the medium; for equal balls it is Hertz's law in every medium."""
-        return self._law if self.packing.width else self.packing.law
+        """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
+        return self._law if self.packing.spread_matters else self.packing.law
 
     @property
     @abstractmethod
@@ -94,7 +95,8 @@ class _ByLaw(Loaded[ContactState]):
     def _solve_at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
         """Find force (N) and overlap (m) of a contact at given pressures.
 
-        If the boundary ``follows`` the balls, P a = sqrt(3) f on the triangular lattice; otherwise P d = sqrt(3) f.
+        If the boundary ``follows`` the balls, P a^(p-1) is the lattice's pressure factor times f (sqrt(3) on the triangular
+        lattice, 2 sqrt(2) in fcc); otherwise P d^(p-1) is.
         """
         law, d, power = self.law, self.packing.diameter, self.packing.structure.periods - 1
         slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
@@ -140,7 +142,7 @@ class _ByLaw(Loaded[ContactState]):
 class AveragedLattice(_ByLaw):
     """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
 
-    It is exact for equal balls.
+    It is exact for equal balls, and on a line.
     """
 
     name = "ala"
@@ -152,7 +154,10 @@ class AveragedLattice(_ByLaw):
 
 @dataclass(frozen=True)
 class AveragedForce(_ByLaw):
-    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25)."""
+    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
+
+    On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
+    """
 
     name = "afa"
 
@@ -166,10 +171,11 @@ class AveragedForce(_ByLaw):
 class EffectiveMedium(_ByLaw):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
 
-    It is valid from f* = 0.08 (Section IV); ``valid`` of a state says so. It is solved from f* = 1e-6, and force and
-    stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed diameters puts a kink into the law, which is
-    resolved. For some lists with diameters rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and
-    the equation has no solution below.
+    Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three dimensions. It is valid from
+    f* = 0.08 (Section IV, by comparison with simulations of the triangular lattice); ``valid`` of a state says so. It is
+    solved from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed
+    diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
+    falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
 
     Parameters
     ----------
@@ -204,11 +210,21 @@ class EffectiveMedium(_ByLaw):
 
     @cached_property
     def local_field(self) -> LocalField:
-        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio and bending."""
+        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio, torsion and bending.
+
+        Without friction, torsion and bending some lattices have none: it raises
+        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` it is that of no torsion, to which it tends
+        as delta/d, because the medium leaves out terms of the order delta/d.
+        """
         packing, eta = self.packing, self.packing.mindlin_ratio
-        return paper_local_field(eta) if self.source == "paper" else local_field(packing.structure, eta, packing.bending)
+        if self.source == "paper":
+            return paper_local_field(eta)
+        torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0
+        return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
 
     @property
     def _law(self) -> Law:
         spread, law = self.packing.spread, self.packing.law
-        return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi) if spread else law
+        if not spread or self.local_field.is_determinate:
+            return law
+        return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)

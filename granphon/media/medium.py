@@ -37,7 +37,7 @@ class Medium(Protocol):
         ...
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the linear pressure P, N/m, on a boundary that shrinks with the balls if ``finite_overlap``."""
+        """State at the pressure P (N/m, Pa or N), on a boundary that shrinks with the balls if ``finite_overlap``."""
         ...
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
@@ -61,9 +61,10 @@ class Loaded(ABC, Generic[StateT]):
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the linear pressure (force per length) P, N/m: P d = sqrt(3) f on the triangular lattice (equation 20).
+        """State at the pressure P: N/m in the plane, Pa in space, N on a line.
 
-        With ``finite_overlap`` the boundary shrinks with the balls: P a = sqrt(3) f.
+        P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With ``finite_overlap`` the
+        boundary shrinks with the balls, and the spacing a takes the place of d.
         """
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 

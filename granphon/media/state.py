@@ -70,7 +70,7 @@ class ContactLaw(Protocol):
         ...
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that carry load, N_c / 6."""
+        """Return the fraction of contacts that carry load: N_c / z, N_c / 6 on the triangular lattice."""
         ...
 
     def least_valid_force(self, width: float) -> float:
@@ -209,13 +209,16 @@ class ContactState(Result):
     def force_fluctuation(self) -> Values:
         """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean.
 
-        It is 0 for equal balls.
+        It is 0 for equal balls, and on a line.
         """
         return _unwrap_scalars(self.law.force_fluctuation(self.overlap))
 
     @property
     def contact_fraction(self) -> Values:
-        """Fraction of contacts that carry load, N_c / 6; 1 for equal balls."""
+        """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the triangular lattice).
+
+        It is 1 for equal balls, and on a line.
+        """
         return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 
     @property
@@ -237,20 +240,23 @@ class ContactState(Result):
 
     @property
     def valid(self) -> Values:
-        """Whether the load is inside the range of the medium; always True for equal balls.
+        """Whether the load is inside the range of the medium; always True for equal balls, and on a line.
 
-        The range of the effective medium is f* >= 0.08 (Section IV). The averaged lattice and the averaged force leave out
-        what disorder does to the lattice, and hold at high pressure (:attr:`regime`).
+        The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though it was found on the triangular
+        one. The averaged lattice and the averaged force leave out what disorder does to the lattice, and hold at high
+        pressure (:attr:`regime`).
         """
         return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
     def least_valid_force(self) -> float:
-        """Least mean contact force at which the medium is valid, N; 0 for equal balls, and if it was ``chosen``."""
-        width = self.packing.width
-        if not width or self.chosen:
+        """Least mean contact force at which the medium is valid, N.
+
+        It is 0 for equal balls, on a line, and if the medium was ``chosen``.
+        """
+        if self.chosen or not self.packing.spread_matters:
             return 0.0
-        return self.law.least_valid_force(width)
+        return self.law.least_valid_force(self.packing.width)
 
     @property
     def regime(self) -> Values:

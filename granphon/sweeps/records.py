@@ -61,7 +61,7 @@ class SampleRecord(Result):
         return {one.name: np.array([getattr(record, one.name) for record in records]) for one in fields(cls)}
 
     def contact_fraction(self) -> float:
-        """Return N_c / 6, the fraction of the contacts that carry load."""
+        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
         return self.fraction
 
 

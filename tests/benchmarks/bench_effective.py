@@ -8,7 +8,9 @@ The exit code is 1 if a bound is missed. The documentation quotes a run.
 from __future__ import annotations
 
 import math
+import statistics
 import sys
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +19,7 @@ from side_by_side import Part, Row, against, alternate, command_line
 
 import granphon as gp
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
-from granphon.dynamics.local_field import local_field
+from granphon.dynamics.local_field import _compute_local_field, _find_operations, local_field
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
 from granphon.tradeoffs.references import balance
@@ -27,6 +29,11 @@ SHAPES: dict[str, Shape] = {"uniform": UniformShape(), "normal": NormalShape(3.0
 LOADS = 200_000
 #: numbers of diameters, and how many times that of the uniform spread they may take
 LOTS = ((16, 6.0), (64, 50.0), (100, 100.0))
+#: lattice, Mindlin ratio, torsion and bending of local fields
+FIELDS = (
+    ("sc", 0.84, 0.0), ("bcc", 0.84, 0.0), ("fcc", 0.0, 0.0), ("fcc", 0.84, 0.0), ("fcc", 0.84, 0.05), ("hcp", 0.0, 0.0),
+    ("hcp", 0.84, 0.0), ("hcp", 0.84, 0.05), ("diamond", 0.84, 0.05),
+)  # fmt: skip
 #: f* at the lower end of the integration
 LEAST = 1e-4
 
@@ -119,7 +126,23 @@ def loads(repeats: int) -> list[Row]:
     ]  # fmt: skip
 
 
-PARTS: dict[str, Part] = {"curves": curves, "lots": lots, "loads": loads}
+def fields(repeats: int) -> list[Row]:
+    """Processor time of Xi in space, to 1e-8, nothing kept: no more than 5 s."""
+    rows = []
+    for name, eta, rolling in FIELDS:
+        seconds = []
+        for _ in range(min(repeats, 3)):
+            _compute_local_field.cache_clear()
+            _find_operations.cache_clear()
+            start = time.process_time()
+            local_field(name, eta, torsion=rolling, bending=rolling)
+            seconds.append(time.process_time() - start)
+        what = f"Ξ of {name}, η = {eta:g}" + f", torsion and bending {rolling:g}" * bool(rolling)
+        rows.append(Row(what, statistics.median(seconds), "s", 5.0))
+    return rows
+
+
+PARTS: dict[str, Part] = {"curves": curves, "lots": lots, "loads": loads, "fields": fields}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the effective medium", PARTS))

@@ -1,0 +1,153 @@
+"""Means over the Brillouin zone of functions that depend on direction at the points q = -q.
+
+Projections on the motions of a lattice are such functions: bounded, and smooth but for these points, where the direction of
+approach matters. It matters at Gamma, and, where balls can roll like gears, at others. The zone is cut into simplices that
+have these points as corners: two segments, eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each is the
+image of a cube with p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth: Gauss's
+rule converges geometrically. Lines from one corner to another along the axes are resolved too, as that from M to R of sc.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.contact_table import steps_within
+
+__all__ = ["Operation", "divide_zone", "find_symmetries", "shortest_vectors"]
+
+Array = NDArray[np.float64]
+#: fractions of a wave vector without symmetry, at which functions are compared with their images
+_PROBES = np.array([[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]])
+#: greatest relative difference of values that are equal but for rounding
+_EQUAL = 1e-10
+
+
+class Operation(NamedTuple):
+    """A turn of the zone into itself: coordinate k becomes ``signs[k]`` times coordinate ``order[k]``.
+
+    Coordinates are fractions of :func:`shortest_vectors`.
+    """
+
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    def after(self, other: Operation) -> Operation:
+        """Return the operation that acts as ``other`` and then as this one."""
+        order = tuple(other.order[axis] for axis in self.order)
+        signs = tuple(sign * other.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True))
+        return Operation(order, signs)
+
+
+class _Simplex(NamedTuple):
+    """A part of the zone: all q = corner/2 + s/4 with s along ``signs``, largest in coordinate ``order[0]``, and so on."""
+
+    corner: tuple[int, ...]
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    def turn(self, operation: Operation) -> _Simplex:
+        """Return the image of the simplex."""
+        where = operation.order
+        order = tuple(where.index(axis) for axis in self.order)
+        signs = tuple(sign * self.signs[axis] for sign, axis in zip(operation.signs, where, strict=True))
+        return _Simplex(tuple(self.corner[axis] for axis in where), order, signs)
+
+
+def shortest_vectors(reciprocal: Array) -> Array:
+    """Return p shortest independent vectors (p, p) of a reciprocal lattice; the given ones come first among equals."""
+    longest = float(np.linalg.norm(reciprocal, axis=1).max())
+    found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
+    chosen: list[Array] = []
+    for vector in found[np.argsort(lengths, kind="stable")]:
+        if np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest) > len(chosen):
+            chosen.append(vector)
+    return np.array(chosen)
+
+
+def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> list[Operation]:
+    """Find a group of operations that leave a function of q unchanged, by its values at wave vectors without symmetry.
+
+    ``function`` takes wave vectors (n_q, p) and returns (n_q, ...).
+    """
+    basis = shortest_vectors(reciprocal)
+    every, fractions = _list_operations(len(basis)), _PROBES[:, : len(basis)]
+    turned = np.stack([fractions[:, one.order] * one.signs for one in every])
+    values = function(turned.reshape(fractions.size // len(basis) * len(every), -1) @ basis)
+    values = values.reshape(len(every), len(fractions), -1)
+    alike = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
+    allowed = {one for one, same in zip(every, alike, strict=True) if same}
+    group = {every[0]}
+    for one in every:
+        # in a lattice that is symmetric but for rounded numbers, some products of alike operations are not alike
+        if one in allowed and one not in group and (grown := _close(group | {one})) <= allowed:
+            group = grown
+    return sorted(group)
+
+
+def _close(operations: set[Operation]) -> set[Operation]:
+    """Return the group that some operations make."""
+    while (products := {one.after(other) for one in operations for other in operations}) - operations:
+        operations = operations | products
+    return operations
+
+
+def _list_operations(periods: int) -> list[Operation]:
+    """List all changes of order and signs of the coordinates; the first is the identity, the last of its order -1."""
+    orders = itertools.permutations(range(periods))
+    return [Operation(order, signs) for order in orders for signs in itertools.product((1, -1), repeat=periods)]
+
+
+@lru_cache(maxsize=64)
+def _take_one_of_each(symmetries: tuple[Operation, ...], periods: int) -> list[tuple[_Simplex, int]]:
+    """Return one simplex of each set of simplices that the symmetries turn into each other, and the size of the set."""
+    left = {
+        _Simplex(corner, *one): None
+        for corner in itertools.product((0, 1), repeat=periods)
+        for one in _list_operations(periods)
+    }
+    found = []
+    while left:
+        first = next(iter(left))
+        images = {first.turn(one) for one in symmetries}
+        for one in images:
+            del left[one]
+        found.append((first, len(images)))
+    return found
+
+
+def divide_zone(
+    reciprocal: Array, order: int, symmetries: Sequence[Operation] | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """Yield wave vectors (n_q, p) and weights (n_q,), in parts, for the mean of a function over the Brillouin zone.
+
+    Parameters
+    ----------
+    reciprocal : (p, p) reciprocal vectors as rows, of any cell.
+    order : number of points along each edge of the cube that is mapped to a simplex.
+    symmetries : the group of operations that leave the function unchanged; by default those of an even function.
+    """
+    basis = shortest_vectors(reciprocal)
+    periods = len(basis)
+    if symmetries is None:
+        symmetries = [_list_operations(periods)[0], Operation(tuple(range(periods)), (-1,) * periods)]
+    points, gauss = np.polynomial.legendre.leggauss(order)
+    cube, gauss = (_combine(values, periods) for values in (0.5 + 0.5 * points, 0.5 * gauss))
+    away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in the order of the simplex
+    weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
+    for simplex, count in _take_one_of_each(tuple(symmetries), periods):
+        fractions = np.empty_like(away)
+        fractions[:, simplex.order] = away
+        fractions = 0.5 * np.array(simplex.corner) + 0.25 * np.array(simplex.signs) * fractions
+        yield fractions @ basis, weights * (count / 4.0**periods)
+
+
+def _combine(values: Array, periods: int) -> Array:
+    """Return (n^p, p), all combinations of n values."""
+    return np.stack(np.meshgrid(*[values] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
