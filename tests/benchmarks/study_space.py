@@ -1,0 +1,100 @@
+"""What the page on disorder in space says of simulated crystals, from runs too long for the tests.
+
+    python tests/benchmarks/study_space.py [--json FILE] [--only PART ...]
+
+Some minutes on one processor. Seeds are given, so that numbers are the same on any machine; the exit code is 1 if a number
+is not what the page claims. Balls of steel of 8 mm, spread uniformly over 2.04 um; brackets hold the standard error of the last
+digits.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from side_by_side import Part, Row, command_line
+from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, bracketed, judged, mean_and_error
+
+import granphon as gp
+from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.stencils import Stencils
+from granphon.balls.lattices import find_lattice
+from granphon.dynamics.tensors import bulk_and_shear
+
+#: cells along each axis, and samples
+SHAPES = {"triangular": ((64, 64), 8), "fcc": ((14, 14, 14), 4), "hcp": ((11, 11, 11), 3)}
+#: f*
+FORCE = np.array([0.003, 0.01, 0.04, 0.15, 0.6, 3.0])
+#: exponents with friction and their errors, by lattice, at FORCE
+EXPONENTS = {
+    "triangular": ((0.263, 7e-3), (0.289, 7e-3), (0.278, 2e-3), (0.2376, 5e-4), (0.17853, 1e-4), (0.167807, 5e-6)),
+    "fcc": ((0.274, 4e-3), (0.290, 6e-3), (0.305, 2e-3), (0.2618, 8e-4), (0.18039, 2e-4), (0.168018, 2e-5)),
+}
+#: G/K with friction over that of equal balls, by lattice, at FORCE
+RATIOS = {
+    "triangular": ((0.403, 7e-3), (0.571, 3e-3), (0.802, 2e-3), (0.9485, 3e-4), (0.99590, 3e-5), (0.999657, 2e-6)),
+    "fcc": ((0.582, 4e-3), (0.702, 4e-3), (0.860, 2e-3), (0.9641, 6e-4), (0.99732, 5e-5), (0.999765, 5e-6)),
+}
+
+
+def packing(lattice: str, friction: bool = True) -> gp.Packing:
+    return gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), lattice=lattice, friction=friction)
+
+
+def loads(repeats: int) -> list[Row]:
+    """Exponent, G/K, contacts, and the medium, against the load."""
+    rows = []
+    for lattice, (shape, samples) in SHAPES.items():
+        state = gp.DirectSimulation(packing(lattice), shape, samples=samples).at_force(FORCE * UNIT)
+        equal = gp.moduli(gp.AveragedLattice(packing(lattice)).at_force(1.0)).voigt
+        moduli = state.over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
+        ratio = mean_and_error(np.moveaxis(moduli[..., 1] / moduli[..., 0], 1, 0) * equal.bulk / equal.shear)
+        contacts = mean_and_error(np.moveaxis(state.over_samples(lambda one: one.contact_fraction()), 1, 0))
+        medium = gp.EffectiveMedium(packing(lattice, friction=False)).law.force(state.overlap) / state.force
+        medium_error = state.standard_error("overlap") * state.normal_stiffness / state.force
+        for at, force in enumerate(FORCE.tolist()):
+            of = f"{lattice}, f* = {force:g}"
+            exponent, error = state.exponent[at], state.exponent_error[at]
+            if lattice in EXPONENTS:
+                rows += judged(f"{of}: exponent", exponent, error, EXPONENTS[lattice][at][0])
+                rows += judged(f"{of}: G/K over that of equal balls", ratio[0][at], ratio[1][at], RATIOS[lattice][at][0])
+            else:
+                rows.append(Row(f"{of}: exponent", exponent, note=bracketed(exponent, error)))
+                rows.append(
+                    Row(f"{of}: G/K over that of equal balls", ratio[0][at], note=bracketed(ratio[0][at], ratio[1][at]))
+                )
+            found = contacts[0][at], max(contacts[1][at], 1e-9)
+            rows.append(Row(f"{of}: part of the contacts that carries load", found[0], note=bracketed(*found)))
+            found = float(medium[at]), float(medium_error[at])
+            rows.append(Row(f"{of}: force of the medium over the simulated", found[0], note=bracketed(*found)))
+    return rows
+
+
+def threshold(repeats: int) -> list[Row]:
+    """Overlap and contacts of a ball at no load: polynomials in f*^(2/3), which overlaps go as; 12^3 cells of fcc."""
+    forces, fcc, shape = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4]), find_lattice("fcc"), (12, 12, 12)
+    kept, at_no_load = [], []
+    for seed in range(8):
+        x = gp.Uniform(1.0).sample(shape, 1000 + seed)
+        x -= np.mean(x)
+        stencils, state = Stencils(shape, lattice=fcc), None
+        found = []
+        for force in forces.tolist():
+            state = equilibrate(x, Prescribed(force=force), stencils, state)
+            found.append((state.overlap + 0.5, 12.0 * np.mean(state.forces > 1e-6 * state.force)))
+        kept.append(found)
+        at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), found, 2)[0])
+    (spacing, number), (error, uncertain) = mean_and_error(np.array(at_no_load))
+    low, low_error = mean_and_error(np.array(kept)[:, -1, 1])
+    of = "fcc, eight samples of 12^3"
+    return [
+        Row(f"{of}: a* at no load", float(spacing), note=bracketed(spacing, error)),
+        Row(f"{of}: contacts of a ball at no load", float(number), note=bracketed(number, uncertain)),
+        Row(f"{of}: contacts of a ball at f* = 1e-4", float(low), note=bracketed(low, low_error)),
+    ]
+
+
+PARTS: dict[str, Part] = {"loads": loads, "threshold": threshold}
+
+if __name__ == "__main__":
+    sys.exit(command_line("Study of disorder in space", PARTS))
