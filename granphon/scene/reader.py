@@ -146,7 +146,9 @@ class Origin:
         if choose_lattice(packing.structure, lattices) != packing.structure:
             packing = replace(packing, lattice=lattices[0])
         for name in [name for name in ("motions", "torsion", "bending") if name in given]:
-            allowed = "motions of this lattice" if name == "motions" else "0 where no motion is resisted by it"
+            allowed = (
+                "motions of this lattice" if name == "motions" else "up to 1e6, and 0 where no motion is resisted by it"
+            )
             with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}. "):
                 packing = replace(packing, **{name: given[name]})
         if "spread" not in given:
