@@ -303,16 +303,16 @@ MISTAKES = {
         "lattice: chain, motions: out of plane", "", "", "2: packing.motions", "plane'", "all", "'out_of_plane'?",
     ),
     "torsion without rotations": (
-        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "up to 1e6, and 0 where no motion is resisted by it",
+        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "up to 1e6, and 0 where no motion is",
         "torsion without rotations. The motions 'longitudinal' of the chain lattice have no rotation that could be resisted."
         " Use motions out_of_plane, all, or",
     ),
     "bending without rotations": (
-        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "up to 1e6, and 0 where no motion is resisted by it",
+        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "up to 1e6, and 0 where no motion is",
         "Use motions in_plane, out_of_plane, all, or leave it out",
     ),
     "torsion where contacts do not twist": (
-        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "up to 1e6, and 0 where no motion is resisted by it",
+        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "up to 1e6, and 0 where no motion is",
         "Use motions out_of_plane, all, or leave it out",
     ),
     "swept torsion where contacts do not twist": (

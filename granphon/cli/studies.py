@@ -57,9 +57,10 @@ def fit_measurements(
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
     fitted in ema, on a line and in space in afa, and several loads in the scene are left aside; a warning says so. Each
-    column of the table is headed by a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side); 'velocity
-    (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency
-    (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    column of the table is headed by a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then
+    gives balls_per_side); 'velocity (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma
+    (%)', 'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml,
+    fit.csv and fit.png.
 
     \b
     Examples:

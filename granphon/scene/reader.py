@@ -14,7 +14,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InstabilityError
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import choose_lattice, table_named
@@ -74,6 +74,15 @@ class Origin:
                 raise
             place = path or getattr(error, "path", ())
             raise self.document.error(place, f"{before}{error}") from None
+
+    @contextmanager
+    def where_it_buckles(self) -> Iterator[None]:
+        """Place an error of the block that says that the lattice buckles at the key which keeps the static force."""
+        try:
+            yield
+        except InstabilityError:
+            with self.at("packing", "finite_overlap", before="found true; allowed: false where the lattice buckles. "):
+                raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may stand there."""

@@ -312,7 +312,8 @@ def run(
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
             store.claim(None)
-            result = _run_single(scene, target, progress)
+            with scene.plan.origin.where_it_buckles():
+                result = _run_single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         with locked.staging(drawn) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
