@@ -443,6 +443,10 @@ MISTAKES = {
         "lattice: square", "", "sweep: {friction: [true, false]}", "2: packing.lattice", "'square'",
         "rigid; friction = False: the lattice", "In a scene of its own it has bands and a density of states: observe: [b",
     ),
+    "effective medium in space by default": (
+        "lattice: fcc, spread: {uniform: 1 um}", "", "", "1: medium", "'ema', the default", "a medium for this lattice",
+        "'afa'",
+    ),
     "effective medium in space": (
         "lattice: fcc, spread: {uniform: 1 um}", "", "medium: ema", "4: medium", "'ema'", "a medium for this lattice",
         "'afa'",
@@ -868,6 +872,11 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
     code, _, err = fit("direction: [[1, 0, 0], [0, 0, 1]]")
     assert code == 2
     assert "s.yaml has 2 directions. A fit takes sound along one direction. Name one by --direction" in err
+    Path("s.yaml").write_text(scene_text("lattice: hcp"))
+    assert main(["fit", "s.yaml", "data.csv", "--no-width"]) == 2
+    assert (
+        "nothing is left to fit. --no-width keeps the spread. Leave it out, or give --parameter" in capsys.readouterr().err
+    )
     code, out, err = fit("direction: [[1, 0, 0], [0, 0, 1]]", "--direction", "1 0 0")
     assert (code, "direction" in err) == (0, False)
     assert "211.65 GPa" in out

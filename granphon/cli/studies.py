@@ -87,6 +87,10 @@ def fit_measurements(
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
+    if not (width or parameter):
+        raise InputError(
+            message("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
+        )
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema", or "afa"
     # where there is no local field for "ema"
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
@@ -139,7 +143,8 @@ def _choose_direction(scene: str, read: Scene, option: str | None) -> Sequence[f
     from granphon.base.validation import require
 
     if option is not None:
-        return require("--direction", _read_direction, option)
+        given: list[float] = require("--direction", _read_direction, option)
+        return given
     if len(read.directions) > 1:
         why = "A fit takes sound along one direction"
         raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))

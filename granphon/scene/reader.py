@@ -86,7 +86,8 @@ class Origin:
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may stand there."""
-        return self.at("medium", before=f"found {label!r}; allowed: {allowed}. ")
+        by_default = self.document is not None and "medium" not in self.document.data
+        return self.at("medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}. ")
 
     def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index`` of the kind ``kind``, with ``before`` in front."""
