@@ -394,6 +394,17 @@ def test_a_material_in_a_wrong_unit_is_questioned(values, failed):
         assert all(text.startswith(("Young modulus in Pa is", "density in kg/m^3 is")) for text in said)
 
 
+@pytest.mark.parametrize(("lattice", "unit"), [("chain", "N"), ("triangular", "N/m"), ("fcc", "Pa")])
+def test_a_load_that_crushes_balls_is_told_with_its_unit(steel, lattice, unit):
+    medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice))
+    with pytest.raises(InputError, match=rf"^pressure = 1e\+18 {unit} presses the balls together by"):
+        medium.at_pressure(1e18)
+    with pytest.raises(InputError, match=r"^force = 1e\+18 N presses"):
+        medium.at_force(1e18)
+    with pytest.raises(InputError, match=r"^overlap = 1.0 m presses"):
+        medium.at_overlap(1)
+
+
 @pytest.mark.parametrize("medium", [gp.AveragedLattice, gp.EffectiveMedium, gp.DirectSimulation])
 def test_a_load_that_crushes_balls_of_a_modulus_in_a_wrong_unit_says_so(medium):
     for young in (70.0, math.nextafter(1e3, 0.0), 1e3, 70e9):

@@ -167,6 +167,22 @@ def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
     assert bare.velocities.longitudinal == gp.sound_velocities(scene.state(), WAYS[1]).longitudinal
 
 
+def test_a_sweep_without_a_direction_says_that_sound_is_along_x(tmp_path):
+    result = read("lattice: sc", "force: [1 N, 2 N]").run(tmp_path / "sc", figures=False)
+    assert read_summary(tmp_path / "sc")["direction"] == [1.0, 0.0, 0.0]
+    assert dict(describe_result(result))["longitudinal velocity"].endswith(" along (1, 0, 0)")
+    read("lattice: triangular", "force: [1 N, 2 N]").run(tmp_path / "plane", figures=False)
+    assert "direction" not in read_summary(tmp_path / "plane")
+
+
+def test_lattices_of_one_name_cannot_be_swept(steel):
+    own = gp.Lattice("fcc", cell=np.eye(3))  # simple cubic, by its cell
+    with pytest.raises(InputError, match="two lattices of the sweep have the name 'fcc'"):
+        gp.sweep(gp.Packing(steel, 8e-3, lattice="fcc"), force=[1.0], lattice=["fcc", own])
+    with pytest.raises(SceneError, match=r"sweep.lattice: .* Give each a name of its own"):
+        read("lattice: fcc", rest="sweep: {lattice: [fcc, {name: fcc, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}]}")
+
+
 def test_many_directions_of_a_scene(tmp_path):
     scene = read("lattice: fcc", "force: 5 N", "direction: [[1, 1, 0], 1 0 0, [1/3, 1, -2]]")
     assert scene.direction == scene.directions == WAYS
@@ -287,16 +303,16 @@ MISTAKES = {
         "lattice: chain, motions: out of plane", "", "", "2: packing.motions", "plane'", "all", "'out_of_plane'?",
     ),
     "torsion without rotations": (
-        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "0 where no motion is resisted by it",
+        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "up to 1e6, and 0 where no motion is",
         "torsion without rotations. The motions 'longitudinal' of the chain lattice have no rotation that could be resisted."
         " Use motions out_of_plane, all, or",
     ),
     "bending without rotations": (
-        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "0 where no motion is resisted by it",
+        "lattice: chain, bending: 1", "", "", "2: packing.bending", "1", "up to 1e6, and 0 where no motion is",
         "Use motions in_plane, out_of_plane, all, or leave it out",
     ),
     "torsion where contacts do not twist": (
-        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "0 where no motion is resisted by it",
+        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "up to 1e6, and 0 where no motion is",
         "Use motions out_of_plane, all, or leave it out",
     ),
     "swept torsion where contacts do not twist": (
@@ -429,6 +445,10 @@ MISTAKES = {
     ),
     "effective medium of a mechanism": (
         "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]\nmedium: ema", "5: medium", "'ema'",
+        "a medium for this lattice", "Use friction",
+    ),
+    "effective medium of a mechanism by default": (
+        "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]", "1: medium", "'ema', the default",
         "a medium for this lattice", "Use friction",
     ),
     "simulation in space": (
@@ -814,6 +834,54 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     Path("data.csv").write_text("pressure (N/m),velocity (m/s)\n1000,500\n2000,560\n")
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0"]) == 2
     assert "force per area" in capsys.readouterr().err
+
+
+def test_equal_balls_in_space_are_fitted_with_the_averaged_force(tmp_path, monkeypatch, capsys, steel):
+    monkeypatch.chdir(tmp_path)
+    packing = gp.Packing(steel, 8e-3, lattice="fcc", spread=gp.Uniform(2e-6))
+    v = gp.sound_velocities(gp.AveragedForce(packing).at_force([0.5, 3.0, 30.0]), (1, 0, 0)).longitudinal.tolist()
+    rows = "".join(f"{f},{x!r}\n" for f, x in zip((0.5, 3, 30), v, strict=True))
+    Path("data.csv").write_text(f"force (N),velocity (m/s)\n{rows}")
+    Path("s.yaml").write_text(scene_text("lattice: fcc", rest="direction: [1, 0, 0]"))
+    assert main(["fit", "s.yaml", "data.csv"]) == 0
+    told = capsys.readouterr()
+    assert "the fit takes afa. Name afa in it; ema is for lattices in the plane" in told.err
+    assert "width                 2 um" in told.out
+
+
+def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, steel):
+    monkeypatch.chdir(tmp_path)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="hcp")).at_force([1.0, 10.0, 100.0])
+    v = gp.sound_velocities(state, (1, 0, 0)).longitudinal.tolist()
+    rows = "".join(f"{f},{x!r}\n" for f, x in zip((1, 10, 100), v, strict=True))
+    Path("data.csv").write_text(f"force (N),velocity (m/s)\n{rows}")
+    asked = ["data.csv", "--no-width", "--parameter", "young_modulus"]
+
+    def fit(rest, *more):
+        Path("s.yaml").write_text(scene_text("lattice: hcp", "force: 1 N", rest=rest))
+        code, told = main(["fit", "s.yaml", *asked, *more]), capsys.readouterr()
+        return code, told.out, told.err
+
+    code, out, err = fit("direction: [2, 0, 0]")
+    assert code == 0
+    assert "depends on the direction" not in err
+    assert "young modulus         211.65 GPa" in out
+    assert "direction             (1, 0, 0)" in out
+    code, out, err = fit("")
+    assert code == 0
+    assert "direction             (0, 0, 1)" in out
+    assert "sound in the lattice hcp depends on the direction, and none is given: the fit takes (0, 0, 1)" in err
+    code, _, err = fit("direction: [[1, 0, 0], [0, 0, 1]]")
+    assert code == 2
+    assert "s.yaml has 2 directions. A fit takes sound along one direction. Name one by --direction" in err
+    Path("s.yaml").write_text(scene_text("lattice: hcp"))
+    assert main(["fit", "s.yaml", "data.csv", "--no-width"]) == 2
+    assert (
+        "nothing is left to fit. --no-width keeps the spread. Leave it out, or give --parameter" in capsys.readouterr().err
+    )
+    code, out, err = fit("direction: [[1, 0, 0], [0, 0, 1]]", "--direction", "1 0 0")
+    assert (code, "direction" in err) == (0, False)
+    assert "211.65 GPa" in out
 
 
 def test_a_sweep_says_which_branches_cost_nothing(steel):

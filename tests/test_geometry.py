@@ -129,6 +129,7 @@ def test_lattice_keeps_no_hold_of_what_it_was_given():
         (((1, 0), (0, math.nan)), ((0, 0),), "not finite"),
         (((1, 0), (0, 1)), ((0, math.inf),), "not finite"),
         (((1, 0), (0, 1)), (), "sites"),
+        (np.eye(2), np.zeros((0, 2)), "sites"),
         (((1, 0, 0), (0, 1, 1)), ((0, 0),), "does not lie in the xy plane"),
         (((0, 1),), ((0,),), "does not lie along x"),
         (((1, 0), (0, 1), (1, 1)), ((0, 0),), "one to three vectors"),

@@ -75,7 +75,8 @@ class Lattice:
             cell = real_array("cell", self.cell)
             periods, dimension = cell.shape
             sites = np.zeros((1, periods)) if np.shape(self.sites) == (1, 0) else real_array("sites", self.sites)
-            if not 1 <= periods <= dimension <= 3 or sites.ndim != 2 or sites.shape[1] not in (periods, dimension):
+            fits = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in (periods, dimension)
+            if not (1 <= periods <= dimension <= 3 and fits):
                 raise ValueError
         except ValueError as error:
             raise InputError(

@@ -58,6 +58,14 @@ class Axis:
             raise InputError(message(what, "Both would be the same states", "Give each value once"))
         if name == "lattice":
             _require_one_dimension(axis.values)
+            if (double := find_double(axis.labels)) is not None:
+                raise InputError(
+                    message(
+                        f"two lattices of the sweep have the name {axis.labels[double]!r}",
+                        "Their states could not be told apart",
+                        "Give each a name of its own",
+                    )
+                )
         return axis
 
     @property

@@ -78,11 +78,12 @@ def check_scene(scene: SceneFile) -> None:
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
     states, left = read.survey()
-    warnings = [
-        f"{where}: {warning}" if read.is_sweep else warning
-        for where, state in states
-        for warning in validity(state).warnings
-    ]
+    with read.plan.origin.where_it_buckles():
+        warnings = [
+            f"{where}: {warning}" if read.is_sweep else warning
+            for where, state in states
+            for warning in validity(state).warnings
+        ]
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")

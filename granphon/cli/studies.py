@@ -13,7 +13,7 @@ from granphon.base.errors import InputError, Refused, message
 from granphon.base.text import show
 from granphon.cli.app import Force, SceneFile, app
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_fit
+from granphon.cli.wording import describe_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.base.staging import ResultFiles
@@ -45,17 +45,22 @@ def fit_measurements(
         str, typer.Option(metavar="NAME", help="longitudinal or transverse; in space transverse_slow, transverse_fast.")
     ] = "longitudinal",
     direction: Annotated[
-        str | None, typer.Option(metavar="'X Y'", help="Of propagation, as many numbers as the lattice has periods.")
+        str | None,
+        typer.Option(
+            metavar="'X Y'",
+            help="Of propagation, a number for each period; by default the scene's, else the last axis.",
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
     """Find the width of the distribution of diameters from measured sound velocities.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
-    fitted in ema, and several loads in the scene are left aside; a warning says so. Each column of the table is headed by
-    a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then gives balls_per_side); 'velocity
-    (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', 'frequency
-    (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    fitted in ema, on a line and in space in afa, and several loads in the scene are left aside; a warning says so. Each
+    column of the table is headed by a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then
+    gives balls_per_side); 'velocity (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma
+    (%)', 'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml,
+    fit.csv and fit.png.
 
     \b
     Examples:
@@ -82,9 +87,15 @@ def fit_measurements(
     _require_one_packing("A fit", scene, read)
     if len(read.media) > 1:
         raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
-    # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema"
+    if not (width or parameter):
+        raise InputError(
+            message("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
+        )
+    # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema", or "afa"
+    # where there is no local field for "ema"
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
-    medium = "ema" if replaced else read.media[0]
+    averaged = "ema" if read.packing.structure.periods == 2 else "afa"
+    medium = averaged if replaced else read.media[0]
     balls = read.load.balls_per_side
     measured = Measurements.read(
         data,
@@ -99,7 +110,7 @@ def fit_measurements(
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
         measured.frequency if frequency is None else require("--frequency", FREQUENCY.read, frequency),
         medium=medium, parameters=((("width",) if width else ()) + tuple(parameter or ())), branch=branch,
-        direction=None if direction is None else require("--direction", _read_direction, direction),
+        direction=_choose_direction(scene, read, direction),
         finite_overlap=read.finite_overlap,
     )  # fmt: skip
 
@@ -108,13 +119,36 @@ def fit_measurements(
 
         return fit_figure(found)
 
-    notes = [f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or ema in it"] * replaced
+    mend = "Name afa or ema in it" if averaged == "ema" else "Name afa in it; ema is for lattices in the plane"
+    notes = [f"{scene} has the medium ala, which knows no width: the fit takes {averaged}. {mend}"] * replaced
     if (count := len(read.load.values)) > 1:
         notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
+    if direction is None and read.direction is None and not found.is_isotropic:
+        along = write_direction(found.waves.direction)
+        notes.append(
+            f"sound in the lattice {found.packing.structure.name} depends on the direction, and none is given:"
+            f" the fit takes {along}. Give --direction, or direction in {scene}"
+        )
     failures = _write_study(files, found.write, figure)
     with _tell_study(out, FIT_FILES, failures, quiet=False):
         warn((*notes, *found.warnings, *failures.values()))
         say_table(describe_fit(found))
+
+
+def _choose_direction(scene: str, read: Scene, option: str | None) -> Sequence[float] | None:
+    """Return the direction of the option, else that of the scene; None if neither says one.
+
+    :class:`InputError` if the scene has several.
+    """
+    from granphon.base.validation import require
+
+    if option is not None:
+        given: list[float] = require("--direction", _read_direction, option)
+        return given
+    if len(read.directions) > 1:
+        why = "A fit takes sound along one direction"
+        raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))
+    return read.directions[0] if read.directions else None
 
 
 def _read_direction(value: str) -> list[float]:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 __all__ = [
-    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "write_quantity", "write_range",
-    "describe_tradeoff",
+    "describe_choice", "describe_cost", "describe_fit", "describe_result", "describe_scene", "describe_tradeoff",
+    "write_direction", "write_quantity", "write_range",
 ]  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if scene.finite_overlap:
         rows.append(("terms", "of the order of the overlap over the diameter are kept"))
     if scene.direction is not None and "velocities" in scene.observe:
-        rows.append(("direction", " and ".join(_write_directions(one) for one in scene.directions)))
+        rows.append(("direction", " and ".join(write_direction(one) for one in scene.directions)))
     if "bands" in scene.observe:
         labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
         rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
@@ -135,7 +135,7 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
 
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
-    along = f" along {_write_directions(numbers['direction'])}" if "direction" in numbers else ""
+    along = f" along {write_direction(numbers['direction'])}" if "direction" in numbers else ""
     for name in CATALOGUE:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
@@ -146,7 +146,7 @@ def describe_result(result: RunResult | SweepResult) -> list[tuple[str, str]]:
     return rows
 
 
-def _write_directions(given: Any) -> str:
+def write_direction(given: Any) -> str:
     """Text of one direction, or of the number of them."""
     if isinstance(given[0], float | int):
         return f"({', '.join(f'{x:g}' for x in given)})"
@@ -173,6 +173,8 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
     known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
     rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
+    if not fit.is_isotropic:
+        rows.append(("direction", write_direction(fit.waves.direction)))
     if fit.sigma_given:  # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
         agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
         rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))

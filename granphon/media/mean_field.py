@@ -22,6 +22,7 @@ from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
+from granphon.base.quantities import load_quantities
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
@@ -121,14 +122,15 @@ class _ByLaw(Loaded[ContactState]):
         Also raise it if balls overlap by their diameter or more.
         """
         diameter = self.packing.diameter
+        given = f"{load} {load_quantities(self.packing.structure.periods)[load.kind].unit}"
         with np.errstate(all="ignore"):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
         if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
-            raise InputError(message(f"{load} is too small or too large for double precision"))
+            raise InputError(message(f"{given} is too small or too large for double precision"))
         if np.any(overlap >= diameter):
-            what = f"{load} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
+            what = f"{given} presses the balls together by {float(np.max(overlap / diameter)):.4g} diameters"
             why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
             mend = "Lower the load"
             modulus = self.packing.material.young_modulus

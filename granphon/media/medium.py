@@ -80,7 +80,7 @@ def explain_untouched(load: Load, largest: float) -> InputError:
     """
     return InputError(
         message(
-            f"{load}: no balls touch",
+            f"{load} m: no balls touch",
             f"The largest are {largest:g} m wider than the mean",
             f"Give an overlap above {-largest:g} m",
         )

@@ -14,7 +14,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InstabilityError
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import choose_lattice, table_named
@@ -75,9 +75,19 @@ class Origin:
             place = path or getattr(error, "path", ())
             raise self.document.error(place, f"{before}{error}") from None
 
+    @contextmanager
+    def where_it_buckles(self) -> Iterator[None]:
+        """Place an error of the block that says that the lattice buckles at the key which keeps the static force."""
+        try:
+            yield
+        except InstabilityError:
+            with self.at("packing", "finite_overlap", before="found true; allowed: false where the lattice buckles. "):
+                raise
+
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may stand there."""
-        return self.at("medium", before=f"found {label!r}; allowed: {allowed}. ")
+        by_default = self.document is not None and "medium" not in self.document.data
+        return self.at("medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}. ")
 
     def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index`` of the kind ``kind``, with ``before`` in front."""
@@ -146,7 +156,9 @@ class Origin:
         if choose_lattice(packing.structure, lattices) != packing.structure:
             packing = replace(packing, lattice=lattices[0])
         for name in [name for name in ("motions", "torsion", "bending") if name in given]:
-            allowed = "motions of this lattice" if name == "motions" else "0 where no motion is resisted by it"
+            allowed = (
+                "motions of this lattice" if name == "motions" else "up to 1e6, and 0 where no motion is resisted by it"
+            )
             with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}. "):
                 packing = replace(packing, **{name: given[name]})
         if "spread" not in given:

@@ -195,7 +195,8 @@ class SweepResult:
     def summary(self) -> dict[str, Any]:
         """Return the sizes of the dimensions, and the least and the greatest force, overlap and velocities in SI units.
 
-        The direction of sound, if it was given, the number of states, the media, and whether all states are valid are added.
+        The direction of sound, if it was given or velocities depend on it, the number of states, the media, and whether all
+        states are valid are added.
         """
         data = self.dataset
         along = ("direction",) * ("direction" in data.dims)
@@ -203,6 +204,8 @@ class SweepResult:
         out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
         if "direction" in data.coords:
             out["direction"] = json.loads(data["direction"].attrs["values"])
+        elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
+            out["direction"] = [1.0] + [0.0] * {3: 1, 6: 2}[data.sizes["voigt_row"]]
         for name in _EXTENTS:
             if name in data:
                 out[name] = [float(data[name].min()), float(data[name].max())]
@@ -309,7 +312,8 @@ def run(
             result = SweepResult(target, scene.sweep(progress, executor, store=store), ())
         else:
             store.claim(None)
-            result = _run_single(scene, target, progress)
+            with scene.plan.origin.where_it_buckles():
+                result = _run_single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
         with locked.staging(drawn) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
