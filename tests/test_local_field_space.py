@@ -289,16 +289,6 @@ def test_any_cell_of_a_crystal_gives_the_same(name, eta, cell):
     assert local_field(CELLS[name, eta, cell], eta).xi == pytest.approx(VALUES[name, eta], rel=2e-8)
 
 
-def test_balls_that_are_not_equivalent_are_averaged_over_contacts():
-    # layers of squares and of triangles do not share contacts here: two planes that do not touch, 5 apart
-    planes = [np.eye(2), np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])]
-    for vectors in planes:
-        cell = np.concatenate([vectors, np.zeros((2, 1))], axis=1)
-        double = Lattice("double", cell, [(0.0, 0.0, 0.0), (0.0, 0.0, 5.0)])
-        alone = local_field(Lattice("alone", vectors), 0.84)
-        assert local_field(double, 0.84).xi == pytest.approx(alone.xi, rel=1e-9)
-
-
 @settings(deadline=None, max_examples=10)
 @given(st.floats(0.3, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from(["square", "kagome"]))
 def test_stiffer_contacts_make_no_lattice_softer(eta, torsion, bending, name):
