@@ -4,8 +4,8 @@ r"""Balls that differ, in the plane and in space
 The sound velocity of balls that differ by a few microns rises faster with the load than the power 1/6 of Hertz. Does this
 survive in space, where each ball has twelve neighbours instead of six?
 
-Arrays of steel balls, 8 mm with a uniform spread of 2.04 microns, are simulated on the fcc and on the triangular lattice, and
-compared with the effective medium of each lattice. Forces are :math:`f^*=f/cW^{3/2}`. Left: the local exponent
+Arrays of steel balls, 8 mm with a uniform spread of 2.04 microns, are simulated on the fcc and on the triangular lattice,
+and compared with the effective medium of each lattice. Forces are :math:`f^*=f/cW^{3/2}`. Left: the local exponent
 :math:`\mathrm d\log v_L/\mathrm d\log P`. Right, above: G/K over that of equal balls, where K and G are averages over all
 directions. Right, below: the force of the medium over that of the array at the same overlap, both without friction. Points
 are simulations, with standard errors over the samples; lines are the medium.
@@ -47,8 +47,8 @@ assert np.all(np.abs(np.array([exponent[name][-1] for name in SHAPES]) - 1.0 / 6
 # G/K leaves that of equal balls at the same load in both lattices, but falls less in space.
 
 
-def ratio(moduli):
-    return moduli.voigt.shear / moduli.voigt.bulk
+def ratio(of):
+    return of.voigt.shear / of.voigt.bulk
 
 
 of_equal = {name: ratio(gp.moduli(gp.AveragedLattice(packing(name)).at_force(1.0))) for name in SHAPES}

@@ -25,7 +25,9 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: of those that do not write a picture that stands still
 SUFFIX = {"rolling_wave": ".gif"}
 #: simulations of many balls under many loads, which the documentation runs too
-LONG = {"conjecture", "disorder_in_space", "force_chains", "ladder", "paper_figures6_7_8", "paper_figures9_10_11", "work_precision"}
+LONG = {
+    "conjecture", "disorder_in_space", "force_chains", "ladder", "paper_figures6_7_8", "paper_figures9_10_11", "work_precision",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

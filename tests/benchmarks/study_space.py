@@ -3,8 +3,8 @@
     python tests/benchmarks/study_space.py [--json FILE] [--only PART ...]
 
 Some minutes on one processor. Seeds are given: numbers are the same on any machine. The exit code is 1 if a number
-is not what the page claims. Balls of steel of 8 mm, spread uniformly over 2.04 um; brackets hold the standard error of the last
-digits.
+is not what the page claims. Balls of steel of 8 mm, spread uniformly over 2.04 um; brackets hold the standard error of the
+last digits.
 """
 
 from __future__ import annotations
