@@ -35,8 +35,8 @@ fine = np.geomspace(0.08, 2.5, 60) * packing("fcc").width_units.force
 media = {name: gp.EffectiveMedium(packing(name)).at_force(fine) for name in SHAPES}
 
 # %%
-# It does survive, and more of it: near :math:`f^*=0.02` the exponent in fcc is 0.31, in the triangular array 0.28. Far above,
-# both are 1/6.
+# It does survive, and more of it: near :math:`f^*=0.02` the exponent in fcc is 0.31, in the triangular array 0.28. Far
+# above, both are 1/6.
 
 exponent = {name: gp.local_exponent(state) for name, state in states.items()}
 assert np.all(exponent["fcc"][[2, 3]] > exponent["triangular"][[2, 3]])
