@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -106,7 +107,9 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
     labels = ["width 1 µm, friction True", "width 1 µm, friction False", "width 2 µm, friction True"]
     assert texts(ax.get_legend())[:3] == labels
     many = sweep(PACKING, force=[3.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
-    assert len(texts(plot_sweep(many, Figure().subplots()).get_legend())) == 8
+    *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
+    assert len(named) == 8
+    assert re.fullmatch(r"8 of [0-9]+ are named", last)
 
 
 def test_samples_of_a_simulation_have_bars_of_their_standard_error(ax):

@@ -54,7 +54,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load.
-    legend : whether to draw a legend, with no more than eight combinations in it.
+    legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
@@ -175,7 +175,7 @@ def _write_labels(dataset: Dataset, name: str) -> list[str]:
 def _make_legend(dataset: Dataset) -> list[Line2D]:
     """Return the entries of the legend: media, combinations of parameters, and the dashes of lines outside their range.
 
-    Combinations are grey if there are several media. At most eight are shown.
+    Combinations are grey if there are several media. At most eight are named, and the last entry then says of how many.
     """
     media = list(zip(itertools.cycle(COLOURS), _write_labels(dataset, "medium"), strict=False))
     words = [word for word, _ in _list_combinations(dataset)]
@@ -189,6 +189,8 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
     entries = [] if values and len(media) == 1 else list(zip(media, simulated, strict=True))
     entries += [(value, all(simulated)) for value in values]
     lines = [Line2D([], [], color=colour, label=label, **(point if points else {})) for (colour, label), points in entries]
+    if len(values) < len(words) > 1:
+        lines.append(Line2D([], [], linestyle="none", label=f"{len(values)} of {len(words)} are named"))
     if not np.all(dataset["valid"]):
         outside = point | {"markerfacecolor": "white"} if all(simulated) else {"linewidth": 0.7, "dashes": (3.0, 1.5)}
         lines.append(Line2D([], [], color="0.3", label="outside its range", **outside))
