@@ -89,6 +89,11 @@ class Stencils:
         vars(self).pop("_green", None)
 
     @property
+    def rows(self) -> list[_Row]:
+        """Kinds of deformation, each with its row of C for the two balls of a contact."""
+        return self._rows
+
+    @property
     def n_rows(self) -> int:
         """Number of kinds of deformation: elongations and slips."""
         return len(self._rows)
