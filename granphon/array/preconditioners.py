@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from granphon.array.stencils import Stencils
 
-__all__ = ["Preconditioners", "factorise_contacts"]
+__all__ = ["MOST_BALLS", "Preconditioners", "factorise_contacts"]
 
 Array = NDArray[np.float64]
 Inverse = Callable[[Array], Array]
 #: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory that factors take grows
 #: faster than it, in three dimensions much faster
-_MOST_BALLS = (2**20, 2**18, 2**12)
+MOST_BALLS = (2**20, 2**18, 2**12)
 #: fraction of contacts that are stiff, above which Green's function is kept
 _MOST_STIFF = 0.65
 #: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
@@ -61,7 +61,7 @@ class Preconditioners:
 
     def _may_factorise(self, stiffness: Array) -> bool:
         periods, normal = len(self._stencils.shape), stiffness[: self._stencils.n_contacts]
-        if math.prod(self._stencils.shape) > _MOST_BALLS[periods - 1]:
+        if math.prod(self._stencils.shape) > MOST_BALLS[periods - 1]:
             return False
         return float(np.mean(normal > _STIFF * np.mean(normal))) <= _MOST_STIFF
 

@@ -41,7 +41,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float) -> Array:
     stiffness = stencils.weights(normal)
     affine = _strain_contacts(mindlin_ratio)[..., None, None]
     means = stencils.weights(np.full((3, 1, 1), find_uniform_part(normal)))
-    motions = find_linear_response(stencils, stiffness, *((stiffness - means) * one for one in affine))
+    motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine))
     strains = [one - stencils.deformations(Motion(motion, 0.0)) for one, motion in zip(affine, motions, strict=True)]
     state.stencils.forget()  # many samples may be kept, each with a large Green's function
     area = TRIANGULAR.measure * state.deviations.size
