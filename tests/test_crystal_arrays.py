@@ -140,7 +140,8 @@ def test_energy_and_forces_are_those_of_the_array_ball_by_ball(lattice, eta, tor
 def test_preconditioner_of_equal_contacts_holds_their_inverse(lattice, eta):
     shape = SMALL[lattice]
     stencils = Stencils(shape, eta, 1, lattice, 0.1 * eta, 0.02 * eta)
-    springs = stencils.rooms.fill(stencils.weights(np.full((stencils.n_contacts, *shape), 0.7)))
+    stiffness = stencils.weights(np.full((stencils.n_contacts, *shape), 0.7))
+    springs = stencils.rooms.fill(stiffness)
     size = stencils.n_fields * math.prod(shape)
     units = np.eye(size).reshape(size, stencils.n_fields, *shape)
 
@@ -150,7 +151,7 @@ def test_preconditioner_of_equal_contacts_holds_their_inverse(lattice, eta):
         return stencils.product(springs, room, 0.0, stencils.padded())[0].copy()
 
     matrix = np.stack([apply(unit).ravel() for unit in units], axis=1)
-    precondition = stencils.preconditioner(springs)
+    precondition = stencils.preconditioner(stiffness)
     found = np.stack([precondition(unit).ravel() for unit in units], axis=1)
     np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
     # on what costs energy it is the inverse, plus that of each ball alone, whose eigenvalues are positive

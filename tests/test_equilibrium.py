@@ -446,7 +446,7 @@ def test_what_is_reached_is_said(monkeypatch):
 
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = equilibrate(balls((16, 16)), Prescribed(overlap=0.0))
-    monkeypatch.setattr(module, "_CONJUGATE_STEPS", 0.05)
+    monkeypatch.setattr(module, "_RESPONSE_STEPS", 1)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 

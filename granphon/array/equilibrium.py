@@ -7,14 +7,16 @@ the lattice. In units of W and of the force c W^(3/2) (Section IV) a contact has
 
 with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equilibrium is the minimum of the sum of
 (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
-convex. Newton's method finds the minimum. Conjugate gradients solve the linear equations of each step, no more accurately
-than the step needs. The length of a step is chosen from the slope of the energy along it, never from the energy itself, a
-large sum in which rounding hides the changes.
+convex. Newton's method finds the minimum; where many contacts are open, an interior-point method
+(:mod:`granphon.array.interior`) first goes near it. Conjugate gradients solve the linear equations of each step, no more
+accurately than the step needs. The length of a step is chosen from the slope of the energy along it, never from the energy
+itself, a large sum in which rounding hides the changes.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -22,6 +24,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.interior import approach
+from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
@@ -41,10 +46,14 @@ REST_TOLERANCE = 1e-10
 THRESHOLD_FORCE = 1e-8
 #: largest number of steps of Newton's method
 _NEWTON_STEPS = 1000
-#: largest number of conjugate-gradient steps in one step of Newton's method
-_CONJUGATE_STEPS = 3000
+#: fraction of contacts closed on the sites of the lattice, below which the interior-point method comes before Newton's
+_CLOSED_ON_SITES = 0.45
+#: if the force is given, least and largest f* at which it does
+_LEAST_INTERIOR, _MOST_INTERIOR = 1e-6, 1.5e-2
 #: f* below which an equilibrium at given force is started from the equilibrium at ten times the force
-_DIRECT_FORCE = 1e-2
+_DIRECT_FORCE = 1e-4
+#: largest number of conjugate-gradient steps for a linear response
+_RESPONSE_STEPS = 60_000
 #: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
 #: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
@@ -184,7 +193,7 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
-        balls = find_linear_response(self.stencils, stiffness, stiffness - find_uniform_part(stiffness))
+        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - find_uniform_part(stiffness)])
         return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
 
     @cached_property
@@ -264,12 +273,18 @@ def equilibrate(
         raise explain_too_small(load.force)
     if start is None and free and load.force < _DIRECT_FORCE and not equal:
         start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
+    fresh = start is None or equal
     if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
-    y, balls, steps = start.overlap if free else float(load.overlap or 0.0), start.balls, 0
+    y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
     contacts, least = means.size, _LEAST_DIFFERENCE * float(np.std(means))
-    for newton in range(_NEWTON_STEPS):
+    inverses = Preconditioners(stencils)
+    near = _LEAST_INTERIOR <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
+    # in space the interior-point method takes too many iterations without factors
+    if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
+        y, balls, begun, steps = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+    for newton in range(begun, _NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
         for rows in stencils.blocks():
@@ -301,8 +316,11 @@ def equilibrate(
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-        step, taken = _solve_by_conjugate_gradients(stencils, stiffness, Motion(pull, contacts * push), reduction, free)
-        length = _step_length(y, differences, step, stencils, load if free else None)
+        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness)
+        rest = Motion(pull, contacts * push)
+        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free)
+        inverses.count(taken)
+        length = _step_length(y, differences, (excess, root), step, stencils, load if free else None)
         y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
     raise ConvergenceError(
         message(
@@ -331,8 +349,13 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     return np.asarray((fields - means).reshape(balls.shape))
 
 
-def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils, load: Prescribed | None) -> float:
-    """Find the length at which the slope of the energy along the step, negative at first, has a tenth of its first size."""
+def _step_length(
+    y: float, differences: Array, here: tuple[Array, Array], step: Motion, stencils: Stencils, load: Prescribed | None
+) -> float:
+    """Find the length at which the slope of the energy along the step, negative at first, has a tenth of its first size.
+
+    ``here`` is what :func:`_compute_excess` gives before the step.
+    """
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
     work = 0.0 if load is None else more * differences.size
 
@@ -340,7 +363,10 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
         there, value, rise = y + length * more, 0.0, 0.0
         for rows in stencils.blocks():
             part = strain[:, rows]
-            excess, root = _compute_excess(there, differences[:, rows] - length * part)
+            if length:
+                excess, root = _compute_excess(there, differences[:, rows] - length * part)
+            else:
+                excess, root = here[0][:, rows], here[1][:, rows]
             part = part - more
             value -= dot(excess, part)
             rise += 1.5 * dot(root, part * part)
@@ -365,71 +391,19 @@ def _step_length(y: float, differences: Array, step: Motion, stencils: Stencils,
     return length
 
 
-def find_linear_response(stencils: Stencils, stiffness: Array, tension: Array) -> Array:
-    """Return (fields, L1, ..., Lp) the motion u that solves C^T K C u = C^T ``tension``, for a ``tension`` of contacts.
+def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array]) -> list[Array]:
+    """Return the motions u (fields, L1, ..., Lp) that solve C^T K C u = C^T t for each of the ``tensions`` t of contacts.
 
-    ``stiffness`` and ``tension`` are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tension
-    must be zero too. Raises :class:`ConvergenceError` if conjugate gradients do not converge.
+    ``stiffness`` and tensions are (rows, L1, ..., Lp). The stiffness is zero where balls are apart; there the tensions must
+    be zero too. Raises :class:`ConvergenceError` if conjugate gradients do not converge.
     """
-    force = Motion(stencils.forces(tension), 0.0)
+    inverse = Preconditioners(stencils).choose(stiffness, hard=True)
     # a tension that is in balance except for rounding moves nothing
-    floor = _NOISE**2 * dot(tension, tension) / float(np.mean(stiffness[: stencils.n_contacts]))
-    return _solve_by_conjugate_gradients(stencils, stiffness, force, _RESPONSE, most=20 * _CONJUGATE_STEPS, floor=floor)[
-        0
-    ].balls
-
-
-def _solve_by_conjugate_gradients(
-    stencils: Stencils,
-    stiffness: Array,
-    force: Motion,
-    reduction: float,
-    free: bool = False,
-    most: int | None = None,
-    floor: float = 0.0,
-) -> tuple[Motion, int]:
-    """Solve C^T K C u = ``force``, and return u with the number of steps taken.
-
-    The iteration ends when the error in the energy norm has fallen by about ``reduction``, or its square is below ``floor``,
-    where it is only rounding. If ``free`` is true, the compression is an unknown too. More than ``most`` steps raise
-    :class:`ConvergenceError`; if ``most`` is None the iteration stops at its own limit, and Newton's method goes on from
-    there.
-    """
-    contacts = stencils.n_contacts * stiffness[0].size
-    springs = stencils.rooms.fill(stiffness)
-    precondition = stencils.preconditioner(springs)
-    held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
-    left, press = force.balls.copy(), force.compression
-    balls, compression = np.zeros_like(left), 0.0
-    way, out = stencils.padded(), stencils.padded()
-    inner = way[stencils.rooms.inner]
-    better = precondition(left)
-    product = first = dot(left, better) + held * press * press
-    inner[...] = better
-    squeeze, count = held * press, 0
-    while product > max(reduction**2 * first, floor):
-        if count == (most or _CONJUGATE_STEPS):
-            if most is None:
-                break
-            raise ConvergenceError(
-                message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
-            )
-        stencils.rooms.wrap(way)
-        change, pull, energy = stencils.product(springs, way, squeeze, out)
-        if energy <= 0.0:  # nothing but rounding is left
-            break
-        length = product / energy
-        for rows in stencils.blocks():
-            balls[:, rows] += length * inner[:, rows]
-            left[:, rows] -= length * change[:, rows]
-        if free:
-            compression += length * squeeze
-            press += length * pull
-        better = precondition(left)
-        last, product = product, dot(left, better) + held * press * press
-        turn = product / last
-        for rows in stencils.blocks():
-            inner[:, rows] = turn * inner[:, rows] + better[:, rows]
-        squeeze = turn * squeeze + held * press
-        count += 1
-    return Motion(balls, compression), count
+    noise = _NOISE**2 / float(np.mean(stiffness[: stencils.n_contacts]))
+    return [
+        solve_by_conjugate_gradients(
+            stencils, stiffness, Motion(stencils.forces(tension), 0.0), inverse, _RESPONSE,
+            most=_RESPONSE_STEPS, floor=noise * dot(tension, tension),
+        )[0].balls
+        for tension in tensions
+    ]  # fmt: skip

@@ -40,7 +40,7 @@ def elasticity(state: Equilibrium, mindlin_ratio: float, torsion: float = 0.0, b
     # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
     even = find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
     means = stencils.weights(np.full((stencils.n_contacts, *(1,) * len(stencils.shape)), even))
-    motions = [find_linear_response(stencils, stiffness, (stiffness - means) * one) for one in affine]
+    motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine))
     own.forget()  # many samples may be kept, each with a large Green's function
     measure = state.lattice.measure * np.prod(stencils.shape)
     tensor = np.zeros((len(affine), len(affine)))

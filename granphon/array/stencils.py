@@ -106,6 +106,11 @@ class Stencils:
         vars(self).pop("_green", None)
 
     @property
+    def rows(self) -> list[ArrayRow]:
+        """Kinds of deformation, each with its row of C for the two balls of a contact."""
+        return self._rows
+
+    @property
     def n_rows(self) -> int:
         """Number of kinds of deformation."""
         return len(self._rows)
@@ -264,13 +269,13 @@ class Stencils:
     def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
         """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
-        The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is in
-        rooms with margins of zeros.
+        The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is
+        (rows, L1, ..., Lp).
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        mean = float(np.mean(stiffness[: self.n_contacts][self.rooms.inner]))
-        local = self._invert_blocks(stiffness, _LEAST_LOCAL * mean)
+        mean = float(np.mean(stiffness[: self.n_contacts]))
+        local = self._invert_blocks(self.rooms.fill(stiffness), _LEAST_LOCAL * mean)
         axes = tuple(range(1, len(self.shape) + 1))
         # with one ball in the cell Green's function is that of rotations times i
         turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
@@ -301,7 +306,8 @@ class Stencils:
     def _invert_blocks(self, stiffness: Array, least: float) -> list[tuple[list[int], list[list[Array]]]]:
         """Return the inverse of each ball's own block of C^T K C, with displacements and rotations treated separately.
 
-        Each entry holds the fields of a block, and the inverse as lines of arrays (L1, ..., Lp).
+        Each entry holds the fields of a block, and the inverse as lines of arrays (L1, ..., Lp). ``stiffness`` is in rooms
+        with margins of zeros.
         """
         springs = stiffness.reshape(len(stiffness), -1)
         groups = [range(self.motions.count)[part] for part in (self.motions.translating, self.motions.turning)]

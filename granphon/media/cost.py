@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -34,6 +35,8 @@ _PYTHON_BYTES = 80e6
 _BALL_BYTES = 450.0
 #: bytes for each ball while a linear response with rotations is worked on
 _ROTATING_BALL_BYTES = 620.0
+#: f* below which contacts are factorised, and bytes for each ball that this takes more, without rotations and with them
+_FACTOR_FORCE, _FACTOR_BYTES, _ROTATING_FACTOR_BYTES = 0.015, 2100.0, 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of a further equilibrium that is kept
@@ -220,6 +223,8 @@ def estimate(
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
     force = np.maximum(_estimate_reduced_force(packing, load.applied), _FORCES[0])
+    if np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[len(simulation.shape) - 1]:
+        memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     rest = _estimate_effort(force)
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME) if moduli else 0.0
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
@@ -241,7 +246,8 @@ def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
 
 def _estimate_effort(force: ArrayLike) -> Array:
     """Return the time of an equilibrium per ball, in arbitrary units, at a reduced force."""
-    return np.asarray(1.0 + 0.37 * np.asarray(force, float) ** -0.7)
+    force = np.asarray(force, float)
+    return np.asarray(1.0 + np.minimum(0.37 * force**-0.7, 0.9 * force**-0.42))
 
 
 @cache

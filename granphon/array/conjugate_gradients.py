@@ -1,0 +1,72 @@
+"""The method of conjugate gradients for the linear equations of an array of balls, C^T K C u = f."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.stencils import Motion, Stencils, dot
+from granphon.base.errors import ConvergenceError, message
+
+__all__ = ["solve_by_conjugate_gradients"]
+
+Array = NDArray[np.float64]
+#: largest number of steps in one step of Newton's method
+_CONJUGATE_STEPS = 3000
+
+
+def solve_by_conjugate_gradients(
+    stencils: Stencils,
+    stiffness: Array,
+    force: Motion,
+    precondition: Callable[[Array], Array],
+    reduction: float,
+    free: bool = False,
+    most: int | None = None,
+    floor: float = 0.0,
+) -> tuple[Motion, int]:
+    """Solve C^T K C u = ``force``, and return u with the number of steps taken.
+
+    The iteration ends when the error in the energy norm has fallen by about ``reduction``, or its square is below ``floor``,
+    where it is only rounding. If ``free`` is true, the compression is an unknown too. More than ``most`` steps raise
+    :class:`ConvergenceError`; if ``most`` is None the iteration stops at its own limit, and Newton's method goes on from
+    there.
+    """
+    contacts = stencils.n_contacts * stiffness[0].size
+    held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
+    left, press = force.balls.copy(), force.compression
+    balls, compression = np.zeros_like(left), 0.0
+    way, out = stencils.padded(), stencils.padded()
+    inner, springs = way[stencils.rooms.inner], stencils.rooms.fill(stiffness)
+    better = precondition(left)
+    product = first = dot(left, better) + held * press * press
+    inner[...] = better
+    squeeze, count = held * press, 0
+    while product > max(reduction**2 * first, floor):
+        if count == (most or _CONJUGATE_STEPS):
+            if most is None:
+                break
+            raise ConvergenceError(
+                message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
+            )
+        stencils.rooms.wrap(way)
+        change, pull, energy = stencils.product(springs, way, squeeze, out)
+        if energy <= 0.0:  # nothing but rounding is left
+            break
+        length = product / energy
+        for rows in stencils.blocks():
+            balls[:, rows] += length * inner[:, rows]
+            left[:, rows] -= length * change[:, rows]
+        if free:
+            compression += length * squeeze
+            press += length * pull
+        better = precondition(left)
+        last, product = product, dot(left, better) + held * press * press
+        turn = product / last
+        for rows in stencils.blocks():
+            inner[:, rows] = turn * inner[:, rows] + better[:, rows]
+        squeeze = turn * squeeze + held * press
+        count += 1
+    return Motion(balls, compression), count

@@ -1,0 +1,122 @@
+"""An interior-point method for arrays near their rigidity threshold, where half of the contacts or more are open.
+
+Newton's method on the energy is slow there: it learns only bit by bit which contacts open and close. Here force f and gap s
+of every contact are unknowns of their own, both above zero,
+
+    h = f^(2/3) - s,    f s = mu,    C^T f = 0
+
+with the overlap h of :mod:`granphon.array.equilibrium`. For mu = 0 this is the equilibrium: f = h_+^(3/2), and s is the
+distance of balls that are apart. A step is one of Newton's method for the three equations together (S. J. Wright,
+Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it is a linear system C^T K C with the stiffness
+
+    K = 1 / ((2/3) f^(-1/3) + s/f)
+
+in the place of (3/2) h_+^(1/2). From step to step mu is lowered. Balls that nothing holds come to rest in the middle of
+their cages, where they touch no other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.stencils import Motion, Stencils
+
+__all__ = ["approach", "split"]
+
+Array = NDArray[np.float64]
+#: largest number of steps
+_STEPS = 100
+#: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
+_CLOSE = 1e-9
+#: mean force at which the array counts as carrying no load
+_LEAST_FORCE = 1e-10
+#: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this power: it falls the faster
+#: the better it goes
+_SPEED = 1.5
+#: least and largest of these factors
+_LEAST_FACTOR, _LARGEST_FACTOR = 1e-3, 0.2
+#: mu is not lowered while the largest force left on a ball, over the mean force, is more than this many times the root of mu
+#: over the mean force to the power 5/3
+_TOO_FAR = 5.0
+#: least fraction of its value that a step leaves of an f or s
+_LEFT = 0.01
+#: error of a linear system, as a fraction of the factor by which mu is lowered; the largest error, and that where mu is held
+_ACCURACY, _LARGEST_ERROR, _HELD_ERROR = 0.5, 0.1, 0.01
+#: f^(2/3) and s of a contact with h = 0 at the start, over the standard deviation of h: from the sites of the lattice, and
+#: from an equilibrium
+_WIDTH, _WIDTH_NEAR = 1.0, 0.03
+
+
+def approach(
+    means: Array,
+    overlap: float,
+    balls: Array,
+    force: float | None,
+    stencils: Stencils,
+    inverses: Preconditioners,
+    fresh: bool,
+) -> tuple[float, Array, int, int]:
+    """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
+
+    Parameters
+    ----------
+    means : (n_c, L1, ..., Lp) means (x_i + x_j)/2 of the contacts.
+    overlap, balls : y and the displacements at which to begin.
+    force : mean contact force f* to be reached by a change of y; y is kept if it is None.
+    stencils, inverses : of the array.
+    fresh : whether the balls begin on their sites, rather than at an equilibrium under another load.
+    """
+    y, taken, step, factor, before = overlap, 0, 0, _LARGEST_FACTOR, math.inf
+    h = y + means - stencils.deformations(Motion(balls, 0.0))
+    f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
+    for step in range(_STEPS):
+        product, mean = float(np.mean(f * s)), float(np.mean(f))
+        if mean < _LEAST_FORCE:  # too few balls touch to hold each other: Newton's method finds that out at once
+            break
+        relative = product / mean ** (5.0 / 3.0)
+        if relative <= _CLOSE:
+            break
+        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(stencils.forces(f)) ** 2, axis=0)))) / mean
+        factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
+        if step and left > _TOO_FAR * math.sqrt(relative):
+            factor = 1.0
+        mu, before = factor * product, product
+        closed = np.cbrt(f) ** 2
+        stiffness = f / ((2.0 / 3.0) * closed + s)
+        change = h - closed + mu / f
+        tension = f + stiffness * change
+        push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
+        motion, count = solve_by_conjugate_gradients(
+            stencils, stiffness, Motion(stencils.forces(tension), push), inverses.choose(stiffness),
+            min(_ACCURACY * factor, _LARGEST_ERROR if factor < 1.0 else _HELD_ERROR), force is not None,
+        )  # fmt: skip
+        inverses.count(count)
+        change += motion.compression - stencils.deformations(Motion(motion.balls, 0.0))
+        change *= stiffness
+        widening = (mu - s * change) / f - s
+        # a whole step, but for those f and s that it would make too small; where mu is held a shorter step for all is safer
+        length = 1.0 if factor < 1.0 else min(1.0, (1.0 - _LEFT) * min(_reach(f, change), _reach(s, widening)))
+        f = np.maximum(f + length * change, _LEFT * f)
+        s = np.maximum(s + length * widening, _LEFT * s)
+        y, balls, taken = y + length * motion.compression, balls + length * motion.balls, taken + count
+        h = y + means - stencils.deformations(Motion(balls, 0.0))
+    return y, balls, step, taken
+
+
+def split(h: Array, width: float) -> tuple[Array, Array]:
+    """Return f and s above zero, with h = f^(2/3) - s; where h is zero both roots are ``width``."""
+    root, half = np.hypot(0.5 * h, width), 0.5 * np.abs(h)
+    larger, less = root + half, width**2 / (root + half)
+    closed, s = np.where(h > 0.0, larger, less), np.where(h > 0.0, less, larger)
+    return closed * np.sqrt(closed), s
+
+
+def _reach(values: Array, changes: Array) -> float:
+    """Return the length of a step at which the first value reaches zero."""
+    falling = changes < 0.0
+    return float(np.min(values[falling] / -changes[falling], initial=math.inf))

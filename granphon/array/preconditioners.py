@@ -1,0 +1,130 @@
+"""Approximate inverses of C^T K C for conjugate gradients, chosen by the state and the size of the array.
+
+Where most contacts are closed, the lattice's Green's function serves: an iteration costs two Fourier transforms, and few are
+needed. Near the rigidity threshold half of the contacts are open, without order, and Green's function knows nothing of them.
+There the matrix of the closed contacts is factorised (sparse LU, in single precision, which is enough for an approximation).
+It has few entries; in a plane its factors have few too. They serve for all systems whose stiffnesses are not very different.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.stencils import Stencils
+
+__all__ = ["MOST_BALLS", "Preconditioners", "factorise_contacts"]
+
+Array = NDArray[np.float64]
+Inverse = Callable[[Array], Array]
+#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory that factors take grows
+#: faster than it, in three dimensions much faster
+MOST_BALLS = (2**20, 2**18, 2**12)
+#: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1, 2, 3 periods
+_MOST_STIFF = (0.65, 0.65, 0.42)
+#: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
+_STIFF = 0.01
+#: stiffness, over the mean, that holds balls which nothing else holds
+_LEAST_DIAGONAL = 1e-5
+#: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
+_HOLDING = 1e-5
+#: iterations with Green's function after which, at most, the matrix is factorised; and the cost of an iteration with the
+#: factors in iterations with Green's function. In a plane, 64 x 64 to 512 x 512 balls, a factorisation costs 120 to 180
+_PATIENCE, _SOLUTION = 250, 3
+
+
+class Preconditioners:
+    """Preconditioners for the systems that an equilibrium or a response of one array poses one after the other.
+
+    They count iterations: the matrix is factorised, or factorised anew, when those since the last factorisation cost more
+    than it would. Numbers of iterations alone decide, never times, so that results are the same on any machine.
+    """
+
+    def __init__(self, stencils: Stencils) -> None:
+        self._stencils = stencils
+        self._factors: Inverse | None = None
+        self._spent = 0
+
+    def choose(self, stiffness: Array, hard: bool = False) -> Inverse:
+        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many iterations are sure to follow."""
+        if (hard or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
+            self._factors, self._spent = None, 0  # old factors are freed before new ones are made
+            self._factors = self._factorise(stiffness)
+        return self._factors or self._stencils.preconditioner(stiffness)
+
+    def count(self, iterations: int) -> None:
+        """Count the iterations that the preconditioner chosen last has taken."""
+        self._spent += iterations * (_SOLUTION if self._factors else 1)
+
+    @property
+    def are_small(self) -> bool:
+        """Whether the array is small enough for factors."""
+        return math.prod(self._stencils.shape) * self._stencils.n_balls <= MOST_BALLS[len(self._stencils.shape) - 1]
+
+    def _may_factorise(self, stiffness: Array) -> bool:
+        normal = stiffness[: self._stencils.n_contacts]
+        most = _MOST_STIFF[len(self._stencils.shape) - 1]
+        return self.are_small and float(np.mean(normal > _STIFF * np.mean(normal))) <= most
+
+    def _factorise(self, stiffness: Array) -> Inverse:
+        shape, rows = self._stencils.shape, self._stencils.rows
+        site = np.arange(math.prod(shape)).reshape(shape)
+        j = np.stack([np.roll(site, [-n for n in row.shift], range(site.ndim)).ravel() for row in rows])
+        i = np.broadcast_to(site.ravel(), j.shape)
+        head, tail = np.zeros((2, len(rows), self._stencils.n_fields))
+        for kind, row in enumerate(rows):
+            for coefficients, pairs in ((head, row.head), (tail, row.tail)):
+                for field, value in pairs:
+                    coefficients[kind, field] = value
+        return factorise_contacts(i, j, head, tail, stiffness.reshape(len(rows), -1))
+
+
+def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, tail: Array, stiffness: Array) -> Inverse:
+    """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
+
+    The deformation c of kind k is ``head[k].x_j - tail[k].x_i``, x being the motions of balls i[k, c] and j[k, c], or of
+    cells of several balls. The inverse takes forces (n, ...) and returns motions (n, ...); the other axes together count the
+    balls. It is symmetric but for rounding, and positive definite.
+
+    Parameters
+    ----------
+    i, j : (kinds, contacts) balls of each contact.
+    head, tail : (kinds, n) rows of C.
+    stiffness : (kinds, contacts), not negative.
+    """
+    from scipy.sparse import csr_array, diags_array, eye_array  # imported here: most simulations do not need them
+    from scipy.sparse.linalg import splu
+
+    fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
+    stiff = stiffness > _STIFF * mean
+    kind, contact = np.nonzero(stiff)
+    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((balls, fields), _LEAST_DIAGONAL * mean)
+    entries = []
+    for ends, row in ((j, head), (i, -tail)):
+        for field in range(fields):
+            diagonal[:, field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
+            here = np.flatnonzero(row[kind, field])
+            entries.append((row[kind[here], field], here, fields * ends[kind[here], contact[here]] + field))
+    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    c = csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
+    matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)
+    factors = splu(
+        matrix.tocsc().astype(np.float32),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,  # the matrix is symmetric and positive definite
+        relax=1,  # larger supernodes would fill this one with zeros
+        options={"SymmetricMode": True, "Equil": False},
+    )
+
+    def apply(force: Array) -> Array:
+        scaled = scale * force.reshape(fields, -1).T.ravel()
+        largest = float(np.max(np.abs(scaled))) or 1.0  # single precision has no numbers below 1e-38
+        found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
+        return np.ascontiguousarray(found.reshape(-1, fields).T).reshape(force.shape)
+
+    return apply
