@@ -263,7 +263,8 @@ def equilibrate(
     contacts, inverses = means.size, Preconditioners(stencils)
     near = _LEAST_INTERIOR <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     if near and not equal:
-        y, balls, begun, steps = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        y, balls, begun, steps = found or (y, balls, begun, steps)
     for newton in range(begun, _NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
@@ -288,10 +289,10 @@ def equilibrate(
         # the load itself is met to more digits: it is a number that the user gave
         distance = max(left / scale if left else 0.0, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
         if distance <= tolerance:
-            found = Equilibrium(
+            state = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls), residual=left / force, newton=newton, conjugate=steps
             )
-            return found.share(found.deviations, stencils)  # keeps the Green's function of the stencils
+            return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
