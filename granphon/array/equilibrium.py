@@ -47,9 +47,9 @@ THRESHOLD_FORCE = 1e-8
 _NEWTON_STEPS = 1000
 #: fraction of contacts closed on the sites of the lattice, below which the interior-point method comes before Newton's
 _CLOSED_ON_SITES = 0.45
-#: if the force is given, least and largest f* at which it does
-_LEAST_INTERIOR, _MOST_INTERIOR = 1e-6, 1.5e-2
-#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force
+#: if the force is given, largest f* at which it does
+_MOST_INTERIOR = 1.5e-2
+#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force, by Newton's method
 _DIRECT_FORCE = 1e-4
 #: largest number of conjugate-gradient steps for a linear response
 _RESPONSE_STEPS = 60_000
@@ -261,7 +261,7 @@ def equilibrate(
         start = Equilibrium(deviations, float(y), np.zeros((2, *deviations.shape)))
     y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
     contacts, inverses = means.size, Preconditioners(stencils)
-    near = _LEAST_INTERIOR <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
+    near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     if near and not equal:
         found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)

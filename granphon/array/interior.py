@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 _STEPS = 100
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
 _CLOSE = 1e-9
+#: largest force left on a ball, over the mean force, with which it then ends well
+_BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
 _LEAST_FORCE = 1e-10
 #: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this power: it falls the faster
@@ -81,9 +83,9 @@ def approach(
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None
         relative = product / mean ** (5.0 / 3.0)
-        if relative <= _CLOSE:
-            return y, balls, step, taken
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(stencils.forces(f)) ** 2, axis=0)))) / mean
+        if relative <= _CLOSE:
+            return (y, balls, step, taken) if left <= _BALANCED else None
         factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
         if step and left > _TOO_FAR * math.sqrt(relative):
             factor = 1.0
