@@ -94,6 +94,24 @@ def test_loads_that_nothing_can_bear_are_still_refused():
         equilibrate(balls((16, 16)), Prescribed(overlap=-0.3))
 
 
+@pytest.mark.parametrize("load", [Prescribed(overlap=-0.1), Prescribed(force=1e-3)])
+def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load, monkeypatch):
+    x = balls((16, 15), 1)
+    expected = equilibrate(x, load)
+    monkeypatch.setattr("granphon.array.interior._STEPS", 5)
+    found = equilibrate(x, load)
+    assert found.newton > expected.newton
+    close_forces(found.forces, expected.forces)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_least_loads_of_few_balls(seed):
+    # next to the threshold itself, where a contact more or less decides
+    found = equilibrate(balls((5, 5), seed), Prescribed(force=1.01e-8))
+    assert found.force == pytest.approx(1.01e-8, rel=2e-13)
+    assert found.residual <= 1e-10
+
+
 @pytest.mark.parametrize("width", [1.0, 1e-8])
 def test_force_and_gap_of_every_overlap(width):
     h = np.concatenate([-np.logspace(3, -12, 31), [0.0], np.logspace(-12, 3, 31)])

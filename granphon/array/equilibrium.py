@@ -48,9 +48,9 @@ THRESHOLD_FORCE = 1e-8
 _NEWTON_STEPS = 1000
 #: fraction of contacts closed on the sites of the lattice, below which the interior-point method comes before Newton's
 _CLOSED_ON_SITES = 0.45
-#: if the force is given, least and largest f* at which it does
-_LEAST_INTERIOR, _MOST_INTERIOR = 1e-6, 1.5e-2
-#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force
+#: if the force is given, largest f* at which it does
+_MOST_INTERIOR = 1.5e-2
+#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force, by Newton's method
 _DIRECT_FORCE = 1e-4
 #: largest number of conjugate-gradient steps for a linear response
 _RESPONSE_STEPS = 60_000
@@ -280,10 +280,11 @@ def equilibrate(
     y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
     contacts, least = means.size, _LEAST_DIFFERENCE * float(np.std(means))
     inverses = Preconditioners(stencils)
-    near = _LEAST_INTERIOR <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
+    near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
-        y, balls, begun, steps = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        y, balls, begun, steps = found or (y, balls, begun, steps)
     for newton in range(begun, _NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
@@ -308,11 +309,11 @@ def equilibrate(
         # the load itself is met to more digits: it is a number that the user gave
         distance = max(left / scale if left else 0.0, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
         if distance <= tolerance:
-            found = Equilibrium(
+            state = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls, stencils), residual=left / force, newton=newton,
                 conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
-            return found.share(found.deviations, stencils)  # keeps the Green's function of the stencils
+            return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 _STEPS = 100
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
 _CLOSE = 1e-9
+#: largest force left on a ball, over the mean force, with which it then ends well
+_BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
 _LEAST_FORCE = 1e-10
 #: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this power: it falls the faster
@@ -60,8 +62,10 @@ def approach(
     stencils: Stencils,
     inverses: Preconditioners,
     fresh: bool,
-) -> tuple[float, Array, int, int]:
+) -> tuple[float, Array, int, int] | None:
     """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
+
+    The result is None if no equilibrium is near after 100 steps: it may be at the threshold itself, or there may be none.
 
     Parameters
     ----------
@@ -71,17 +75,17 @@ def approach(
     stencils, inverses : of the array.
     fresh : whether the balls begin on their sites, rather than at an equilibrium under another load.
     """
-    y, taken, step, factor, before = overlap, 0, 0, _LARGEST_FACTOR, math.inf
+    y, taken, before = overlap, 0, math.inf
     h = y + means - stencils.deformations(Motion(balls, 0.0))
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
     for step in range(_STEPS):
         product, mean = float(np.mean(f * s)), float(np.mean(f))
-        if mean < _LEAST_FORCE:  # too few balls touch to hold each other: Newton's method finds that out at once
-            break
+        if mean < _LEAST_FORCE:  # too few balls touch to hold each other
+            return None
         relative = product / mean ** (5.0 / 3.0)
-        if relative <= _CLOSE:
-            break
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(stencils.forces(f)) ** 2, axis=0)))) / mean
+        if relative <= _CLOSE:
+            return (y, balls, step, taken) if left <= _BALANCED else None
         factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
         if step and left > _TOO_FAR * math.sqrt(relative):
             factor = 1.0
@@ -105,7 +109,7 @@ def approach(
         s = np.maximum(s + length * widening, _LEFT * s)
         y, balls, taken = y + length * motion.compression, balls + length * motion.balls, taken + count
         h = y + means - stencils.deformations(Motion(balls, 0.0))
-    return y, balls, step, taken
+    return None
 
 
 def split(h: Array, width: float) -> tuple[Array, Array]:

@@ -223,7 +223,7 @@ def estimate(
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
     force = np.maximum(_estimate_reduced_force(packing, load.applied), _FORCES[0])
-    if np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[len(simulation.shape) - 1]:
+    if np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[len(simulation.cells) - 1]:
         memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
     rest = _estimate_effort(force)
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME) if moduli else 0.0
