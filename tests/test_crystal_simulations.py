@@ -12,10 +12,11 @@ from conftest import only
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.balls.lattices import LATTICES, Lattice
+from granphon.balls.lattices import LATTICES, Lattice, one_direction
 from granphon.base.errors import InputError, SceneError
 from granphon.base.text import parse_yaml
 from granphon.dynamics.tensors import has_cubic_axes
+from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
 from granphon.observables.velocities import Moduli
 from granphon.scene.scene import Scene
@@ -282,3 +283,66 @@ def test_neither_processes_nor_threads_change_samples_in_space():
     for other in (aside, threads):
         assert_array_equal(other.overlap, state.overlap)
         assert_array_equal(other.elastic_tensor, state.elastic_tensor)
+
+
+# -- fits ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("lattice", "branch", "direction"),
+    only(
+        [("fcc", "transverse_slow", (1, 1, 0))],
+        [("fcc", "longitudinal", (1, 1, 1)), ("fcc", "transverse_slow", (1, 1, 0)), ("hcp", "transverse_fast", (1, 0, 1))],
+    ),
+)
+def test_the_model_of_a_fit_is_that_of_the_samples_along_its_direction(lattice, branch, direction):
+    choice = MediumChoice.parse({"simulation": {"shape": (2, 2, 2), "seed": 1}})
+    waves = Waves(branch, one_direction(direction, 3), None, False)
+    unit = packing(lattice).width_units.force
+    places = unit * 10.0 ** (np.arange(-2, 5, 3) / 8.0)  # nodes of the curve
+    model = VelocityModel(packing(lattice), ("width", "young_modulus"), choice, places, waves)
+    logs = model.find_start(WIDTH)
+    found, slopes = model(logs)
+    state = gp.DirectSimulation(packing(lattice), (2, 2, 2), seed=1).at_force(places)
+    wanted = getattr(gp.sound_velocities(state, direction), branch)
+    assert_allclose(found, wanted, rtol=1e-7)
+    difference = [(np.log(model(logs + s)[0]) - np.log(model(logs - s)[0])) / 2e-5 for s in 1e-5 * np.eye(2)]
+    assert_allclose(slopes.T, difference, rtol=2e-4, atol=1e-6)
+
+
+# -- calculators --------------------------------------------------------------------------------------------------------
+
+
+@every_lattice
+@pytest.mark.parametrize("friction", [False, True])
+def test_force_constants_of_a_sample_are_differences_of_its_forces(lattice, friction):
+    shapes = {"chain": (7,), "triangular": (4, 4), "fcc": (4, 3, 3), "hcp": (3, 3, 2)}
+    state = gp.DirectSimulation(packing(lattice, friction=friction), shapes[lattice]).at_force(10.0)
+    balls = gp.HertzMindlin(state).adopt(state.sample.atoms())
+    balls.calc = gp.HertzMindlin(state)
+    constants, p = balls.calc.get_force_constants(balls), len(shapes[lattice])
+    assert_allclose(constants, constants.transpose(1, 0, 3, 2), rtol=0.0, atol=1e-12)
+    step = 1e-4 * 10.0 / (state.normal_stiffness * D)  # a small part of an overlap
+    for axis in range(p):
+        ball, sides = len(balls) // 2, []
+        for sign in (1.0, -1.0):
+            moved = balls.copy()
+            moved.calc = gp.HertzMindlin(state)
+            moved.positions[ball, axis] += sign * step
+            sides.append(moved.get_forces())
+        difference = (sides[1] - sides[0]) / (2.0 * step)
+        assert_allclose(constants[:, ball, :p, axis], difference[:, :p], rtol=0.0, atol=1e-6 * np.max(constants))
+
+
+@every_lattice
+def test_atoms_and_phonons_of_a_mean_over_samples(lattice):
+    state = simulation(lattice, 2).at_force(10.0)
+    p = len(SHAPES[lattice])
+    balls = gp.atoms(state)
+    balls.calc = gp.HertzMindlin(state)
+    assert np.max(np.abs(balls.get_forces())) < 1e-14
+    q = np.full((1, p), 0.01) / p
+    # long waves of the bands: those of a regular lattice with the mean stiffness
+    lattice_waves = gp.Phonons(state).frequencies(q)[0][:p]
+    regular = gp.Phonons(gp.AveragedLattice(dataclasses.replace(state.packing, spread=None)).at_force(10.0)).frequencies(q)
+    assert_allclose(lattice_waves, regular[0][:p] * np.sqrt(state.stiffness_ratio), rtol=1e-9)
