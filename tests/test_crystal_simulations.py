@@ -232,7 +232,12 @@ def test_directions_lattices_and_media_together(tmp_path):
     media = ["ala", {"simulation": {"shape": (3, 2, 2), "samples": 2}}, {"simulation": {"shape": (2, 2, 2)}}]
     ways = [[1, 0, 0], [1, 1, 0]]
     ds = gp.sweep(
-        packing("fcc", friction=False), force=[10.0, 30.0], media=media, lattice=["fcc", "hcp"], direction=ways, path=tmp_path / "sweep.nc"
+        packing("fcc", friction=False),
+        force=[10.0, 30.0],
+        media=media,
+        lattice=["fcc", "hcp"],
+        direction=ways,
+        path=tmp_path / "sweep.nc",
     )
     for lattice in ("fcc", "hcp"):
         state = gp.DirectSimulation(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force([10.0, 30.0])

@@ -185,9 +185,9 @@ class SparseArray:
         """Return the (n, n) elastic tensor with shear springs eta k at every contact that carries load.
 
         It is in Voigt order, in units of the contacts' stiffness. ``forces`` (n_c, L1, ..., Lp) are those at rest; a contact
-        carries load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing (of the
-        whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12 of the
-        largest stiffness, and iteration removes their small effect.
+        carries load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing
+        (of the whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12
+        of the largest stiffness, and iteration removes their small effect.
         """
         from scipy.sparse import eye_array
 

@@ -31,6 +31,7 @@ __all__ = [
     "MediumChoice",
     "Option",
     "Rung",
+    "even_shape",
     "expected_error",
     "medium",
     "no_simulation",
@@ -282,6 +283,12 @@ class Rung:
         It is found when it is first asked for: a scene that names its medium does not need it.
         """
         return expected_error(self.medium, self.packing, self.load).ravel()
+
+
+def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
+    lengths = np.linalg.norm(structure.vectors, axis=1)
+    return tuple(max(round(side / length), 1) for length in lengths.tolist())
 
 
 def solving_time(packing: Packing) -> float:
