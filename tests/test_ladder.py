@@ -77,7 +77,7 @@ def test_labels_say_what_is_not_the_default():
         ),
         (
             {"simulation": {"shape": (16, 16, 1, 1)}},
-            "shape: found [16, 16, 1, 1]; allowed: three whole numbers from 1 to 20000, such",
+            "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to 20000, one for each period of the",
         ),
         ({"simulation": 4}, "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples."),
         ({"ema": {"local_field": None}}, "medium.ema.local_field: found nothing; allowed: computed, paper."),

@@ -206,7 +206,9 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
     """
     given = [value] if is_whole(value) and periods in (None, 1) else value
     words = given.split() if isinstance(given, str) else given
-    count = periods or min(max(len(words) if hasattr(words, "__len__") else 2, 1), 3)
+    count = periods or (len(words) if hasattr(words, "__len__") else 0)
+    if not 1 <= count <= 3:
+        raise Refused(show(value), f"one to three whole numbers from {low} to {high}, one for each period of the lattice")
     return grid(given, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
 
 

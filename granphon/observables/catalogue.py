@@ -133,6 +133,12 @@ def _find_transverse_error(of: Analysis) -> Any:
     return None if of.velocities.transverse_slow is not None else of.velocities.transverse_error
 
 
+def _find_of_cubic(of: Analysis, name: str) -> Any:
+    """Return an attribute of the moduli of a square or cubic lattice; None if there are none, or the lattice is another."""
+    found = of.moduli
+    return getattr(found, name) if found is not None and found.cubic else None
+
+
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` a function of an analysis that returns None for states with finite overlap.
 
@@ -261,11 +267,11 @@ _OBSERVABLES = (
     _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
     Observable(
         "anisotropy", "1", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one",
-        find=lambda of: of.moduli.anisotropy if of.moduli.cubic else None, cost="velocities",
+        find=lambda of: _find_of_cubic(of, "anisotropy"), cost="velocities",
     ),
     Observable(
         "anisotropy_error", "1", f"{_OVER_SAMPLES} anisotropy", cost="velocities", sampled=True,
-        find=lambda of: of.moduli.anisotropy_error if of.moduli.cubic else None,
+        find=lambda of: _find_of_cubic(of, "anisotropy_error"),
     ),
     _make_modulus_entry(
         "tensor_error", f"{_OVER_SAMPLES} entries of the elastic tensor", sampled=True, dims=("voigt_row", "voigt_column")
