@@ -25,6 +25,10 @@ STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 WIDTH, D = 2.04e-6, 8e-3
 #: small samples of each lattice
 SHAPES = {"chain": (9,), "triangular": (6, 5), "fcc": (3, 2, 2), "hcp": (2, 2, 2)}
+#: fcc in its cube of four balls
+CUBE = Lattice(
+    "cube of fcc", tuple(map(tuple, np.sqrt(2.0) * np.eye(3))), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))
+)
 every_lattice = pytest.mark.parametrize("lattice", SHAPES)
 SCENE = """\
 material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
@@ -63,6 +67,8 @@ def test_a_shape_has_a_length_for_each_period(lattice, shape, told):
     given = {"simulation": {"shape": tuple(map(int, shape.strip("[]").replace(",", " ").split()))}}
     with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
         gp.sweep(packing(lattice), force=1.0, media=given)
+    with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
+        gp.fit_width(packing(lattice), [1.0, 2.0, 3.0], [400.0, 450.0, 480.0], medium=given)
     # where the lattice is swept, it is the lattices of the sweep that count
     swept = SCENE.format("kagome", f"{{simulation: {{shape: {shape}}}}}") + f"sweep: {{lattice: [{lattice}]}}\n"
     with pytest.raises(SceneError, match=told):
@@ -135,6 +141,7 @@ def test_a_scene_writes_and_reads_its_simulation(tmp_path, lattice):
 
 def test_what_is_cubic():
     found = {name for name, lattice in LATTICES.items() if has_cubic_axes(lattice)}
+    assert has_cubic_axes(CUBE)
     assert found == {"square", "sc", "bcc", "fcc", "diamond"}
     turned = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     assert not has_cubic_axes(Lattice("turned", tuple(map(tuple, turned)), ((0.0, 0.0, 0.0),)))
@@ -372,3 +379,17 @@ def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does
     carrying = state.sample.contact_forces > 1e-6 * state.force
     assert set(state.sample.atoms().arrays["contacts"].tolist()) == {0, 2}
     assert np.count_nonzero(np.any(carrying, axis=(0, 1, 2))) < 3  # of the six directions
+
+
+def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
+    block = "{name: cube, cell: [[1.4142135623730951, 0, 0], [0, 1.4142135623730951, 0], [0, 0, 1.4142135623730951]], "
+    block += "sites: [[0, 0, 0], [1/2, 1/2, 0], [1/2, 0, 1/2], [0, 1/2, 1/2]]}"
+    scene = Scene.from_text(SCENE.format(block, "{simulation: {shape: 2 2 2, samples: 2}}"))
+    assert Scene.from_text(scene.to_yaml()) == scene
+    assert scene.cost().balls == 32
+    result = scene.run(tmp_path / "out", figures=False)
+    moduli = gp.moduli(result.state)
+    assert moduli.cubic
+    # near that of fcc, which it is, from other samples
+    fcc = gp.moduli(gp.DirectSimulation(packing("fcc"), (3, 3, 3), samples=2).at_force(10.0))
+    assert moduli.anisotropy == pytest.approx(fcc.anisotropy, abs=0.02)

@@ -196,9 +196,11 @@ class MediumChoice:
         object.__setattr__(self, "options", kept)
 
     @classmethod
-    def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}."""
-        found: MediumChoice = require("medium", medium, value)
+    def parse(
+        cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
+    ) -> MediumChoice:
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
+        found: MediumChoice = require("medium", partial(medium, lattice=lattice), value)
         return found
 
     def on(self, lattice: Lattice) -> MediumChoice:

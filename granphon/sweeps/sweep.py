@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import partial
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +33,7 @@ from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.modes import ContactLattice
 from granphon.media.cases import Case, Grid
-from granphon.media.choice import MediumChoice, medium, no_simulation
+from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
@@ -198,8 +197,7 @@ def _find_lattice(packing: Packing, axes: Sequence[Axis]) -> Lattice:
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
     """Parse the media; :class:`InputError` if there is none, or one is given twice, or has options of another lattice."""
-    rule = partial(medium, lattice=lattice)
-    choices = [require("medium", rule, one) for one in (given if isinstance(given, list | tuple) else [given])]
+    choices = [MediumChoice.parse(one, lattice) for one in (given if isinstance(given, list | tuple) else [given])]
     if not choices:
         raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
     double = [choice.label for choice in choices if choices.count(choice) > 1]
