@@ -57,6 +57,7 @@ from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
 from granphon.media.choice import MEDIA, OPTIONS
+from granphon.media.sampled_balls import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.scene import fields as rules
@@ -76,6 +77,7 @@ UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS
 
 _STEEL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 _ARRAY = "simulation: {shape: 8 8, samples: 2}"
+_CUBE = "simulation: {shape: 2 2 2, samples: 2}"
 #: small scenes that between them write every file, and every field
 SCENES = {
     "all": "packing: {diameter: 8 mm}\nload: {force: 5 N}\nobserve: [velocities, bands, dos]\n"
@@ -92,7 +94,10 @@ SCENES = {
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
-    "crystals": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: [5 N, 9 N]}",
+    "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
+    f"medium: {{{_CUBE}}}",
+    "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
+    f"medium: {{{_CUBE}}}",
     "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}",
 }  # fmt: skip
 
@@ -224,7 +229,7 @@ def medium_options() -> str:
             f"`{key}`",
             meaning(RUNG_OPTIONS, f"{name}.{key}"),
             told(partial(one.rule, object())),
-            literal(one.default),
+            ", ".join(map(literal, DEFAULT_SHAPES.values())) if one.default is None else literal(one.default),
         ]
         for name, options in OPTIONS.items()
         for key, one in options.items()
@@ -364,7 +369,7 @@ def kind(value: Any) -> str:
 
 #: the scenes of one state, and of many
 ONE, MANY = (
-    ("all", "ema", "square", "array", "squeezed", "choice"),
+    ("all", "ema", "square", "array", "squeezed", "choice", "cube"),
     ("sweep", "arrays", "choices", "squares", "membranes", "crystals"),
 )
 HEADS = ("field", "unit", "kind", "what it is")

@@ -71,12 +71,13 @@ RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
     "ema": "effective medium: the neighbours of a ball give way",
-    "simulation": "every ball of an array by itself; triangular lattice, no `finite_overlap`",
+    "simulation": "every ball of an array by itself; lattices that stand without friction (chain, triangular, fcc, hcp), "
+    "no `finite_overlap`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
 RUNG_OPTIONS = {
     "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to reproduce its curves",
-    "simulation.shape": "balls along the two directions of the periodic array",
+    "simulation.shape": "cells along each period of the array, by default one of these, by the dimension of the lattice",
     "simulation.seed": "seed of the diameters of the first sample; each further sample has the next number",
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",

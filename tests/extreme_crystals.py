@@ -12,6 +12,8 @@ from extreme_cases import STEEL, Case, D, coefficient, off
 from mpmath import mpf
 
 import granphon as gp
+from granphon.array.response import elasticity
+from granphon.array.sparse import SparseArray
 
 #: P d^(p - 1)/f
 FACTORS = {"chain": 1, "square": 1, "sc": 1, "bcc": mpmath.sqrt(3), "fcc": 2 * mpmath.sqrt(2), "hcp": 2 * mpmath.sqrt(2)}
@@ -245,53 +247,220 @@ def counted_states() -> float:
     return worst
 
 
+# -- the simulation ---------------------------------------------------------------------------------------------------
+
+CELLS = {
+    "chain": ((1,), (2,), (3,), (101,), (10007,)),
+    "fcc": ((1, 1, 1), (2, 1, 1), (1, 1, 50), (50, 1, 1), (3, 4, 5), (7, 7, 7)),
+    "hcp": ((1, 1, 1), (1, 2, 1), (1, 1, 50), (3, 4, 3)),
+}
+
+
+def cells() -> Any:
+    return ((lattice, cell) for lattice, several in CELLS.items() for cell in several)
+
+
+def equal_samples() -> float:
+    worst = 0.0
+    for (lattice, cell), friction in itertools.product(cells(), (True, False)):
+        packing = gp.Packing(STEEL, D, lattice=lattice, friction=friction)
+        state, exact = (one.at_force(18.0) for one in (gp.DirectSimulation(packing, cell), gp.AveragedLattice(packing)))
+        worst = max(worst, off(state.overlap, exact.overlap), off(state.normal_stiffness, exact.normal_stiffness))
+        tensor = exact.elastic_tensor
+        worst = max(worst, float(np.max(np.abs(state.elastic_tensor - tensor)) / np.max(tensor)))
+    return worst
+
+
+def find_neighbours(structure: Any) -> Any:
+    """Ball, neighbour, cells between them and unit vector of all that touch, from the positions alone."""
+    p = structure.periods
+    steps = itertools.product(range(-2, 3), repeat=p)
+    for step, i, j in itertools.product(steps, range(structure.n_balls), range(structure.n_balls)):
+        apart = np.array(step) @ structure.vectors + structure.positions[j] - structure.positions[i]
+        if abs(np.linalg.norm(apart) - 1.0) < 1e-6:
+            yield i, j, step, apart
+
+
+def balance(sample: gp.Sample, load: float) -> float:
+    """Largest force left on a ball, and what the mean force lacks, over the load: by the displacements alone."""
+    packing = sample.packing
+    structure, c = packing.structure, packing.law.coefficient
+    p, n = structure.periods, structure.n_balls
+    centres = sample.displacements.reshape(*sample.shape, n, p)
+    # not of .diameters, which have lost digits of the differences
+    spread = packing.width * sample.equilibrium.deviations.reshape(n, *sample.shape)
+    left, forces = np.zeros_like(centres), []
+    for i, j, step, normal in find_neighbours(structure):
+        back, axes = tuple(-one for one in step), tuple(range(p))
+        moved = (np.roll(centres[..., j, :], back, axes) - centres[..., i, :]) @ normal
+        mean = 0.5 * (spread[i] + np.roll(spread[j], back, axes))
+        force = c * np.maximum(sample.overlap + mean - moved, 0.0) ** 1.5
+        left[..., i, :] += force[..., None] * normal
+        forces.append(force)
+    return max(float(np.abs(left).max()) / load, abs(float(np.mean(forces)) / load - 1.0))
+
+
+def disordered_samples() -> float:
+    worst = 0.0
+    for (lattice, cell), width in itertools.product(cells(), (1e-16, 1e-3, 0.3)):
+        packing = gp.Packing(STEEL, D, gp.Uniform(width * D), lattice=lattice, friction=False)
+        unit = float(packing.law.force(packing.width))
+        for part in (1e22, 1e3, 1.0, 1e-2, 1e-4):
+            # displacements on a line add up, and their rounding is that of a random walk
+            if part ** (2.0 / 3.0) * width < 0.5 and (part > 1e-3 or math.prod(cell) < 50):
+                state = gp.DirectSimulation(packing, cell, seed=3).at_force(part * unit)
+                worst = max(worst, balance(state.sample, part * unit))
+    return worst
+
+
+def chains() -> float:
+    """All contacts of a chain carry the same force: spread or not, the law is Hertz's, and the modulus k a's."""
+    worst = 0.0
+    for (cell,), width in itertools.product(CELLS["chain"], (1e-16, 1e-3, 0.3)):
+        packing = gp.Packing(STEEL, D, gp.Uniform(width * D), lattice="chain")
+        unit, c = float(packing.law.force(packing.width)), coefficient(packing)
+        for part in (1e22, 1e3, 1.0, 1e-2):
+            if part ** (2.0 / 3.0) * width < 0.5:
+                state = gp.DirectSimulation(packing, (cell,), seed=3).at_force(part * unit)
+                overlap = (mpf(part * unit) / c) ** (mpf(2) / 3)
+                k = 3 * mpf(part * unit) / (2 * overlap)
+                worst = max(worst, off(state.overlap, overlap), off(state.normal_stiffness, k))
+                worst = max(worst, off(gp.moduli(state).bulk, k * mpf(D)))
+    return worst
+
+
+def sampled_bulk_moduli() -> float:
+    """Without friction an even strain changes all overlaps evenly, so that K follows from the stiffness."""
+    worst = 0.0
+    for lattice, cell in (one for one in cells() if one[0] != "chain"):
+        packing = gp.Packing(STEEL, D, gp.Uniform(1e-8 * D), lattice=lattice, friction=False)
+        unit = float(packing.law.force(packing.width))
+        state = gp.DirectSimulation(packing, cell, seed=3).at_force(unit * np.array([1e-1, 1.0, 1e6]))
+        factor = packing.structure.pressure_factor / 3.0 / D
+        bulk = np.sum(state.elastic_tensor[:, :3, :3], axis=(1, 2)) / 9.0
+        worst = max(worst, *np.abs(bulk / (factor * state.normal_stiffness) - 1.0).tolist())
+    return worst
+
+
+def samples_near_the_threshold() -> float:
+    """Contact forces and elastic tensor of loose samples in space, against sparse matrices."""
+    worst = 0.0
+    for lattice, cell in (("fcc", (8, 8, 8)), ("hcp", (5, 6, 4)), ("fcc", (1, 3, 40))):
+        packing = gp.Packing(STEEL, D, gp.Uniform(2e-6), lattice=lattice)
+        unit = float(packing.law.force(packing.width))
+        state = gp.DirectSimulation(packing, cell, seed=1).at_force(unit * np.array([1.0, 1e-2, 2e-3]))
+        for sample in state.sample.tolist():
+            rest = sample.equilibrium
+            array = SparseArray(rest.deviations, packing.structure)
+            forces = array.forces(rest.overlap)
+            found = elasticity(rest, packing.mindlin_ratio)
+            tensor = array.elastic_tensor(forces, packing.mindlin_ratio)
+            worst = max(worst, float(np.max(np.abs(rest.forces - forces)) / rest.force))
+            worst = max(worst, float(np.max(np.abs(found - tensor)) / np.max(tensor)))
+    return worst
+
+
 CRYSTALS = [
     Case(
         "force, pressure and overlap of chains, planes and crystals",
-        "the same balls on the chain, square, sc, bcc, fcc and hcp lattice, f from 1e-40 to 0.01 E d²", 8e-15, pressures,
+        "the same balls on the chain, square, sc, bcc, fcc and hcp lattice, f from 1e-40 to 0.01 E d²",
+        8e-15,
+        pressures,
     ),
     Case(
         "sound velocities and moduli of fcc and of a chain",
-        "the same balls, with friction and without, f from 1e-40 to 0.01 E d², along [100] and [110]", 8e-15, sound,
+        "the same balls, with friction and without, f from 1e-40 to 0.01 E d², along [100] and [110]",
+        8e-15,
+        sound,
     ),
     Case("longitudinal branch of fcc along [100]", "|q|d from 1e-300 to 0.3, η from 0 to 4/3", 4e-15, branches_of_fcc),
     Case(
         "bending waves of a chain, and its rotational and longitudinal branch",
-        "|q|d from 1e-60 to 0.3, η from 1e-3 to 4/3, bending from 1e-12 to 1", 4e-14, bending_waves,
+        "|q|d from 1e-60 to 0.3, η from 1e-3 to 4/3, bending from 1e-12 to 1",
+        4e-14,
+        bending_waves,
     ),
     Case(
         "flexural waves of a layer: product of the three frequencies",
-        "|q|d from 1e-30 to 0.3 in three directions, η from 1e-3 to 4/3", 1e-13, membranes,
+        "|q|d from 1e-30 to 0.3 in three directions, η from 1e-3 to 4/3",
+        1e-13,
+        membranes,
     ),
     Case(
         "branches that cost nothing, in (k/M)^1/2",
-        "chain, square, honeycomb, kagome; |q|d from 1e-300 to 0.3, η from 1e-300 to 4/3", 0.0, free_branches,
+        "chain, square, honeycomb, kagome; |q|d from 1e-300 to 0.3, η from 1e-300 to 4/3",
+        0.0,
+        free_branches,
     ),
     Case(
         "sound velocities of hcp along c, and its bulk modulus",
-        "the same balls, with friction and without, f from 1e-40 to 0.01 E d²", 8e-15, hexagonal_sound,
+        "the same balls, with friction and without, f from 1e-40 to 0.01 E d²",
+        8e-15,
+        hexagonal_sound,
         slow=True,
     ),
     Case(
         "sound velocities with finite overlap, fcc along [100] and a chain",
-        "the same balls, without friction, overlap from 1e-40 to 0.17 d", 2e-14, finite_overlaps,
+        "the same balls, without friction, overlap from 1e-40 to 0.17 d",
+        2e-14,
+        finite_overlaps,
     ),
     Case("torsion of a Hertz contact that does not slip", "the same balls, f from 1e-40 to 0.01 E d²", 4e-15, torsions),
     Case(
         "group velocities near Γ of a chain, and of fcc along [110]",
-        "|q|d of 0 and from 1e-300 to 1e-9, η of 0 and from 1e-3 to 4/3", 4e-15, group_velocities,
+        "|q|d of 0 and from 1e-300 to 1e-9, η of 0 and from 1e-3 to 4/3",
+        4e-15,
+        group_velocities,
     ),
     Case(
         "wavenumber and group velocity of pulses on a chain, and along [100] of fcc",
-        "frequencies from 1e-150 to 0.9 of the top of the branch, with friction and without", 1e-11, pulses,
+        "frequencies from 1e-150 to 0.9 of the top of the branch, with friction and without",
+        1e-11,
+        pulses,
     ),
     Case(
         "frequencies in Hz of fcc at X, and of a chain at its end",
-        "the same balls, f of 1e-40 and 1e-4 E d²", 1e-13, corners,
+        "the same balls, f of 1e-40 and 1e-4 E d²",
+        1e-13,
+        corners,
     ),
     Case(
         "number of modes under the density of states of a chain, fcc and hcp",
         "meshes from one wave vector (all branches at an edge) to 10007, and 7 × 6 × 5 in space, 12 and 501 points",
-        1e-12, counted_states, slow=True,
+        1e-12,
+        counted_states,
+        slow=True,
     ),
-]  # fmt: skip
+    Case(
+        "simulation of equal balls on a chain, in fcc and hcp",
+        "cells from 1 to 10007 on a line, from 1 × 1 × 1 to 1 × 1 × 50 and 7 × 7 × 7 in space; with friction and without",
+        1e-12,
+        equal_samples,
+    ),
+    Case(
+        "simulation on a chain, in fcc and hcp: balance of every ball, and the load",
+        "the same cells, W from 1e-16 to 0.3 d, f* from 0.01 to 1e22; below 50 balls from 1e-4",
+        1e-9,
+        disordered_samples,
+        slow=True,
+    ),
+    Case(
+        "simulation of a chain: overlap, stiffness and modulus of a force, by Hertz's law",
+        "1 to 10007 balls, W from 1e-16 to 0.3 d, f* from 0.01 to 1e22",
+        1e-12,
+        chains,
+    ),
+    Case(
+        "simulation in fcc and hcp: bulk modulus without friction",
+        "the same cells, f* from 0.1 to 1e6",
+        1e-12,
+        sampled_bulk_moduli,
+    ),
+    Case(
+        "simulation in fcc and hcp: contact forces and elastic tensor, against sparse matrices",
+        "8 × 8 × 8, 5 × 6 × 4 and 1 × 3 × 40 cells, f* from 0.002 to 1",
+        1e-9,
+        samples_near_the_threshold,
+        slow=True,
+    ),
+]

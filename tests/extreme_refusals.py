@@ -76,6 +76,12 @@ def loose_samples() -> Iterable[Callable[[], Any]]:
     yield lambda: gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(0.99e-20 * D)))
     yield lambda: gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(1e-300)))
     yield lambda: gp.DirectSimulation(simulation.packing, (0, 5))
+    for lattice, cell in (("fcc", (4, 5, 6)), ("hcp", (3, 4, 3))):
+        space = gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(2e-6), lattice=lattice), cell)
+        yield lambda space=space: space.at_overlap((0.05 - 0.5) * 2e-6)
+        yield lambda space=space: space.at_force(0.99e-8 * unit)
+        yield lambda space=space: gp.DirectSimulation(space.packing, (0, 5, 5))
+        yield lambda space=space: gp.DirectSimulation(space.packing, (5, 5))
 
 
 def buckled_lattices() -> Iterable[Callable[[], Any]]:

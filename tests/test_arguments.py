@@ -287,7 +287,8 @@ SPAN = np.timedelta64(3)
 
 @pytest.mark.parametrize("keyword", ["seed", "samples", "shape"])
 def test_sizes_of_a_simulation_are_whole_numbers(keyword):
-    for wrong in (SPAN, True, 2.0, "2", None, ENDLESS, np.ma.masked, {}, [SPAN, 4], [[1, 2], [3, 4]]):
+    none = [None] * (keyword != "shape")  # the default of a shape
+    for wrong in (SPAN, True, 2.0, "2", *none, ENDLESS, np.ma.masked, {}, [SPAN, 4], [[1, 2], [3, 4]]):
         for diameters in (None, [[8e-3, 8e-3]]):
             with pytest.raises(InputError):
                 gp.DirectSimulation(BALLS, diameters=diameters, **{keyword: wrong})

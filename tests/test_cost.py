@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from conftest import only
 
 import granphon as gp
 from granphon.balls.loads import Load
@@ -43,6 +44,41 @@ def test_memory_is_what_the_arrays_take(friction, size, samples, loads):
     tracemalloc.stop()
     # less than what is announced, and not less than half of it
     assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+@pytest.mark.claim("array-estimate")
+@pytest.mark.parametrize(
+    ("lattice", "shape", "friction"),
+    only(
+        [("fcc", (12, 12, 12), True), ("chain", (20_000,), True)],
+        [
+            ("fcc", (12, 12, 12), True), ("fcc", (24, 24, 24), True), ("fcc", (24, 24, 24), False),
+            ("hcp", (9, 9, 9), True), ("hcp", (18, 18, 18), False), ("chain", (20_000,), True),
+        ],
+    ),
+)  # fmt: skip
+def test_memory_in_every_lattice(lattice, shape, friction):
+    medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice, friction=friction), shape)
+    guess = estimate(medium, Load("force", 5.0))
+    _ = gp.DirectSimulation(medium.packing, (2,) * len(shape)).at_force(5.0).elastic_tensor  # loaded once, not counted
+    tracemalloc.start()
+    _ = medium.at_force(5.0).elastic_tensor
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (16, 16, 16)), ("hcp", (10, 10, 10)), ("chain", (8192,))])
+def test_time_in_every_lattice_is_counted_in_units_of_the_small_sample(lattice, shape):
+    """The work of Newton's method and conjugate gradients, as counted, against that of the triangular lattice."""
+    balls = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice)
+    force = np.array([0.02, 0.5, 30.0])
+    found = [gp.DirectSimulation(balls, shape).at_force(f * balls.width_units.force).sample.equilibrium for f in force]
+    done = np.array([state.conjugate + 4 * state.newton for state in found], float)
+    each = [estimate(gp.DirectSimulation(balls, shape), Load("force", f * balls.width_units.force)).work for f in force]
+    ratio = done / np.array(each)
+    assert np.max(ratio) / np.min(ratio) < 3.0
 
 
 def test_every_equilibrium_takes_time():

@@ -31,7 +31,8 @@ def test_a_name_is_the_medium_of_that_class(packing, name):
 @pytest.mark.parametrize("name", CLASSES)
 def test_defaults_are_those_of_the_class_and_are_not_kept(packing, name):
     defaults = {option: known.default for option, known in OPTIONS[name].items()}
-    given = MediumChoice.parse({name: defaults})
+    said = {option: value for option, value in defaults.items() if value is not None}
+    given = MediumChoice.parse({name: said})
     assert given == MediumChoice(name)
     assert given.options == ()
     assert given.settings == defaults
@@ -71,12 +72,12 @@ def test_labels_say_what_is_not_the_default():
         ({"simulation": {"samples": 1.0}}, "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000."),
         ({"simulation": {"seed": -1}}, "medium.simulation.seed: found -1; allowed: a whole number from 0 to"),
         (
-            {"simulation": {"shape": (16,)}},
-            "shape: found [16]; allowed: two whole numbers from 1 to 20000, such as 128",
+            {"simulation": {"shape": (16, 0)}},
+            "shape: found [16, 0]; allowed: two whole numbers from 1 to 20000, such as 128",
         ),
         (
-            {"simulation": {"shape": (16, 16, 1)}},
-            "shape: found [16, 16, 1]; allowed: two whole numbers from 1 to 20000, such",
+            {"simulation": {"shape": (16, 16, 1, 1)}},
+            "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to 20000, one for each period of the",
         ),
         ({"simulation": 4}, "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples."),
         ({"ema": {"local_field": None}}, "medium.ema.local_field: found nothing; allowed: computed, paper."),

@@ -108,7 +108,11 @@ def test_results_are_frozen_and_their_arrays_read_only(results, name):
                 ["longitudinal", "transverse", "longitudinal_error", "transverse_error", "out_of_plane", "velocities"], "m/s"
             ),
         ),
-        (Moduli, dict.fromkeys(["tensor", "bulk", "shear", "shears", "bulk_error", "shear_error"], "Pa")),
+        (
+            Moduli,
+            dict.fromkeys(["tensor", "bulk", "shear", "shears", "bulk_error", "shear_error", "tensor_error"], "Pa")
+            | {"anisotropy_error": "1"},
+        ),
         (AveragedModuli, {"bulk": "Pa", "shear": "Pa"}),
         (PulseVelocities, {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}),
         (Modes, {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}),

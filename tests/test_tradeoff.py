@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import only
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
@@ -376,6 +377,41 @@ def test_another_lattice_of_balls_that_differ_is_not_judged(steel):
     for lattice in ("square", "kagome"):
         with pytest.raises(InputError, match=f"on the {lattice} lattice"):
             tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "finite", "told"),
+    [
+        ("chain", False, "on the chain lattice.*every medium is exact"),
+        ("bcc", False, "on the bcc lattice.*does not stand without friction"),
+        ("fcc", True, "with finite overlap.*paper's limit only"),
+    ],
+)
+def test_where_media_have_no_reference(steel, lattice, finite, told):
+    with pytest.raises(InputError, match=f"media are not compared {told}"):
+        tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0, finite_overlap=finite)
+
+
+@pytest.mark.parametrize(("lattice", "shape", "counted"), only([("fcc", "4 x 4 x 4", "balls")], [
+    ("fcc", "4 x 4 x 4", "balls"), ("hcp", "4 x 4 x 2", "cells"),
+]))  # fmt: skip
+def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice, shape, counted):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice)
+    knobs = LEAST | {MediaStudy: {"sides": (4,), "counts": (1,), "reference_side": 5}, MeshStudy: {}}
+    found = measured(packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.0)
+    assert found.studies == (*DISORDER, "density of states")
+    run = {(point.method, point.knob): point for point in found.of("media") if not point.failure}
+    assert {("averaged lattice", "ala"), ("averaged force", "afa"), ("simulation, 1 sample", shape)} <= set(run)
+    assert not any("paper" in point.method for point in found.points)
+    assert f"{counted} with control variates" in found.references["media"]
+    # the error of the averaged lattice, from samples of another size and seed
+    state = gp.DirectSimulation(packing, (6, 6, 4), seed=7, samples=4).at_force(20.0)
+    off = observe(gp.AveragedLattice(packing).at_force(20.0)) / observe(state) - 1.0
+    assert_allclose(run["averaged lattice", "ala"].errors[0], np.abs(off), rtol=0.15)
+    # what has no second method there is listed, with the reason
+    for study, words in (("Green's function", "triangular lattice"), ("density of states", "in the plane only")):
+        assert all(point.failure.startswith("not measured") and words in point.failure for point in found.of(study))
+        assert not found.references.get(study)
 
 
 def test_studies_are_those_that_are_observed(rough, packing):

@@ -56,6 +56,8 @@ _DIRECT_FORCE = 1e-4
 _RESPONSE_STEPS = 60_000
 #: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
+#: force left on a ball that the rounding of displacements explains, in units of it times the stiffness
+_MOVE_ROUNDING = 16.0
 #: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
 #: digits
 _LOAD_TOLERANCE = 1e-3
@@ -306,8 +308,11 @@ def equilibrate(
                     "Press it together more",
                 )
             )
+        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
+        moved = float(np.max(np.abs(balls))) if len(stencils.shape) == 1 else 0.0
+        at_rest = left <= _MOVE_ROUNDING * math.ulp(moved) * 1.5 * float(np.mean(root))
         # the load itself is met to more digits: it is a number that the user gave
-        distance = max(left / scale if left else 0.0, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
+        distance = max(0.0 if at_rest else left / scale, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
         if distance <= tolerance:
             state = Equilibrium(
                 deviations=deviations, overlap=y, balls=_centre(balls, stencils), residual=left / force, newton=newton,

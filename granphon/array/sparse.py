@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.contact_table import contact_frames
+from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
+from granphon.dynamics.long_waves import voigt_pairs
 
 __all__ = ["SparseArray"]
 
@@ -38,51 +40,58 @@ _SLOPES = 30
 
 
 class SparseArray:
-    """Balls at rest on a periodic triangular array, by sparse matrices; units of W and c W^(3/2) (Section IV).
+    """Balls at rest on a periodic array, by sparse matrices; units of W and c W^(3/2) (Section IV).
 
     Parameters
     ----------
-    deviations : (L1, L2) x = Delta/W, of mean zero.
+    deviations : (L1, ..., Lp) x = Delta/W, of mean zero; (n, L1, ..., Lp) of n > 1 balls in the cell.
+    lattice : the lattice, which stands without friction.
 
     Whatever does not depend on the load is made once: C, and the positions at which each contact's stiffness enters C^T K C.
     """
 
-    def __init__(self, deviations: Array) -> None:
+    def __init__(self, deviations: Array, lattice: Lattice = TRIANGULAR) -> None:
         from scipy.sparse import csc_array
 
-        n, table = deviations.size, TRIANGULAR.contacts
-        self.shape: tuple[int, ...] = deviations.shape
-        site = np.arange(n).reshape(deviations.shape)
-        self._i = np.tile(site.ravel(), len(table))
-        self._j = np.concatenate([np.roll(site, (-a, -b), (0, 1)).ravel() for a, b in table.shift.tolist()])
+        n, table, self.lattice = deviations.size, lattice.contacts, lattice
+        d = self._d = lattice.periods
+        self.shape: tuple[int, ...] = deviations.shape[-d:]
+        site = np.arange(n).reshape(-1, *self.shape)
+        axes = tuple(range(d))
+        self._i = np.concatenate([site[ball].ravel() for ball in table.i.tolist()])
+        self._j = np.concatenate(
+            [np.roll(site[ball], -step, axes).ravel() for ball, step in zip(table.j.tolist(), table.shift, strict=True)]
+        )
         self._means = 0.5 * (deviations.ravel()[self._i] + deviations.ravel()[self._j])
         self._c = self._make_compatibility(0.0)
         self._transposed = self._c.T.tocsr()
         # the entries of C^T K C are a constant matrix times the stiffnesses; the first ball is pinned
-        i, j, normal = self._i, self._j, np.repeat(table.normal, n, axis=0).T
-        blocks = [
-            (a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p in (0, 1) for q in (0, 1)
-        ]
+        i, j, normal = self._i, self._j, np.repeat(table.normal, math.prod(self.shape), axis=0).T
+        pairs = [(p, q) for p in range(d) for q in range(d)]
+        blocks = [(a, b, p, q, s) for a, b, s in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)) for p, q in pairs]
         row, column, factor = (
             np.concatenate(parts)
-            for parts in zip(*((2 * a + p, 2 * b + q, s * normal[p] * normal[q]) for a, b, p, q, s in blocks), strict=True)
+            for parts in zip(*((d * a + p, d * b + q, s * normal[p] * normal[q]) for a, b, p, q, s in blocks), strict=True)
         )
-        kept, self._size = (row > 1) & (column > 1), 2 * n - 2
-        place, slot = np.unique((column[kept] - 2) * self._size + row[kept] - 2, return_inverse=True)
+        kept, self._size = (row >= d) & (column >= d), d * (n - 1)
+        place, slot = np.unique((column[kept] - d) * self._size + row[kept] - d, return_inverse=True)
         contact = np.tile(np.arange(i.size), len(blocks))[kept]
         self._fill = csc_array((factor[kept], (slot, contact)), shape=(place.size, i.size)).tocsr()
         self._indices = (place % max(1, self._size)).astype(np.int32)
         self._starts = np.searchsorted(place, np.arange(self._size + 1) * self._size).astype(np.int32)
 
     def _make_compatibility(self, mindlin_ratio: float) -> Any:
-        """Return C. Rows: elongations of all contacts, kind by kind, then slips. Columns: u of each ball, then its rotation.
+        """Return C. Rows: elongations of all contacts, kind by kind, then slips along one tangent after the other.
 
-        Slips and rotations are left out without friction.
+        Columns: u of each ball, then its rotations. Slips and rotations are left out without friction, and on a line.
         """
         from scipy.sparse import csc_array
 
-        table, n = TRIANGULAR.contacts, self._i.size // len(TRIANGULAR.contacts)
-        dofs = 3 if mindlin_ratio else 2
+        table, n, d = self.lattice.contacts, math.prod(self.shape), self._d
+        frame = [np.stack(axis, axis=1) for axis in contact_frames(table.normal)]  # n, t, n x t
+        slips = {1: 0, 2: 1, 3: 2}[d] if mindlin_ratio else 0
+        turns = {0: [], 1: [2], 2: [0, 1, 2]}[slips]
+        dofs = d + len(turns)
         rows, columns, entries = [], [], []
 
         def put(first: int, ball: NDArray[np.intp], dof: int, of_kind: Array) -> None:
@@ -90,20 +99,24 @@ class SparseArray:
             columns.append(dofs * ball + dof)
             entries.append(np.repeat(of_kind, n))
 
-        for block, axis in enumerate((table.normal, table.tangent)[: dofs - 1]):
-            for dof in (0, 1):
+        for block in range(1 + slips):
+            axis = frame[block]
+            for dof in range(d):
                 put(block * self._j.size, self._j, dof, axis[:, dof])
                 put(block * self._i.size, self._i, dof, -axis[:, dof])
-        if mindlin_ratio:
-            put(self._j.size, self._j, 2, -table.arm_j)
-            put(self._i.size, self._i, 2, -table.arm_i)
+            # slip along t: t.(u_j - u_i) - (phi_i arm_i + phi_j arm_j).(n x t)
+            spin = np.cross(frame[0], axis)
+            for place, turn in enumerate(turns if block else []):
+                put(block * self._j.size, self._j, d + place, -table.arm_j * spin[:, turn])
+                put(block * self._i.size, self._i, d + place, -table.arm_i * spin[:, turn])
         where = np.concatenate(rows), np.concatenate(columns)
-        return csc_array((np.concatenate(entries), where), shape=((dofs - 1) * self._i.size, dofs * n)).tocsr()
+        size = self._i.size * self.lattice.n_balls // len(table)
+        return csc_array((np.concatenate(entries), where), shape=((1 + slips) * self._i.size, dofs * size)).tocsr()
 
     # -- at rest ----------------------------------------------------------------------------------------------------
 
     def forces(self, overlap: float, tolerance: float = REST_TOLERANCE, check: Callable[[], object] | None = None) -> Array:
-        """Return (3, L1, L2) contact forces at rest at the common overlap y, in units of c W^(3/2).
+        """Return (n_c, L1, ..., Lp) contact forces at rest at the common overlap y, in units of c W^(3/2).
 
         ``tolerance`` is the largest force left on a ball, over the mean contact force or the rms difference of contact
         forces, whichever is less; it is no smaller than 1e-14 of the mean. ``check``, if given, is called before each step.
@@ -136,16 +149,15 @@ class SparseArray:
             )
         )
 
-    @staticmethod
-    def _find_largest(pull: Array) -> float:
+    def _find_largest(self, pull: Array) -> float:
         """Return the largest force on a ball, in units of c W^(3/2)."""
-        return math.sqrt(float(np.max(pull[0::2] ** 2 + pull[1::2] ** 2)))
+        return math.sqrt(float(np.max(np.sum(pull.reshape(-1, self._d) ** 2, axis=1))))
 
     def _step(self, stiffness: Array, force: Array) -> Array:
         from scipy.sparse import csc_array
 
         matrix = csc_array((self._fill @ stiffness, self._indices, self._starts), shape=(self._size, self._size))
-        return np.concatenate([[0.0, 0.0], _factorise(matrix).solve(force[2:])])
+        return np.concatenate([np.zeros(self._d), _factorise(matrix).solve(force[self._d :])])
 
     @staticmethod
     def _find_step_length(h: Array, strain: Array) -> float:
@@ -170,34 +182,39 @@ class SparseArray:
     # -- linear response --------------------------------------------------------------------------------------------
 
     def elastic_tensor(self, forces: Array, mindlin_ratio: float) -> Array:
-        """Return the (3, 3) elastic tensor with shear springs eta k at every contact that carries load.
+        """Return the (n, n) elastic tensor with shear springs eta k at every contact that carries load.
 
-        Voigt order is xx, yy, xy, and the unit c W^(1/2)/d^2. ``forces`` (3, L1, L2) are those at rest; a contact carries
-        load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing (of the
-        whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12 of the
-        largest stiffness, and iteration removes their small effect.
+        It is in Voigt order, in units of the contacts' stiffness. ``forces`` (n_c, L1, ..., Lp) are those at rest; a contact
+        carries load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing
+        (of the whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12
+        of the largest stiffness, and iteration removes their small effect.
         """
         from scipy.sparse import eye_array
 
         flat = np.asarray(forces, float).ravel()
         carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
         normal = 1.5 * np.cbrt(np.where(carried, flat, 0.0))
-        stiffness = np.concatenate([normal, mindlin_ratio * normal]) if mindlin_ratio else normal
-        c, strained = self._make_compatibility(mindlin_ratio), self._strain_contacts()[: stiffness.size]
+        c = self._make_compatibility(mindlin_ratio)
+        slips = c.shape[0] // normal.size - 1
+        stiffness = np.concatenate([normal, *[mindlin_ratio * normal] * slips])
+        strained = self._strain_contacts()[: stiffness.size]
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
         factors = _factorise((matrix + hold).tocsc())
-        motion = np.zeros((c.shape[1], 3))
+        motion = np.zeros((c.shape[1], strained.shape[1]))
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
-        return np.asarray(left.T @ (stiffness[:, None] * left) / (TRIANGULAR.measure * math.prod(self.shape)))
+        return np.asarray(left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape)))
 
     def _strain_contacts(self) -> Array:
-        """Return (6 L1 L2, 3) elongations n.e.n, then slips t.e.n, of every contact under each unit strain."""
-        (nx, ny), (tx, ty) = TRIANGULAR.contacts.normal.T, TRIANGULAR.contacts.tangent.T
-        rows = [np.stack([ax * nx, ay * ny, 0.5 * (ax * ny + ay * nx)], axis=1) for ax, ay in ((nx, ny), (tx, ty))]
+        """Return elongations n.e.n, then slips t.e.n, of every contact (rows) under each unit strain in Voigt order."""
+        normal, *tangents = contact_frames(self.lattice.contacts.normal)
+        rows = [
+            np.stack([0.5 * (axis[a] * normal[b] + axis[b] * normal[a]) for a, b in voigt_pairs(self._d)], axis=1)
+            for axis in (normal, *tangents)
+        ]
         return np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)
 
 

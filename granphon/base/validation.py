@@ -199,12 +199,17 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     return tuple(map(int, words[:periods]))
 
 
-def lengths(value: Any, low: int, high: int) -> tuple[int, ...]:
-    """One to three whole numbers from ``low`` to ``high``, the lengths of an array; see :func:`grid`."""
-    words = value.split() if isinstance(value, str) else value
-    count = len(words) if hasattr(words, "__len__") else 2
-    examples = ("16384", "128 128", "24 24 24")
-    return grid(value, low, high, examples[min(max(count, 1), 3) - 1], min(max(count, 1), 3))
+def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tuple[int, ...]:
+    """Whole numbers from ``low`` to ``high``, the lengths of an array along its ``periods``; see :func:`grid`.
+
+    Without ``periods`` there may be one to three. A single one may stand alone, without a list.
+    """
+    given = [value] if is_whole(value) and periods in (None, 1) else value
+    words = given.split() if isinstance(given, str) else given
+    count = periods or (len(words) if hasattr(words, "__len__") else 0)
+    if not 1 <= count <= 3:
+        raise Refused(show(value), f"one to three whole numbers from {low} to {high}, one for each period of the lattice")
+    return grid(given, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
 
 
 # -- arrays of numbers ----------------------------------------------------------------------------------------------

@@ -16,7 +16,16 @@ from granphon.dynamics.linalg import cholesky_factor
 from granphon.dynamics.long_waves import voigt_pairs
 from granphon.dynamics.polarisations import decompose_waves
 
-__all__ = ["bulk_and_shear", "longitudinal_modulus", "point_group", "shears", "symmetrise", "waves_of_tensor"]
+__all__ = [
+    "anisotropy",
+    "bulk_and_shear",
+    "has_cubic_axes",
+    "longitudinal_modulus",
+    "point_group",
+    "shears",
+    "symmetrise",
+    "waves_of_tensor",
+]
 
 Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
@@ -63,6 +72,25 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
 
 
+@lru_cache(maxsize=64)
+def has_cubic_axes(lattice: Lattice) -> bool:
+    """Whether the symmetry of a lattice is that of a square or cube with edges along x, y, z, so that C11, C12, C44 are all.
+
+    False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
+    """
+    n = {1: 1, 2: 3, 3: 6}[lattice.periods]
+    if n == 1:
+        return False
+    each = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
+    c, p = symmetrise(each + each.T, lattice), lattice.periods
+    wanted = np.zeros((n, n))
+    wanted[:p, :p] = c[0, 1]
+    wanted[np.arange(p), np.arange(p)] = c[0, 0]
+    wanted[np.arange(p, n), np.arange(p, n)] = c[p, p]
+    turned = abs(c[0, 0] - c[0, 1] - 2.0 * c[p, p]) < _TOLERANCE * np.max(c)  # isotropic
+    return bool(np.max(np.abs(c - wanted)) < _TOLERANCE * np.max(c) and not turned)
+
+
 def shears(tensor: Array) -> Array:
     """Return the shear moduli of an elastic tensor under an orthonormal set of shears.
 
@@ -88,6 +116,16 @@ def bulk_and_shear(tensor: Array) -> Array:
     p = {1: 1, 3: 2, 6: 3}[tensor.shape[-1]]
     bulk, each = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2, shears(tensor)
     return np.stack([bulk, np.mean(each, axis=-1) if p > 1 else np.zeros_like(bulk)], axis=-1)
+
+
+def anisotropy(shear: Array) -> Array:
+    """Return the anisotropy (...) of cubic elastic constants from :func:`shears` (..., 2) or (..., 5): 2 C44/(C11 - C12).
+
+    In the plane it is 2 C33/(C11 - C12), of xy over xx - yy; it is 1 of an isotropic tensor (C. Zener, Phys. Rev. 71, 846,
+    1947).
+    """
+    axial = shear.shape[-1] // 2  # shears along the axes come first
+    return np.asarray(np.mean(shear[..., axial:], axis=-1) / np.mean(shear[..., :axial], axis=-1))
 
 
 def longitudinal_modulus(tensor: Array) -> Array:

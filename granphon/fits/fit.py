@@ -248,7 +248,7 @@ def fit_width(
     along = np.eye(periods)[-1] if direction is None else direction
     waves = Waves(branch, one_direction(along, periods), data.frequency, finite_overlap)
     names = texts("parameters", parameters)
-    choice = MediumChoice.parse(medium)
+    choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     if choice.is_automatic:

@@ -35,7 +35,7 @@ from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState
 from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import local_exponent, sound_velocities
+from granphon.observables.velocities import local_exponent
 
 __all__ = ["VARIABLE", "VelocityModel", "Waves"]
 
@@ -125,15 +125,15 @@ class _WidenedSpread(Spread):
 
 
 class _SampleCurve:
-    """The stiffness of a regular lattice in which a ``branch`` has the velocity that it has in simulated samples.
+    """The stiffness of a regular lattice in which long ``waves`` have the velocity that they have in simulated samples.
 
     The curve is log(k/c W^(1/2)) as a function of log f*. It goes through equilibria at fixed f*, which are solved when they
     are first needed. Between them it is a cubic polynomial, with slopes from four neighbours. The cusps that it leaves out
     change the velocity of 64 x 64 balls by 2e-4 (rms, f* > 0.05), less for more balls. Samples of that size differ by more.
     """
 
-    def __init__(self, packing: Packing, choice: MediumChoice, branch: str) -> None:
-        self.medium, self.branch = choice.of(packing), branch
+    def __init__(self, packing: Packing, choice: MediumChoice, waves: Waves) -> None:
+        self.medium, self.waves = choice.of(packing), replace(waves, frequency=None)
         self._known: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
@@ -153,8 +153,8 @@ class _SampleCurve:
             return
         packing = self.medium.packing
         state = self.medium.at_force(np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force)
-        found = getattr(sound_velocities(state), self.branch)
-        regular = getattr(sound_velocities(_make_regular(state, state.normal_stiffness)), self.branch)
+        found, _ = self.waves.velocity(state)
+        regular, _ = self.waves.velocity(_make_regular(state, state.normal_stiffness))
         stiffness = state.normal_stiffness * (found / regular) ** 2
         values = np.log(stiffness / packing.width_units.stiffness)
         self._known |= dict(zip(nodes, values.tolist(), strict=True))
@@ -272,7 +272,7 @@ class VelocityModel:
     def _curve(self) -> _SampleCurve:
         # the curve is in reduced units and depends on no width, modulus or diameter: any width will do
         packing = change_packing(self.packing, {"spread": self._widen(1e-4 * self.packing.diameter)})
-        return _SampleCurve(packing, self.choice, self.waves.branch)
+        return _SampleCurve(packing, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:
         """Return the packing with these parameters; listed diameters are shifted so that their mean is the diameter."""

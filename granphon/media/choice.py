@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import PointShape
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
@@ -19,7 +20,7 @@ from granphon.media.accuracy import accuracy
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium
-from granphon.media.sampled_balls import MOST_SEED
+from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
 from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.state import ContactState, overlap_flag
 
@@ -30,6 +31,7 @@ __all__ = [
     "MediumChoice",
     "Option",
     "Rung",
+    "even_shape",
     "expected_error",
     "medium",
     "no_simulation",
@@ -41,6 +43,8 @@ Array = NDArray[np.float64]
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 #: rule of validation for a relative error
 relative_error: Rule = partial(number, low=1e-12, high=0.99)
+#: rule of validation for the cells of a sample along each period of its lattice
+_cells = partial(lengths, low=1, high=20_000)
 #: rough time of the effective medium for a density of diameters, s
 _DENSITY_TIME = 0.03
 #: rough time of the effective medium for 64 listed diameters, s
@@ -165,7 +169,7 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
     },
     DirectSimulation.name: {
-        "shape": Option(DirectSimulation.shape, partial(lengths, low=1, high=20_000)),
+        "shape": Option(DirectSimulation.shape, _cells),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
     },
@@ -192,10 +196,26 @@ class MediumChoice:
         object.__setattr__(self, "options", kept)
 
     @classmethod
-    def parse(cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}."""
-        found: MediumChoice = require("medium", medium, value)
+    def parse(
+        cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
+    ) -> MediumChoice:
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
+        found: MediumChoice = require("medium", partial(medium, lattice=lattice), value)
         return found
+
+    def on(self, lattice: Lattice) -> MediumChoice:
+        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
+
+        Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
+        """
+        options = read_inside(self.name, partial(_read_options, self.name, lattice=lattice), dict(self.options))
+        default = DEFAULT_SHAPES[lattice.periods]
+        return MediumChoice(self.name, tuple(one for one in options.items() if one != ("shape", default)))
+
+    def settings_on(self, lattice: Lattice) -> dict[str, Any]:
+        """Every option with its value on a lattice, on which the default of a shape depends."""
+        found = self.settings
+        return found | {"shape": found["shape"] or DEFAULT_SHAPES[lattice.periods]} if "shape" in found else found
 
     @property
     def label(self) -> str:
@@ -205,7 +225,7 @@ class MediumChoice:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Every option with its value, defaults included."""
+        """Every option with its value, defaults included; a shape whose default depends on the lattice is None."""
         return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
 
     @property
@@ -267,6 +287,12 @@ class Rung:
         return expected_error(self.medium, self.packing, self.load).ravel()
 
 
+def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
+    lengths = np.linalg.norm(structure.vectors, axis=1)
+    return tuple(max(round(side / length), 1) for length in lengths.tolist())
+
+
 def solving_time(packing: Packing) -> float:
     """Return the rough time of the effective medium for the distribution of a packing, s, for any number of loads."""
     shape = packing.spread.shape if packing.spread and packing.width else None
@@ -304,15 +330,19 @@ def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
     return accuracy().error(choice.name, packing, load, balls)
 
 
-def medium(value: Any) -> MediumChoice:
-    """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`."""
+def medium(value: Any, lattice: Lattice | None = None) -> MediumChoice:
+    """Validate a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
+
+    With a ``lattice``, the shape of a sample has one length for each of its periods.
+    """
     if isinstance(value, MediumChoice):
-        return value
+        return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
     choice(name, tuple(MEDIA))
-    options = {} if given is None else read_inside(name, partial(_read_options, name), given)
-    return MediumChoice(name, tuple(options.items()))
+    options = {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice), given)
+    found = MediumChoice(name, tuple(options.items()))
+    return found if lattice is None else found.on(lattice)
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
@@ -325,8 +355,11 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
             raise no_finite_overlap(one.label)
 
 
-def _read_options(name: str, given: Any) -> dict[str, Any]:
-    return block(given, {option: known.rule for option, known in OPTIONS[name].items()})
+def _read_options(name: str, given: Any, lattice: Lattice | None = None) -> dict[str, Any]:
+    rules = {option: known.rule for option, known in OPTIONS[name].items()}
+    if lattice is not None and "shape" in rules:
+        rules["shape"] = partial(_cells, periods=lattice.periods)
+    return block(given, rules)
 
 
 def _write_option(value: Any) -> str:

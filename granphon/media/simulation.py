@@ -249,13 +249,9 @@ class SimulatedState(ContactState):
         return self.packing.structure.periods == 2 and super().is_isotropic
 
     @property
-    def sampled_moduli(self) -> Array | None:
-        """Bulk and shear modulus of each sample, (..., n_samples, 2), Pa; of a chain its modulus and nan, N.
-
-        In space and on other anisotropic lattices they are averages over directions (Voigt's). None if there is only one
-        sample.
-        """
-        return self.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor)) if self.n_samples > 1 else None
+    def sampled_tensors(self) -> Array | None:
+        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only one sample."""
+        return self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
 
     @property
     def mean_errors(self) -> dict[str, Any]:
@@ -288,9 +284,9 @@ class SimulatedState(ContactState):
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors of the velocities over the samples, in the order of ``wave_names``; None of one sample."""
-        if self.n_samples < 2:
+        every = self.sampled_tensors
+        if every is None:
             return None
-        every = self.over_samples(lambda sample: sample.elastic_tensor)
         velocities, _ = self._find_waves(every, np.asarray(self.effective_density)[..., None], direction)
         return standard_error(velocities, len(self.shape))
 

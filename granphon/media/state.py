@@ -18,6 +18,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
+from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
@@ -329,8 +330,13 @@ class ContactState(Result):
         return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
 
     @property
-    def sampled_moduli(self) -> Array | None:
-        """Bulk and shear modulus of each sample, (..., n_samples, 2), Pa; None if there are fewer than two samples."""
+    def has_cubic_axes(self) -> bool:
+        """Whether the lattice is square or cubic with its axes along x, y, z; a simulation is so on average over samples."""
+        return has_cubic_axes(self.packing.structure)
+
+    @property
+    def sampled_tensors(self) -> Array | None:
+        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there are fewer than two samples."""
         return None
 
     @property

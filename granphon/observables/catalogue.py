@@ -128,6 +128,17 @@ def _find_transverse(of: Analysis) -> Any:
     return None if of.velocities.transverse_slow is not None else of.velocities.transverse
 
 
+def _find_transverse_error(of: Analysis) -> Any:
+    """Return the standard error of the transverse velocity; None if there is none, or two, which have their own entries."""
+    return None if of.velocities.transverse_slow is not None else of.velocities.transverse_error
+
+
+def _find_of_cubic(of: Analysis, name: str) -> Any:
+    """Return an attribute of the moduli of a square or cubic lattice; None if there are none, or the lattice is another."""
+    found = of.moduli
+    return getattr(found, name) if found is not None and found.cubic else None
+
+
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` a function of an analysis that returns None for states with finite overlap.
 
@@ -164,7 +175,8 @@ def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     def find(of: Analysis) -> Any:
         found = of.moduli
         with suppress(InputError):
-            return getattr(found, name, None)
+            # a lattice without the modulus has no error of it either
+            return None if getattr(found, name.removesuffix("_error"), None) is None else getattr(found, name, None)
         return None
 
     return Observable(
@@ -242,9 +254,28 @@ _OBSERVABLES = (
     ),
     _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
     _make_velocity_entry("longitudinal_error", f"{_OVER_SAMPLES} longitudinal sound velocity", sampled=True),
-    _make_velocity_entry("transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True),
+    _make_velocity_entry(
+        "transverse_error", f"{_OVER_SAMPLES} transverse sound velocity", sampled=True, find=_find_transverse_error
+    ),
+    _make_velocity_entry(
+        "transverse_slow_error", f"{_OVER_SAMPLES} slow transverse sound velocity", sampled=True
+    ),
+    _make_velocity_entry(
+        "transverse_fast_error", f"{_OVER_SAMPLES} fast transverse sound velocity", sampled=True
+    ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
     _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
+    Observable(
+        "anisotropy", "1", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one",
+        find=lambda of: _find_of_cubic(of, "anisotropy"), cost="velocities",
+    ),
+    Observable(
+        "anisotropy_error", "1", f"{_OVER_SAMPLES} anisotropy", cost="velocities", sampled=True,
+        find=lambda of: _find_of_cubic(of, "anisotropy_error"),
+    ),
+    _make_modulus_entry(
+        "tensor_error", f"{_OVER_SAMPLES} entries of the elastic tensor", sampled=True, dims=("voigt_row", "voigt_column")
+    ),
     Observable(
         "exponent", "1", "local exponent of the sound velocities, d log v / d log P",
         "d log $v_L$ / d log $P$", "local exponent d log v_L / d log P",

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sample import standard_error
+from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_names
-from granphon.dynamics.tensors import shears
+from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
 from granphon.media.acoustics import lattice_without_overlap
 from granphon.media.state import ContactState, given_state, with_keyword
 from granphon.observables.validity import validity
@@ -109,12 +109,22 @@ class SoundVelocities(Result):
     @property
     def transverse_slow(self) -> Any:
         """The slow transverse wave, m/s, where there are two; else None."""
-        return self._take_transverse(0)
+        return self._take_transverse(0, self.transverse)
 
     @property
     def transverse_fast(self) -> Any:
         """The fast transverse wave, m/s, where there are two; else None."""
-        return self._take_transverse(1)
+        return self._take_transverse(1, self.transverse)
+
+    @property
+    def transverse_slow_error(self) -> Any:
+        """Standard error of :attr:`transverse_slow`, m/s; None where there are not two waves, or not two samples."""
+        return self._take_transverse(0, self.transverse_error)
+
+    @property
+    def transverse_fast_error(self) -> Any:
+        """Standard error of :attr:`transverse_fast`, m/s; None where there are not two waves, or not two samples."""
+        return self._take_transverse(1, self.transverse_error)
 
     def _count_transverse(self) -> int:
         """Return the number of transverse waves: all waves but those with other names."""
@@ -123,8 +133,8 @@ class SoundVelocities(Result):
         others = (self.longitudinal, self.out_of_plane)
         return int(np.shape(self.velocities)[-1]) - sum(one is not None for one in others)
 
-    def _take_transverse(self, place: int) -> Any:
-        return np.asarray(self.transverse)[..., place][()] if self._count_transverse() == 2 else None
+    def _take_transverse(self, place: int, of: Any) -> Any:
+        return None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
 
 
 def sound_velocities(
@@ -214,25 +224,35 @@ class Moduli(Result):
 
     ``tensor`` is (..., n, n), the shape of the load followed by the strains :attr:`components` in Voigt order: xx; xx, yy,
     xy; or xx, yy, zz, yz, xz, xy. ``isotropic`` says whether it is the same in all directions; for a simulation it is True,
-    though samples are isotropic only on average. ``bulk_error`` and ``shear_error`` are standard errors over the samples
-    of a simulation, Pa; None if there are fewer than two samples. ``warnings`` has one sentence for each limit of the model
-    that the state exceeds.
+    though samples are isotropic only on average, and ``cubic`` whether the lattice is square or cubic, in the same sense.
+    ``bulk_error``, ``shear_error`` (of the averages :attr:`voigt` where the lattice is not isotropic), ``tensor_error`` (of
+    each entry) and ``anisotropy_error`` are standard errors over the samples of a simulation; None if there are fewer than
+    two samples. ``warnings`` has one sentence for each limit of the model that the state exceeds.
     """
+
+    added = ("tensor_error", "anisotropy_error", "cubic")
 
     units = {
         "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
+        "tensor_error": "Pa", "anisotropy_error": "1",
     }  # fmt: skip
-    shapes = {"tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?"}
+    shapes = {
+        "tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?",
+        "tensor_error": "... 3 3|... 6 6|... 1 1?", "anisotropy_error": "...?",
+    }  # fmt: skip
 
     tensor: Array
     isotropic: bool
     warnings: tuple[str, ...]
     bulk_error: Any = None
     shear_error: Any = None
+    tensor_error: Array | None = None
+    anisotropy_error: Any = None
+    cubic: bool = False
 
     def said_units(self) -> dict[str, str]:
-        """The SI unit of each field: N on a line, else Pa."""
-        return dict.fromkeys(self.units, "N") if self.periods == 1 else dict(self.units)
+        """The SI unit of each field: of moduli N on a line, else Pa."""
+        return {name: "N" if unit == "Pa" and self.periods == 1 else unit for name, unit in self.units.items()}
 
     @property
     def periods(self) -> int:
@@ -253,7 +273,8 @@ class Moduli(Result):
         bulk, p = self._find_bulk(), self.periods
         # the stress under a strain that is the same in all directions, without its mean pressure
         stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
-        if not self.isotropic and np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
+        even = self.isotropic or self.cubic
+        if not even and np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
             raise InputError(
                 message("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
             )
@@ -277,6 +298,22 @@ class Moduli(Result):
         if not self.isotropic:
             raise InputError(message("this lattice has no single shear modulus", mend=_AVERAGES))
         return self._find_shears()
+
+    @property
+    def anisotropy(self) -> Any:
+        """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it is isotropic (Zener).
+
+        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 that of three axes, which differ in a sample of finite
+        size. So its distance from 1 in the triangular lattice shows how far samples are from isotropic.
+
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor square or cubic, and for a
+        chain.
+        """
+        self._require_shear()
+        if not (self.isotropic or self.cubic):
+            why = "One number says how far cubic and square lattices are from isotropic"
+            raise InputError(message("this lattice has no single anisotropy", why, "Use .tensor"))
+        return anisotropy(self._find_shears())[()]
 
     @property
     def voigt(self) -> AveragedModuli:
@@ -340,10 +377,11 @@ def moduli(state: ContactState, finite_overlap: bool | None = None) -> Moduli:
     equation (16) still holds. The keyword ``finite_overlap`` is deprecated: the state says whether overlap is finite.
     """
     state = with_keyword(state, finite_overlap)
-    bulk_error, shear_error = None, None
-    if (every := state.sampled_moduli) is not None:
-        bulk_error, shear_error = np.moveaxis(standard_error(every, -2), -1, 0)
-    return Moduli(
-        tensor=state.elastic_tensor, isotropic=state.is_isotropic, warnings=validity(state).warnings,
-        bulk_error=bulk_error, shear_error=shear_error,
-    )  # fmt: skip
+    errors: dict[str, Any] = {}
+    tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes
+    if (every := state.sampled_tensors) is not None:
+        errors["bulk_error"], errors["shear_error"] = np.moveaxis(standard_error(bulk_and_shear(every), -2), -1, 0)
+        errors["tensor_error"] = standard_error(every, -3)
+        if (isotropic or cubic) and tensor.shape[-1] > 1:
+            errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
+    return Moduli(tensor=tensor, isotropic=isotropic, warnings=validity(state).warnings, cubic=cubic, **errors)

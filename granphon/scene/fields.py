@@ -205,11 +205,12 @@ def diameters_table(given: Any) -> str | None:
 # -- media, and what a sweep goes over ------------------------------------------------------------------------------
 
 
-def read_media(value: Any) -> tuple[MediumChoice, ...]:
-    """Read one medium, or a list of them."""
+def read_media(value: Any, lattice: Lattice) -> tuple[MediumChoice, ...]:
+    """Read one medium, or a list of them, on a lattice: its number of periods says what the shape of a sample is."""
+    rule = partial(medium, lattice=lattice)
     if not isinstance(value, list | tuple):
-        return (medium(value),)
-    found: tuple[MediumChoice, ...] = each(value, medium, "media")
+        return (rule(value),)
+    found: tuple[MediumChoice, ...] = each(value, rule, "media")
     labels = [one.label for one in found]
     double = [label for label in labels if labels.count(label) > 1]
     if double:

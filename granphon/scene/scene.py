@@ -98,7 +98,7 @@ class Scene:
         if isinstance(self.media, tuple | list) and not self.media:
             object.__setattr__(self, "media", "ema" if self.balls_differ else "ala")
         checks: dict[str, Callable[[Any], Any]] = {
-            "media": rules.read_media, "finite_overlap": truth, "observe": rules.read_observables,
+            "media": partial(rules.read_media, lattice=lattice), "finite_overlap": truth, "observe": rules.read_observables,
             "band_points": rules.segment_points, "mesh": partial(rules.mesh_numbers, lattice=lattice),
         }  # fmt: skip
         if self.dim is not None:
@@ -261,7 +261,8 @@ class Scene:
         blocks["load"] = {self.load.kind: rules.write_values(self.load.values, quantity.write)}
         if self.load.balls_per_side is not None:
             blocks["load"]["balls_per_side"] = self.load.balls_per_side
-        media = [{choice.name: choice.settings} if choice.settings else choice.name for choice in self.media]
+        settings = [(choice.name, choice.settings_on(packing.structure)) for choice in self.media]
+        media = [{name: options} if options else name for name, options in settings]
         blocks["medium"] = media if len(media) > 1 else media[0]
         if self.parameters:
             blocks["sweep"] = {name: rules.write_parameter(name, values) for name, values in self.parameters}

@@ -34,7 +34,7 @@ _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_p
 def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule | dict[str, Rule]]:
     """Return the rule of each key of a scene file and of its blocks; tables named in the file are sought in ``folder``.
 
-    What motions, pressures, directions, paths and meshes may be depends on the ``lattice``.
+    What motions, pressures, samples, directions, paths and meshes may be depends on the ``lattice``.
     """
     return {
         "schema": fields.read_schema,
@@ -54,7 +54,7 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
             },
             "balls_per_side": balls_on_side,
         },
-        "medium": fields.read_media,
+        "medium": partial(fields.read_media, lattice=lattice),
         "sweep": partial(fields.read_parameters, folder=folder, lattice=lattice),
         "observe": fields.read_observables,
         "direction": partial(fields.read_directions, lattice=lattice),

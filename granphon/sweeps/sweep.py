@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import as_direction, find_lattice
+from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS, Axis, find_double
@@ -114,7 +114,8 @@ def sweep(
     and ``shear`` (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
     standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
     sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
-    ``shear_error``, zero for other media; if all media are simulations, ``contact_force_fluctuation``;
+    ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and cubic lattices the
+    ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     velocities and moduli that balls with some of the swept motions do not have are nan there, and the warnings say which;
     and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
@@ -135,11 +136,12 @@ def sweep(
         of that load. No result is written then.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
-    choices = _parse_media(media)
+    axes = [Axis.of(name, given) for name, given in parameters.items()]
+    lattice = _find_lattice(packing, axes)
+    choices = _parse_media(media, lattice)
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
-    axes = [Axis.of(name, given) for name, given in parameters.items()]
-    along = _parse_direction(packing, axes, direction)
+    along = _parse_direction(lattice, direction)
     return sweep_grid(
         Grid(packing, axes, choices, load, finite_overlap, along), bands=bands, npoints=npoints, labels=labels,
         executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
@@ -188,9 +190,14 @@ def sweep_grid(
     return dataset
 
 
-def _parse_media(given: Any) -> list[MediumChoice]:
-    """Parse the media; :class:`InputError` if there is none, or one is given twice."""
-    choices = [MediumChoice.parse(one) for one in (given if isinstance(given, list | tuple) else [given])]
+def _find_lattice(packing: Packing, axes: Sequence[Axis]) -> Lattice:
+    """Return a lattice of the sweep: all have the same number of periods."""
+    return find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
+
+
+def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
+    """Parse the media; :class:`InputError` if there is none, or one is given twice, or has options of another lattice."""
+    choices = [MediumChoice.parse(one, lattice) for one in (given if isinstance(given, list | tuple) else [given])]
     if not choices:
         raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
     double = [choice.label for choice in choices if choices.count(choice) > 1]
@@ -199,12 +206,11 @@ def _parse_media(given: Any) -> list[MediumChoice]:
     return choices
 
 
-def _parse_direction(packing: Packing, axes: Sequence[Axis], direction: ArrayLike | None) -> tuple[Any, ...] | None:
+def _parse_direction(lattice: Lattice, direction: ArrayLike | None) -> tuple[Any, ...] | None:
     """Return one direction as its numbers, or many as a tuple of these; :class:`InputError` if the lattice has none such."""
     if direction is None:
         return None
-    swept = next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure)
-    along = as_direction(direction, find_lattice(swept).periods)
+    along = as_direction(direction, lattice.periods)
     numbers = np.asarray(direction, float).tolist()
     if along.ndim == 1:
         return tuple(numbers)
@@ -316,8 +322,8 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
         coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json([{choice.name: choice.settings} for choice in grid.media]), "finite_overlap": int(finite),
-        "direction": along,
+        "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
+        "finite_overlap": int(finite), "direction": along,
     }  # fmt: skip
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
@@ -340,15 +346,15 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     """Return the frame with the results of the cases, ``parts``, filled in."""
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
-    # the standard error of a medium that samples nothing is zero
     along = ("direction",) * ("direction" in frame.dims)
-    shape = (load.size, *(frame.sizes[name] for name in along))
-    exact = {
-        name: np.zeros(shape if one.per_direction else load.size)
+    voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
+    many = tuple(frame.sizes[name] for name in along)
+    sizes = {
+        name: (many if one.per_direction else ()) + (len(voigt),) * len(one.dims)
         for name, one in CATALOGUE.items()
         if one.sampled and any(name in part for part in parts)
     }
-    parts = [part | {name: zeros for name, zeros in exact.items() if name not in part} for part in parts]
+    parts = [_fill_errors(work, part, sizes) for work, part in zip(works, parts, strict=True)]
     labels = [case.label for case in grid.cases]
     warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
@@ -370,24 +376,41 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
             _list_attributes(name, stack, packing),
         )
     if "tensor" in names:
-        voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
+
+
+def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
+    """Return a result with the standard errors in ``sizes``, each with its shape at one load, that it lacks.
+
+    They are zero for a medium that samples nothing, and nan, not known, for a single sample.
+    """
+    error = np.zeros(work.case.load.size)
+    for rung in work.case.rungs:
+        error[rung.loads] = np.nan if rung.medium.simulates and rung.packing.width else 0.0
+    lacking = {name: shape for name, shape in sizes.items() if name not in part}
+    return part | {
+        name: np.broadcast_to(error.reshape(-1, *(1,) * len(shape)), (error.size, *shape)) for name, shape in lacking.items()
+    }
 
 
 def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
     """Return results in which velocities, moduli and pressures that only some of them have are nan in the others.
 
     For each result, a sentence says which are nan and why; it is empty if none is, and for a mechanism, which has its own
-    warning. Bulk and shear moduli are left out if one of the lattices has a tensor without them, else the tensor is.
+    warning. Bulk and shear moduli and the anisotropy are left out if one of the lattices has a tensor without them. If no
+    modulus is left out the tensor is. The standard error of what is left out is left out with it.
     """
     known = {
         name: value for part in reversed(parts) for name, value in part.items() if _is_of_sound(name) or name == "pressure"
     }
-    left_out = {name for name in ("bulk", "shear") if any("tensor" in part and name not in part for part in parts)}
-    if "bulk" in known and left_out <= ({"shear"} if periods == 1 else set()):
+    left_out = {
+        name for name in ("bulk", "shear", "anisotropy") if any("tensor" in part and name not in part for part in parts)
+    }
+    if "bulk" in known and left_out - {"anisotropy"} <= ({"shear"} if periods == 1 else set()):
         left_out.add("tensor")
+    left_out |= {f"{name}_error" for name in left_out}
     filled, missing = list[TaskResult](), list[str]()
     for part in parts:
         nans = {name: np.full_like(one, np.nan) for name, one in known.items() if name not in part and name not in left_out}

@@ -10,17 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Step
 from granphon.dynamics.local_field import local_field_on
 from granphon.laws.effective import EffectiveLaw
 from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import DisorderStudy
-from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
+from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference, leave_out
 
 __all__ = ["GridStudy"]
 
 Array = NDArray[np.float64]
+#: kinds of grids
+_METHODS = ("graded triangles", "uniform grid")
 #: number of effective media that are solved to find how an error of Xi changes a velocity
 _SOLUTIONS = 3
 #: relative change of Xi in the finite difference
@@ -54,7 +57,10 @@ class GridStudy(DisorderStudy):
         return np.asarray(0.5 * (k[1] - k[0]) / (k[1] + k[0]) / _XI_STEP)
 
     def make_points(self) -> list[Point]:
-        """Return the points: for each method, the cheapest setting of its knob first."""
+        """Return the points: for each method, the cheapest setting of its knob first; on the triangular lattice only."""
+        if self.disorder.packing.structure != TRIANGULAR:
+            why = "fixed grids, and the quadrature that judges them, are those of the triangular lattice"
+            return [leave_out(method, why) for method in _METHODS]
         eta = self.disorder.packing.mindlin_ratio
 
         def prepare(run: int) -> None:
@@ -63,8 +69,8 @@ class GridStudy(DisorderStudy):
         def make_point(method: str, number: int, graded: bool) -> Point:
             return Point(method, f"{number}", prepare, lambda ready: local_field_on(number, eta, graded))
 
-        graded = [make_point("graded triangles", number, True) for number in self.graded]
-        return graded + [make_point("uniform grid", number, False) for number in self.uniform]
+        graded = [make_point(_METHODS[0], number, True) for number in self.graded]
+        return graded + [make_point(_METHODS[1], number, False) for number in self.uniform]
 
     def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
         """Integrate the Green's function by adaptive quadrature."""

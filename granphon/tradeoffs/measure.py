@@ -192,7 +192,7 @@ def tradeoff(
     Parameters
     ----------
     packing : the balls.
-    force, pressure, overlap : the loads, N, N/m or m; one of the three.
+    force, pressure, overlap : the loads, N, N/m (Pa in space) or m; one of the three.
     observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and densities of states,
         media are judged by the scale of frequencies.
     finite_overlap : whether the density of states keeps the terms of relative order delta/d; media are compared in the
@@ -212,9 +212,9 @@ def tradeoff(
     Raises
     ------
     InputError : no load, or one that is not valid; equal balls of which nothing but velocities or bands is observed, as all
-        media are exact then; balls of different diameters on another lattice than the triangular one, or with finite
-        overlap, where media have no reference; a line or space, where densities of states have none either; fewer runs than
-        five, a budget of no seconds, an unknown word in ``observe``.
+        media are exact then; balls of different diameters on a line, on a lattice that is not simulated, or with finite
+        overlap, where media have no reference; equal balls on a line or in space, where densities of states have none
+        either; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     if not isinstance(packing, Packing):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.response import elasticity
+from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.laws.effective import EffectiveLaw, effective_curve
+from granphon.media.choice import even_shape
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
@@ -26,8 +30,12 @@ Array = NDArray[np.float64]
 _REFERENCE_SEED = 1_000_000
 #: least number of samples of the reference
 _LEAST_SAMPLES = 3
-#: balls along a side of the sample that a sparse LU solves as well, as a check
-_CHECKED_SIDE = 24
+#: sides, in diameters, of the samples of points, with two and with three periods
+_SIDES = {2: (8, 16, 32, 64, 128), 3: (4, 6, 10, 16, 24)}
+#: sides, in diameters, of the samples of the reference
+_REFERENCE_SIDES = {2: 64, 3: 14}
+#: sides, in diameters, of the sample that a sparse LU solves as well, as a check
+_CHECKED_SIDES = {2: 24, 3: 6}
 #: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
 
@@ -36,19 +44,39 @@ _SAMPLES_BETWEEN_LOOKS = 8
 class MediaStudy(DisorderStudy):
     """The media against the simulated array.
 
-    ``sides`` and ``counts``: balls along a side of the samples of a simulation, and how many samples it has;
-    ``reference_side``: balls along a side of the reference's samples.
+    ``sides`` and ``counts``: sides, in diameters, of the samples of a simulation, and how many samples it has;
+    ``reference_side``: side of the reference's samples. By default sides are those for the dimension of the lattice.
     """
 
     name = "media"
 
-    sides: tuple[int, ...] = (8, 16, 32, 64, 128)
+    sides: tuple[int, ...] = ()
     counts: tuple[int, ...] = (1, 4)
-    reference_side: int = 64
+    reference_side: int = 0
+
+    def shape(self, side: float) -> tuple[int, ...]:
+        """Return the numbers of cells of a sample whose sides are about ``side`` diameters."""
+        return even_shape(self.disorder.packing.structure, side)
+
+    @property
+    def reference_shape(self) -> tuple[int, ...]:
+        """Numbers of cells of the reference's samples."""
+        return self.shape(self.reference_side or _REFERENCE_SIDES[self._periods])
+
+    @property
+    def checked_shape(self) -> tuple[int, ...]:
+        """Numbers of cells of the sample that a sparse LU solves as well."""
+        return self.shape(_CHECKED_SIDES[self._periods])
+
+    @property
+    def _periods(self) -> int:
+        return self.disorder.packing.structure.periods
 
     def make_points(self) -> list[Point]:
         """Return the points, in the order of their predicted times."""
         disorder, packing, solving = self.disorder, self.disorder.packing, self.disorder.solving
+        with suppress(GranphonError):  # found once for all runs; a lattice that has none says so in its point
+            _ = EffectiveMedium(packing).local_field
 
         def solve(medium: Any) -> Array:
             return observe(disorder.state(medium))[:, disorder.columns]
@@ -62,8 +90,8 @@ class MediaStudy(DisorderStudy):
 
             return prepare
 
-        def prepare_simulation(side: int, samples: int) -> Callable[[int], DirectSimulation]:
-            return lambda run: DirectSimulation(packing, (side, side), run * samples, samples)
+        def prepare_simulation(shape: tuple[int, ...], samples: int) -> Callable[[int], DirectSimulation]:
+            return lambda run: DirectSimulation(packing, shape, run * samples, samples)
 
         computed = prepare_effective(lambda: EffectiveMedium(packing))
         printed = prepare_effective(lambda: EffectiveMedium(packing, "paper"))
@@ -71,14 +99,15 @@ class MediaStudy(DisorderStudy):
             Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), solve),
             Point("averaged force", "afa", lambda run: AveragedForce(packing), solve),
             Point("effective medium", "computed field", computed, solve, solving),
-            Point("effective medium, paper's field", "printed field", printed, solve, solving),
         ]
+        if packing.structure == TRIANGULAR:  # the paper prints no field of another lattice
+            found.append(Point("effective medium, paper's field", "printed field", printed, solve, solving))
         for samples in self.counts:
-            for side in self.sides:
-                prepare = prepare_simulation(side, samples)
+            for shape in map(self.shape, self.sides or _SIDES[self._periods]):
+                prepare = prepare_simulation(shape, samples)
                 seconds = disorder.stopwatch.predict(estimate(prepare(0), disorder.load))
                 method = f"simulation, {samples} sample{'s' if samples > 1 else ''}"
-                found.append(Point(method, f"{side} x {side}", prepare, solve, seconds, random=True))
+                found.append(Point(method, _write_shape(shape), prepare, solve, seconds, random=True))
         return sorted(found, key=lambda point: point.seconds)
 
     def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
@@ -87,8 +116,7 @@ class MediaStudy(DisorderStudy):
         Equilibrium and response of one smaller sample are solved by a sparse LU too, as a check.
         """
         disorder = self.disorder
-        sides = self.reference_side, self.reference_side
-        moments = Moments(disorder.packing, disorder.load, sides, _REFERENCE_SEED)
+        moments = Moments(disorder.packing, disorder.load, self.reference_shape, _REFERENCE_SEED)
         begun = deadline.stopwatch.now()
         apart = self.compare_solvers(deadline)
         longest, count = 0.0, 0
@@ -109,9 +137,10 @@ class MediaStudy(DisorderStudy):
         """Return the reference from the samples so far; ``apart`` (n_loads,) is added to its errors in quadrature."""
         columns, ensemble = self.disorder.columns, moments.ensemble()
         errors = np.hypot(ensemble.errors, apart[:, None])
-        balls = f"{ensemble.samples} samples of {self.reference_side} x {self.reference_side} balls"
+        each = "balls" if self.disorder.packing.structure.n_balls == 1 else "cells"
+        balls = f"{ensemble.samples} samples of {_write_shape(self.reference_shape)} {each}"
         checked = (
-            f"of one of {_CHECKED_SIDE} x {_CHECKED_SIDE}, equilibrium and response by sparse LU differ by"
+            f"of one of {_write_shape(self.checked_shape)}, equilibrium and response by sparse LU differ by"
             f" {np.max(apart):.0e}"
         )
         made = f"{balls} with control variates; {checked}"
@@ -125,20 +154,18 @@ class MediaStudy(DisorderStudy):
         from granphon.array.sparse import SparseArray
 
         disorder = self.disorder
-        simulation = DirectSimulation(disorder.packing, (self.reference_side, self.reference_side), _REFERENCE_SEED)
+        simulation = DirectSimulation(disorder.packing, self.reference_shape, _REFERENCE_SEED)
         least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, disorder.load))
         if least > deadline.left:
             raise GranphonError(f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {least:.2g} s.")
-        state = disorder.state(DirectSimulation(disorder.packing, (_CHECKED_SIDE, _CHECKED_SIDE), _REFERENCE_SEED))
-        apart = []
-        for sample in state.samples:
-            other = SparseArray(sample.equilibrium.deviations)
-            forces = other.forces(sample.equilibrium.overlap, check=deadline.check)
-            tensor = other.elastic_tensor(forces, disorder.packing.mindlin_ratio)
-            ours = sample.elastic_tensor
-            scale = sample.normal_stiffness / sample.equilibrium.stiffness / disorder.packing.diameter
-            off = np.max(np.abs(scale * tensor - ours)) / np.max(ours)
-            apart.append(max(abs(np.mean(forces) / sample.equilibrium.force - 1.0), 0.5 * off))
+        state = disorder.state(DirectSimulation(disorder.packing, self.checked_shape, _REFERENCE_SEED))
+        apart, eta = [], disorder.packing.mindlin_ratio
+        for rest in (sample.equilibrium for sample in state.samples):
+            other = SparseArray(rest.deviations, rest.lattice)
+            forces = other.forces(rest.overlap, check=deadline.check)
+            tensor, ours = other.elastic_tensor(forces, eta), elasticity(rest, eta)
+            off = np.max(np.abs(tensor - ours)) / np.max(ours)
+            apart.append(max(abs(np.mean(forces) / rest.force - 1.0), 0.5 * off))
         return np.array(apart)
 
     def compute_errors(self, outcomes: Sequence[Any], reference: Reference) -> Array:
@@ -150,3 +177,7 @@ class MediaStudy(DisorderStudy):
         if not point.random:
             return EPSILON * self.disorder.condition
         return float(np.max(np.std(outcomes, axis=0, ddof=1) / np.mean(outcomes, axis=0)))
+
+
+def _write_shape(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
-from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
-from granphon.dynamics.local_field import local_field
 from granphon.laws.collocation import solve_curve
 from granphon.laws.effective import EffectiveLaw, make_averages
 from granphon.laws.effective_curve import EffectiveCurve
+from granphon.media.mean_field import EffectiveMedium
 from granphon.tradeoffs.disorder import MOST_OPENINGS, DisorderStudy
 from granphon.tradeoffs.study import EPSILON, Deadline, Point, Reference
 
@@ -48,20 +47,22 @@ class SolutionStudy(DisorderStudy):
     @cached_property
     def _xi(self) -> float:
         """Local-field factor Xi of the lattice."""
-        return local_field(TRIANGULAR, self.disorder.packing.mindlin_ratio).xi
+        return EffectiveMedium(self.disorder.packing).local_field.xi
 
     def make_points(self) -> list[Point]:
         """Return the points: for each method, the cheapest setting of its knob first."""
-        shape, xi = self.disorder.shape, self._xi
+        shape = self.disorder.shape
 
         def make_point(stages: int, tolerance: float) -> Point:
             def solve(averages: Any) -> Array:
+                xi = self._xi
                 law = _LawOfCurve(1.0, 1.0, shape, xi, solve_curve(shape, xi, averages, stages, tolerance))
                 return np.asarray(law.stiffness(law.overlap(self.disorder.forces)))
 
-            return Point(
-                f"{stages} stages", f"{tolerance:.0e}", lambda run: make_averages(shape, xi), solve, self.disorder.solving
-            )
+            def prepare(run: int) -> Any:
+                return make_averages(shape, self._xi)
+
+            return Point(f"{stages} stages", f"{tolerance:.0e}", prepare, solve, self.disorder.solving)
 
         return [make_point(stages, tolerance) for stages, several in self.tolerances.items() for tolerance in several]
 

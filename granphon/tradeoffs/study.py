@@ -19,7 +19,7 @@ from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.media.cost import Cost
 
-__all__ = ["EPSILON", "SECONDS", "Deadline", "Point", "Reference", "Stopwatch", "Study"]
+__all__ = ["EPSILON", "SECONDS", "Deadline", "Point", "Reference", "Stopwatch", "Study", "leave_out"]
 
 Array = NDArray[np.float64]
 #: relative distance between neighbouring double-precision numbers at 1
@@ -83,6 +83,15 @@ class Point:
     solve: Callable[[Any], Any]
     seconds: float = 0.0
     random: bool = False
+
+
+def leave_out(method: str, why: str) -> Point:
+    """Return a point that stands for a method which is not measured, and says ``why`` when it is run."""
+
+    def prepare(run: int) -> Any:
+        raise GranphonError(f"not measured: {why}")
+
+    return Point(method, "none", prepare, lambda ready: ready)
 
 
 class Reference(NamedTuple):
