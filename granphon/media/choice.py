@@ -16,6 +16,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule, block, choice, grid, number, read_inside, require, whole
 from granphon.media.accuracy import accuracy
+from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium
@@ -156,14 +157,18 @@ class AutoMedium(Loaded[ContactState]):
 
 
 #: the classes of media by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium | DirectSimulation | AutoMedium]] = {
-    rung.name: rung for rung in (AveragedLattice, AveragedForce, EffectiveMedium, DirectSimulation, AutoMedium)
+MEDIA: Mapping[
+    str, type[AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium]
+] = {
+    rung.name: rung
+    for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
 }
 #: the options of each medium, by the name of the medium and then of the option
 OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
     EffectiveMedium.name: {
         option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
     },
+    ClusterMedium.name: {"balls": Option(ClusterMedium.balls, partial(whole, low=2, high=100))},
     DirectSimulation.name: {
         "shape": Option(DirectSimulation.shape, partial(grid, low=1, high=20_000, example="128 128")),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),

@@ -18,6 +18,7 @@ from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
+from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
@@ -80,7 +81,7 @@ class ContactLaw(Protocol):
 
 #: type of the result of a function of a state
 Found = TypeVar("Found")
-Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
+Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
 @dataclass(frozen=True, eq=False, repr=False)
