@@ -3,13 +3,13 @@
 The balls have deviations x of their diameters, and t = (x_i + x_j)/2 is the overlap that a contact would have gained if no
 ball moved. The balls of a lattice with one stiffness move so that the elongations e = P t, P = C D^-1 C^T K being the
 projection on what motions can do (:mod:`granphon.dynamics.local_field`). What is left, s = (1 - P) t, is the misfit of each
-contact. A further tension phi of the contacts of a cluster takes e = P phi/k off their overlaps. So four tables hold all that a
-cluster needs to know of the infinite lattice: P between its contacts, what each ball adds to s, the covariance of s over all
-balls, and that of P phi for independent tensions of all contacts outside the cluster.
+contact. A further tension phi of the contacts of a cluster takes e = P phi/k off their overlaps. So four tables hold all
+that a cluster needs to know of the infinite lattice: P between its contacts, what each ball adds to s, the covariance of s
+over all balls, and that of P phi for independent tensions of all contacts outside the cluster.
 
 All are means over the Brillouin zone of bounded functions, found on uniform grids half a step off Gamma. On each P is a
-projection to rounding. Such a grid favours some directions by a part that falls as its spacing squared, as the functions depend
-on direction at Gamma; two grids together leave that part out.
+projection to rounding. Such a grid favours some directions by a part that falls as its spacing squared, as the functions
+depend on direction at Gamma; two grids together leave that part out.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _grow(lattice: Lattice) -> list[list[_Place]]:
     found: list[list[_Place]] = []
     while True:
         cluster = [*cluster, *_touching(lattice, cluster)]
-        if found and len(_inside(lattice, cluster)) > _MOST_CONTACTS or len(found) == 3:
+        if (found and len(_inside(lattice, cluster)) > _MOST_CONTACTS) or len(found) == 3:
             return found
         found.append(cluster)
 

@@ -2,8 +2,8 @@
 
 In reduced units let f = (y + c)^(3/2): c is what the overlap of equal balls would have to be larger by to carry the mean
 force. It is a polynomial in x = 1/(y + b), from x = 2 at the lowest overlap of the curve to where all contacts are closed.
-From there on f is y^(3/2) times a series in 1/y, whose second order is 3/8 <s^2>. Both are fitted to f and to k, so that k, its
-slope and the energy are derivatives and the integral of one function.
+From there on f is y^(3/2) times a series in 1/y, whose second order is 3/8 <s^2>. Both are fitted to f and to k, so that k,
+its slope and the energy are derivatives and the integral of one function.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ _GAUSS = 64
 def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int) -> ClusterCurve:
     """Solve the cluster medium for a shape, a lattice, its Mindlin ratio and a number of balls; results are cached."""
     response = cluster_response(lattice, mindlin_ratio, balls)
-    # larger clusters take more time for a realisation, and fewer realisations
-    points = _POINTS // 2 ** max(0, round(1.5 * np.log2(len(response.response) / 12.0)))
-    return solve_cluster(response, shape, points)
+    # a realisation of a larger cluster takes more time, and says more
+    points = _POINTS // 2 ** max(0, round(1.6 * float(np.log2(len(response.response) / 12.0))))
+    return solve_cluster(response, shape, points) if points >= 512 else solve_cluster(response, shape, 2 * points, 4)
 
 
 def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int = _SCRAMBLES) -> ClusterCurve:
@@ -197,7 +197,7 @@ def _make_basis(y: Array, top: float, offset: float) -> tuple[Array, Array, Arra
         scale**n * np.moveaxis(chebyshev.chebval(t, chebyshev.chebder(np.eye(_DEGREE + 1), n)), 0, -1) for n in range(3)
     )
     x = np.asarray(x)[..., None]
-    return value, -(x**2) * first, x**4 * second + 2.0 * x**3 * first
+    return np.asarray(value), np.asarray(-(x**2) * first), np.asarray(x**4 * second + 2.0 * x**3 * first)
 
 
 def _fit_series(found: list[Balance], second: float) -> Series:

@@ -3,8 +3,8 @@
 A realisation is a point of the unit cube. Its first coordinates give the deviations of the balls of the cluster and of those
 that touch it, by the quantiles of their distribution. The many balls farther off add up to normal deviates with what is left
 of the covariance; so does the push of contacts outside, which is known up to its size
-(:mod:`granphon.laws.cluster_balance`). The points are Sobol's, scrambled, each with its antithetic one. Independent scrambles
-are kept apart, and from their differences follows the error of every mean. The points do not depend on the load.
+(:mod:`granphon.laws.cluster_balance`). The points are Sobol's, scrambled, each with its antithetic one. Independent
+scrambles are kept apart, and from their differences follows the error of every mean. The points do not depend on the load.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _VARIANCE = 1.0 / 12.0
 #: eigenvalues of a covariance below this are rounding
 _LEAST = 1e-9
+#: least number of points for each direction of the covariance: half of them are mirror images
+_POINTS_PER_DIRECTION = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,10 @@ class ClusterPoints:
 
 
 def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles: int) -> ClusterPoints:
-    """Draw ``scrambles`` sets of ``points`` realisations each, a power of two, half of them antithetic to the others."""
+    """Draw ``scrambles`` sets of ``points`` realisations each, a power of two, half of them antithetic to the others.
+
+    There are more, if as many do not fix the covariance.
+    """
     near = response.influence
     far = _root(_VARIANCE * (response.misfit - near @ near.T))
     push = _root(response.remote)
@@ -53,6 +58,8 @@ def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles:
     exact = np.zeros((2 * n_c, 2 * n_c))
     exact[:n_c, :n_c], exact[n_c:, n_c:] = _VARIANCE * response.misfit, push @ push.T
     root = _root(exact)
+    while points < _POINTS_PER_DIRECTION * root.shape[1]:
+        points *= 2
     sets = []
     for seed in range(scrambles):
         cube = _scramble(both.shape[1], points // 2, seed)

@@ -156,10 +156,9 @@ class AutoMedium(Loaded[ContactState]):
         return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
 
 
+_AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
 #: the classes of media by the names that scenes and sweeps use
-MEDIA: Mapping[
-    str, type[AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium]
-] = {
+MEDIA: Mapping[str, type[_AnyMedium]] = {
     rung.name: rung
     for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
 }
@@ -254,9 +253,11 @@ class Rung:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, unlike simulations and an effective medium of many listed diameters."""
+        """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
         if self.medium.name == EffectiveMedium.name:
             return solving_time(self.packing) < _MOMENT
+        if self.medium.name == ClusterMedium.name:
+            return not self.packing.width
         return not self.medium.simulates
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:

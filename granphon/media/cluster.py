@@ -12,7 +12,7 @@ import numpy as np
 from granphon.balls.packing import Packing
 from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
-from granphon.dynamics.cluster_response import cluster_response, cluster_sizes
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
 from granphon.media.mean_field import _ByLaw
 from granphon.media.state import Law
@@ -61,6 +61,11 @@ class ClusterMedium(_ByLaw):
         return cluster_sizes(self.packing.structure)[0] if self.balls is None else self.balls
 
     @property
+    def response(self) -> ClusterResponse:
+        """How the lattice answers the contacts of the cluster."""
+        return cluster_response(self.packing.structure, self.packing.mindlin_ratio, self.n_balls)
+
+    @property
     def quadrature_error(self) -> float:
         """Largest relative standard error of the force where the medium is valid, from the quadrature; 0 for equal balls."""
         law = self.law
@@ -73,13 +78,9 @@ class ClusterMedium(_ByLaw):
 
     @property
     def _law(self) -> Law:
-        spread, law, structure, eta = (
-            self.packing.spread,
-            self.packing.law,
-            self.packing.structure,
-            self.packing.mindlin_ratio,
-        )
+        packing, spread = self.packing, self.packing.spread
         # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
-        if not spread or cluster_response(structure, eta, self.n_balls).is_fixed:
-            return law
-        return ClusterLaw(law.coefficient, spread.width, spread.shape, structure, eta, self.n_balls)
+        if not spread or self.response.is_fixed:
+            return packing.law
+        coefficient, shape = packing.law.coefficient, spread.shape
+        return ClusterLaw(coefficient, spread.width, shape, packing.structure, packing.mindlin_ratio, self.n_balls)
