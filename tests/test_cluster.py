@@ -52,6 +52,7 @@ def test_clusters_are_whole_shells():
     assert np.count_nonzero(cluster_response(FCC, 0.0).central) == 12
 
 
+@pytest.mark.claim("cluster-second-order")
 @pytest.mark.parametrize(("lattice", "eta"), [(TRIANGULAR, 0.0), (TRIANGULAR, 0.84), (FCC, 0.0)])
 def test_a_unit_tension_of_the_star_gives_the_local_field(lattice, eta):
     found = cluster_response(lattice, eta)
@@ -169,6 +170,33 @@ def test_reduced_equilibrium_is_that_of_the_whole_array():
     assert_allclose(found, h[inside], atol=3e-6)  # balls are held by 1e-6 of the stiffness
 
 
+@pytest.mark.claim("cluster-push")
+@pytest.mark.parametrize(("spacing", "variance"), [(0.7, 1.3e-3), (0.5, 5.4e-3)])
+def test_tensions_outside_push_as_if_they_were_independent(spacing, variance):
+    """In the simulated array itself: what is assumed of contacts outside a cluster, for clusters around all balls."""
+    side, y = 48, spacing - 0.5
+    sample = gp.DirectSimulation(PACKING, shape=(side, side), seed=2).at_overlap(y * WIDTH).sample
+    order = [1, 0, 2]  # of the three contacts of a ball
+    h, force = (values[..., order].ravel() for values in (sample.contact_overlaps / WIDTH, sample.contact_forces / FORCE))
+    array = Array2D(side)
+    misfit = array.misfit(((sample.diameters - 8e-3) / WIDTH).ravel())
+    kappa = np.mean((force - force.mean()) * misfit) / np.mean(misfit**2)
+    phi = force - force.mean() - kappa * (h - y)
+    answer = array.project(phi)
+    assert_allclose(h, y + misfit - answer / kappa, atol=1e-6)  # the equilibrium, in the words of the theory
+    inside, central = array.find_cluster(1)
+    p = array.response(inside)[inside]
+    place = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    cells = (np.stack([inside // 3 // side, inside // 3 % side], axis=-1) + place) % side
+    found = 3 * (cells[..., 0] * side + cells[..., 1]) + inside % 3
+    push = -(answer[found] - phi[found] @ p) / kappa
+    push, with_it = push[:, central], misfit[found][:, central]
+    assert_allclose(np.mean(push**2), variance, rtol=0.1)
+    independent = np.mean(phi**2) / kappa**2 * np.diag(p - p @ p)[central].mean()
+    assert_allclose(independent, np.mean(push**2), rtol=0.2)
+    assert abs(np.mean(push * with_it)) < 0.05 * np.sqrt(np.mean(push**2) * np.mean(with_it**2))
+
+
 # -- the balance --------------------------------------------------------------------------------------------------------
 
 
@@ -209,6 +237,7 @@ def test_the_conditions_hold():
     assert_allclose(np.sqrt(np.mean(phi**2)), kappa * tau, rtol=1e-5)
 
 
+@pytest.mark.claim("cluster-second-order")
 @pytest.mark.parametrize(("lattice", "balls"), [(TRIANGULAR, 7), (TRIANGULAR, 19), (FCC, 13)])
 def test_second_order_at_high_load_is_exact(lattice, balls):
     """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), whatever the number of points."""
@@ -226,6 +255,7 @@ def test_second_order_at_high_load_is_exact(lattice, balls):
     assert abs(rest[1]) < 0.3 * abs(rest[0])  # the fourth order is next
 
 
+@pytest.mark.claim("cluster-quadrature")
 def test_quadrature_error_is_that_of_the_points():
     """Twice: the scatter between scrambles says how far a mean is off, and it falls with the number of points."""
     response = cluster_response(TRIANGULAR, 0.0)
@@ -241,6 +271,20 @@ def test_quadrature_error_is_that_of_the_points():
             assert abs(found.effective.force / best.effective.force - 1.0) < 4.0 * (found.error + best.error)
         assert best.error < 0.5 * one.error
         assert best.error < 1e-3
+
+
+@pytest.mark.claim("cluster-without-push")
+def test_without_the_push_from_outside_the_force_is_too_small():
+    response = cluster_response(TRIANGULAR, 0.0)
+    points = draw_points(response, FLAT, 256, 4)
+    off = []
+    for pushes in (points.pushes, np.zeros_like(points.pushes)):
+        balance = ClusterBalance(response, ClusterPoints(points.misfits, pushes, 4))
+        found = [balance.solve(0.5, Effective(0.37, 1.02, 0.02))]
+        for y in (0.2, 0.0):
+            found.append(balance.step(found[-1], y))
+        off.append([one.effective.force for one in found[1:]])
+    assert_allclose(np.divide(off[1], off[0]) - 1.0, [-0.0115, -0.125], rtol=0.15)
 
 
 # -- the medium ---------------------------------------------------------------------------------------------------------
@@ -283,6 +327,7 @@ def test_scales_follow_the_width(medium):
     assert other.law.curve is medium.law.curve
 
 
+@pytest.mark.claim("cluster-errors")
 def test_force_is_near_that_of_the_simulated_array(medium):
     """At a* = 0.7 and 0.5 the error is at most a third of the single site's, or 1 %, quadrature included."""
     delta = np.array([0.2, 0.0]) * WIDTH
