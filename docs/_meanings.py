@@ -71,7 +71,7 @@ RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
     "ema": "effective medium: the neighbours of a ball give way; for balls that differ, lattices in the plane only",
-    "cluster": "cluster medium: a ball and its neighbours with diameters of their own; better than `ema` at low load, and dearer",
+    "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low load, and dearer",
     "simulation": "every ball of an array by itself; triangular lattice, no `finite_overlap`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
