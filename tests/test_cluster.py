@@ -202,14 +202,14 @@ def test_tensions_outside_push_as_if_they_were_independent(spacing, variance):
 
 def test_points_have_the_moments_of_the_array():
     response = cluster_response(TRIANGULAR, 0.0)
-    points = draw_points(response, FLAT, 64, 3)
-    for part in np.split(np.arange(192), 3):
+    points = draw_points(response, FLAT, 256, 3)
+    for part in np.split(np.arange(768), 3):
         s, m = points.misfits[part], points.pushes[part]
         assert_allclose(s.mean(axis=0), 0.0, atol=1e-14)
-        assert_allclose(s.T @ s / 64, response.misfit / 12.0, atol=1e-7)
-        assert_allclose(m.T @ m / 64, response.remote, atol=1e-7)
-        assert_allclose(s.T @ m / 64, 0.0, atol=1e-12)
-    again = draw_points(response, FLAT, 64, 3)
+        assert_allclose(s.T @ s / 256, response.misfit / 12.0, atol=1e-7)
+        assert_allclose(m.T @ m / 256, response.remote, atol=1e-7)
+        assert_allclose(s.T @ m / 256, 0.0, atol=1e-12)
+    again = draw_points(response, FLAT, 256, 3)
     assert_array_equal(points.misfits, again.misfits)
 
 

@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 _HOLD = 1e-6
 #: largest relative change of f and kappa in the last iteration: convergence is quadratic
 _SETTLED = 1e-5
-#: largest force that is not balanced on a mode of a cluster, over the mean force
+#: largest force that is not balanced on a mode of a cluster, over f and over kappa W
 _BALANCED = 1e-8
 #: numbers in the matrices that are worked on at a time
 _AT_ONCE = 2**18
@@ -152,7 +152,7 @@ class ClusterBalance:
     def _relax_part(self, going: NDArray[np.intp], y: float, now: Effective) -> None:
         f, kappa, tau = now
         points, modes = self._points, self._modes
-        rounding = 1e-15 * len(modes) * (f + kappa)
+        rounding = 1e-15 * len(modes) * (f + kappa) * (1.0 + abs(y))
         w, fixed = self._w[going], y + points.misfits[going] + tau * points.pushes[going]
 
         def energy(w: Array, fixed: Array) -> Array:
@@ -166,7 +166,7 @@ class ClusterBalance:
             closed = np.maximum(h, 0.0)
             root = np.sqrt(closed)
             pull = (1.0 + _HOLD) * kappa * w - (closed * root - f - kappa * (h - y)) @ modes
-            left = np.max(np.abs(pull), axis=1) > _BALANCED * f
+            left = np.max(np.abs(pull), axis=1) > _BALANCED * min(f, kappa)
             if not np.any(left):
                 return
             going, w, fixed, pull = going[left], w[left], fixed[left], pull[left]

@@ -8,6 +8,7 @@ its slope and the energy are derivatives and the integral of one function.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -41,6 +42,8 @@ _FAR, _ORDERS = (6.0, 3.0, 1.8, 1.3, 1.0), np.arange(3, 10)
 _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 4096, 8
+#: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
+_LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
 _MOST_X = 2.0
 #: terms of a series at high load
@@ -85,15 +88,20 @@ def _guess(second: float, y: float) -> Effective:
 def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float) -> float:
     """Find the overlap at which f* falls to the least that is solved, from few realisations."""
     balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
-    now, least = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0)
+    now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 1.0 / 3.0
     while now.effective.force > 1.001 * LEAST_SOLVED_FORCE:
         # f^(2/3) is nearly linear in y; a step takes off no more than a third of it
         root = now.effective.force ** (2.0 / 3.0)
         slope = root * now.slopes.force / (1.5 * now.effective.force)
+        trial = deepcopy(balance)
         try:
-            now = balance.step(now, now.y - min(root / 3.0, root - least) / slope)
+            now = trial.step(now, now.y - min(share * root, root - least) / slope)
+            balance = trial
         except PrecisionError:
-            if now.effective.force > 10.0 * LEAST_SOLVED_FORCE:
+            share *= 0.5
+            if share > _LEAST_SHARE:
+                continue
+            if now.effective.force > _MOST_END:
                 raise
             break
     return now.y
@@ -105,7 +113,7 @@ class ClusterCurve:
 
     ``offset`` is b, ``coefficients`` are those of c as a Chebyshev series over the range of x, and ``far`` is the series at
     high load. ``nodes`` (n,) are the overlaps at which it was solved, ascending, with the ``errors`` of f*, the relative
-    standard errors of the quadrature, ``fluctuations`` and ``contacts`` there.
+    standard errors of the quadrature with what the polynomial is off, ``fluctuations`` and ``contacts`` there.
     """
 
     offset: float
@@ -134,7 +142,10 @@ class ClusterCurve:
         rows = [weight[:, None] * basis, steep[:, None] * slopes, _JOIN_WEIGHT * np.stack([basis[0], slopes[0], bends[0]])]
         goal = [weight * (root**2 - y), steep * (2.0 / 3.0 * k / root - 1.0), _JOIN_WEIGHT * np.array(joins)]
         coefficients = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
-        tables = ([getattr(one, name) for one in low] for name in ("y", "error", "fluctuation", "contacts"))
+        # what the polynomial is off, relative to f, is an error of the law as well
+        off = 1.5 * (basis @ coefficients - (root**2 - y)) / root**2
+        errors = np.hypot([one.error for one in low], off)
+        tables = (y, errors, *([getattr(one, name) for one in low] for name in ("fluctuation", "contacts")))
         return cls(offset, read_only(coefficients), far, *(read_only(np.array(table)[::-1]) for table in tables))
 
     @cached_property

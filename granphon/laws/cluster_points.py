@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
+from granphon.base.errors import PrecisionError, message
 from granphon.base.results import read_only
 from granphon.dynamics.cluster_response import ClusterResponse
 
@@ -27,6 +28,8 @@ _VARIANCE = 1.0 / 12.0
 _LEAST = 1e-9
 #: least number of points for each direction of the covariance: half of them are mirror images
 _POINTS_PER_DIRECTION = 2.5
+#: most points of a scramble
+_MOST_POINTS = 2**13
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,8 @@ class ClusterPoints:
 def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles: int) -> ClusterPoints:
     """Draw ``scrambles`` sets of ``points`` realisations each, a power of two, half of them antithetic to the others.
 
-    There are more, if as many do not fix the covariance.
+    There are more, if as many do not fix the covariance. Raises :class:`~granphon.base.errors.PrecisionError` for a
+    distribution with so rare a kind of balls that even many more do not.
     """
     near = response.influence
     far = _root(_VARIANCE * (response.misfit - near @ near.T))
@@ -60,13 +64,23 @@ def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles:
     root = _root(exact)
     while points < _POINTS_PER_DIRECTION * root.shape[1]:
         points *= 2
-    sets = []
-    for seed in range(scrambles):
+
+    def draw(seed: int, points: int) -> Array | None:
         cube = _scramble(both.shape[1], points // 2, seed)
         cube = np.concatenate([cube, 1.0 - cube])
         deviates = _to_normal(cube)
         deviates[:, : near.shape[1]] = shape.quantile(cube[:, : near.shape[1]]) / np.sqrt(_VARIANCE)
-        sets.append(_match(deviates @ both.T, root))
+        return _match(deviates @ both.T, root)
+
+    while True:
+        # of a rare kind of balls there may be too few at a place
+        sets = [one for seed in range(scrambles) if (one := draw(seed, points)) is not None]
+        if len(sets) == scrambles:
+            break
+        points *= 2
+        if points > _MOST_POINTS:
+            what = "the cluster medium does not hold balls of so rare a kind"
+            raise PrecisionError(message(what, mend="Use the effective medium, or leave the rarest diameters out"))
     found = np.concatenate(sets)
     return ClusterPoints(read_only(found[:, :n_c].copy()), read_only(found[:, n_c:].copy()), scrambles)
 
@@ -92,9 +106,14 @@ def _root(covariance: Array) -> Array:
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept]))[:, ::-1])
 
 
-def _match(found: Array, root: Array) -> Array:
-    """Return the rows of ``found``, shifted and stretched so that their mean is zero and their covariance root root^T."""
+def _match(found: Array, root: Array) -> Array | None:
+    """Return the rows of ``found``, shifted and stretched so that their mean is zero and their covariance root root^T.
+
+    It is None if that would stretch a direction by more than a factor of three.
+    """
     parts = found @ np.linalg.pinv(root).T
     parts = parts - parts.mean(axis=0)
     values, vectors = np.linalg.eigh(parts.T @ parts / len(parts))
+    if values[0] < 0.1:
+        return None
     return np.asarray(parts @ ((vectors / np.sqrt(values)) @ vectors.T) @ root.T)
