@@ -72,8 +72,12 @@ def cluster_sizes(lattice: Lattice) -> list[int]:
 
 
 @lru_cache(maxsize=32)
-def cluster_response(lattice: Lattice, mindlin_ratio: float, balls: int | None = None) -> ClusterResponse:
+def cluster_response(
+    lattice: Lattice, mindlin_ratio: float, balls: int | None = None, bending: float = 0.0
+) -> ClusterResponse:
     """Find the response of a lattice to a cluster of its ``balls``; None is the ball in the middle and those that touch it.
+
+    ``bending`` is the stiffness of a contact against rolling, over k d^2.
 
     Raises :class:`~granphon.base.errors.InputError` for a number of balls that no shell completes, and
     :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
@@ -83,7 +87,7 @@ def cluster_response(lattice: Lattice, mindlin_ratio: float, balls: int | None =
     if balls is not None and balls not in sizes:
         listed = " or ".join(map(str, sizes))
         raise InputError(message(f"no shell of the {lattice.name} lattice completes {balls} balls", mend=f"Give {listed}"))
-    medium = ContactLattice.of(lattice, mindlin_ratio)
+    medium = ContactLattice.of(lattice, mindlin_ratio, bending=bending)
     medium.require_rigid()
     cluster = clusters[0 if balls is None else sizes.index(balls)]
     return _respond(medium, lattice, cluster, [*cluster, *_touching(lattice, cluster)])

@@ -53,9 +53,9 @@ _GAUSS = 64
 
 
 @lru_cache(maxsize=16)
-def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int) -> ClusterCurve:
-    """Solve the cluster medium for a shape, a lattice, its Mindlin ratio and a number of balls; results are cached."""
-    response = cluster_response(lattice, mindlin_ratio, balls)
+def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: int, bending: float = 0.0) -> ClusterCurve:
+    """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
+    response = cluster_response(lattice, mindlin_ratio, balls, bending)
     # a realisation of a larger cluster takes more time, and says more
     points = _POINTS // 2 ** max(0, round(1.6 * float(np.log2(len(response.response) / 12.0))))
     return solve_cluster(response, shape, points) if points >= 512 else solve_cluster(response, shape, 2 * points, 4)

@@ -63,7 +63,8 @@ class ClusterMedium(_ByLaw):
     @property
     def response(self) -> ClusterResponse:
         """How the lattice answers the contacts of the cluster."""
-        return cluster_response(self.packing.structure, self.packing.mindlin_ratio, self.n_balls)
+        packing = self.packing
+        return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
 
     @property
     def quadrature_error(self) -> float:
@@ -83,4 +84,5 @@ class ClusterMedium(_ByLaw):
         if not spread or self.response.is_fixed:
             return packing.law
         coefficient, shape = packing.law.coefficient, spread.shape
-        return ClusterLaw(coefficient, spread.width, shape, packing.structure, packing.mindlin_ratio, self.n_balls)
+        eta, balls = packing.mindlin_ratio, self.n_balls
+        return ClusterLaw(coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending)

@@ -298,7 +298,7 @@ class Plan:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
         media = (one.case.medium.of(one.case.packing) for one in self.few if one.case.medium.name == ClusterMedium.name)
         found = {medium.law for medium in media if isinstance(medium, ClusterMedium) and medium.packing.width}
-        laws = {(law.shape, law.lattice, law.mindlin_ratio, law.balls) for law in found if isinstance(law, ClusterLaw)}
+        laws = {replace(law, coefficient=1.0, width=1.0) for law in found if isinstance(law, ClusterLaw)}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / len(self.few))
         return costs.cluster_media(count) if count else Cost()
 
