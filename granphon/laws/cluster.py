@@ -29,9 +29,9 @@ class ClusterLaw(SpreadLaw):
     """Contact law of a cluster medium.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, the ``lattice``, its
-    ``mindlin_ratio`` eta and ``bending`` (over k d^2), and the number of ``balls`` of the cluster. Energy is counted from the
-    start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError` between the first contact and the start of
-    the curve.
+    ``mindlin_ratio`` eta and ``bending`` (over k d^2), and the number of ``balls`` of the cluster. Energy is counted from
+    the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError` between the first contact and the
+    start of the curve.
     """
 
     coefficient: float
