@@ -15,7 +15,7 @@ tau = phi_rms/kappa. So
 
 in the cluster, and three conditions find f, kappa and tau:
 
-    <(h)_+^(3/2)> = f           the mean force in the cluster is that of the lattice (and then <h> = y)
+    <(h)_+^(3/2)> = f           the mean force in the cluster is that of the lattice: then <h> = y
     <phi s> = 0                 forces and misfits go together as in the lattice: kappa = <(F - f) s>/<h s>
     <phi^2> = kappa^2 tau^2     contacts inside and outside are alike
 
@@ -24,6 +24,9 @@ depends on the misfits as little as it can. (Without push and with kappa = df/dy
 30 % at a* = 0.5.) The equilibrium of a realisation is the least of a convex function of w, with P = B B^T and
 h = y + s + tau m - B w. Balls inside can move without the lattice, so that a ball without contacts may be anywhere in its
 cage; a stiffness of 1e-6 kappa holds it.
+
+The force of the law is the mean over the contacts of the ball in the middle. That of the contacts at the rim, which are
+included in f, is larger, as what they touch outside is linear: at a* = 0.6 by 1.5 % with seven balls.
 
 Newton's method solves all three at once, and the realisations with them. Its last matrix gives the change of f, kappa and
 tau with y, hence k = df/dy, with f and kappa varied too.
@@ -67,17 +70,35 @@ class Effective(NamedTuple):
 
 @dataclass(frozen=True)
 class Balance:
-    """Solution at the overlap ``y``: its effective lattice, the slopes of f, kappa and tau over y, and means.
+    """Solution at the overlap ``y``: the effective lattice, the slopes of f, kappa and tau over y, and the middle ball.
 
-    ``error`` is the standard error of f from the quadrature, over f; ``fluctuation`` the rms deviation of the mean force on
-    the ball in the middle, over f; ``contacts`` the part of its contacts that carry force.
+    ``force`` is the mean force on that ball's contacts, ``stiffness`` its slope over y, ``error`` its standard error from
+    the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over the force;
+    ``contacts`` the part of its contacts that carry force.
     """
 
     y: float
     effective: Effective
     slopes: Effective
+    force: float
+    stiffness: float
     error: float
     fluctuation: float
+    contacts: float
+
+
+class _Conditions(NamedTuple):
+    """What the conditions miss in each scramble (R, 3), their derivatives with f, kappa and tau (3, 3), and with y (3,).
+
+    Of the ball in the middle: its mean force in each realisation (n,), the derivatives of its mean with f, kappa, tau and y
+    (4,), and the part of its contacts that carry force.
+    """
+
+    miss: Array
+    matrix: Array
+    by_y: Array
+    ball: Array
+    by_ball: Array
     contacts: float
 
 
@@ -109,9 +130,9 @@ class ClusterBalance:
         now = np.array(start)
         for _ in range(40):
             self._relax(y, Effective(*now.tolist()))
-            miss, matrix, by_y, forces = self._linearise(y, Effective(*now.tolist()))
-            total = np.mean(miss, axis=0)
-            change = -np.linalg.solve(matrix, total)
+            found = self._linearise(y, Effective(*now.tolist()))
+            total = np.mean(found.miss, axis=0)
+            change = -np.linalg.solve(found.matrix, total)
             ratio = np.abs(change / now)[:2]
             change *= min(1.0, 0.5 / float(np.max(ratio)))
             now = now + change
@@ -119,16 +140,24 @@ class ClusterBalance:
             if not np.all(np.isfinite(now)):
                 break
             if np.max(ratio) < _SETTLED:
-                slopes = -np.linalg.solve(matrix, by_y)
-                off = -np.linalg.solve(matrix, miss.T)[0] / now[0]
-                error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
-                mean, rms, closed = forces
-                return Balance(
-                    y, Effective(*now.tolist()), Effective(*slopes.tolist()), error, rms / mean, closed
-                )  # fmt: skip
+                return self._conclude(y, found, now, np.asarray(change, float))
         raise PrecisionError(
             message(f"the cluster medium does not settle at an overlap of {y:.6g} widths", mend="Raise the load")
         )
+
+    def _conclude(self, y: float, found: _Conditions, now: Array, change: Array) -> Balance:
+        """Return the solution ``now``, a last small change away from where the conditions were evaluated."""
+        slopes = -np.linalg.solve(found.matrix, found.by_y)
+        by_lattice, by_y = found.by_ball[:3], float(found.by_ball[3])
+        force = float(np.mean(found.ball) + by_lattice @ change)
+        # each scramble alone: its own mean, in its own effective lattice
+        off = found.ball.reshape(len(found.miss), -1).mean(axis=1) - by_lattice @ np.linalg.solve(found.matrix, found.miss.T)
+        error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
+        stiffness = by_y + float(by_lattice @ slopes)
+        return Balance(
+            y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, stiffness, error / force,
+            float(np.std(found.ball)) / force, found.contacts,
+        )  # fmt: skip
 
     def overlaps(self, y: float, effective: Effective) -> Array:
         """Return the overlaps h (n, n_c) of all contacts in equilibrium, in a given effective lattice."""
@@ -184,13 +213,10 @@ class ClusterBalance:
             message(f"a cluster finds no equilibrium at an overlap of {y:.6g} widths", mend="Raise the load")
         )
 
-    def _linearise(self, y: float, now: Effective) -> tuple[Array, Array, Array, tuple[float, float, float]]:
-        """Return what the three conditions miss in each scramble (R, 3), and their derivatives with f, kappa, tau, and y.
-
-        Then mean force, rms deviation, and closed contacts of the ball in the middle. It keeps the changes of w.
-        """
+    def _linearise(self, y: float, now: Effective) -> _Conditions:
+        """Return the conditions and their derivatives; it keeps the changes of w."""
         f, kappa, _ = now
-        misses, slopes, squares, central = [], np.zeros((3, 4)), 0.0, []
+        misses, slopes, squares, central = [], np.zeros((4, 4)), 0.0, []
         for part, miss, by, square, ball in self._parts_of_conditions(y, now):
             misses.append(miss)
             central.append(ball)
@@ -205,8 +231,8 @@ class ClusterBalance:
         miss = per.reshape(self._points.scrambles, -1, 3).mean(axis=1) - [f, 0.0, now.push * kappa]
         slopes[2] -= [0.0, now.push, kappa, 0.0]
         slopes[0, 0] -= 1.0
-        force, closed = np.concatenate(central, axis=1)
-        return miss, slopes[:, :3], slopes[:, 3], (float(np.mean(force)), float(np.std(force)), float(np.mean(closed)))
+        ball, closed = np.concatenate(central, axis=1)
+        return _Conditions(miss, slopes[:3, :3], slopes[:3, 3], ball, slopes[3], float(np.mean(closed)))
 
     def _parts_of_conditions(self, y: float, now: Effective) -> Iterator[tuple[slice, Array, Array, float, Array]]:
         """Yield, for one part of the realisations after another, mean force, <phi s> and <phi^2> of each, and slopes."""
@@ -245,6 +271,7 @@ class ClusterBalance:
                     by_force.mean(axis=(0, 1)),
                     np.einsum("ncp,nc->p", by_phi, s) / n,
                     2.0 * np.einsum("ncp,nc->p", by_phi, phi) / n,
+                    by_force[:, self._central].mean(axis=(0, 1)),
                 ]
             )
             square = np.mean(phi**2, axis=1)

@@ -57,7 +57,7 @@ def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: i
     """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
     response = cluster_response(lattice, mindlin_ratio, balls, bending)
     # a realisation of a larger cluster takes more time, and says more
-    points = _POINTS // 2 ** max(0, round(1.6 * float(np.log2(len(response.response) / 12.0))))
+    points = _POINTS // 2 ** max(0, round(float(np.log2(len(response.response) / 12.0))))
     return solve_cluster(response, shape, points) if points >= 512 else solve_cluster(response, shape, 2 * points, 4)
 
 
@@ -67,7 +67,7 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
     top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
-    second = float(np.mean(np.diag(response.misfit))) / 12.0  # <s^2> in units of W^2
+    second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
     lowest = _find_end(response, shape, top, second)
     offset = 1.0 / _MOST_X - lowest
     balance = ClusterBalance(response, draw_points(response, shape, points, scrambles))
@@ -89,10 +89,10 @@ def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float
     """Find the overlap at which f* falls to the least that is solved, from few realisations."""
     balance = ClusterBalance(response, draw_points(response, shape, _TRIAL, 1))
     now, least, share = balance.solve(top, _guess(second, top)), LEAST_SOLVED_FORCE ** (2.0 / 3.0), 1.0 / 3.0
-    while now.effective.force > 1.001 * LEAST_SOLVED_FORCE:
+    while now.force > 1.001 * LEAST_SOLVED_FORCE:
         # f^(2/3) is nearly linear in y; a step takes off no more than a third of it
-        root = now.effective.force ** (2.0 / 3.0)
-        slope = root * now.slopes.force / (1.5 * now.effective.force)
+        root = now.force ** (2.0 / 3.0)
+        slope = root * now.stiffness / (1.5 * now.force)
         trial = deepcopy(balance)
         try:
             now = trial.step(now, now.y - min(share * root, root - least) / slope)
@@ -101,7 +101,7 @@ def _find_end(response: ClusterResponse, shape: Shape, top: float, second: float
             share *= 0.5
             if share > _LEAST_SHARE:
                 continue
-            if now.effective.force > _MOST_END:
+            if now.force > _MOST_END:
                 raise
             break
     return now.y
@@ -129,7 +129,7 @@ class ClusterCurve:
         """Fit the series to solutions at high load, and the polynomial to those below, in descending order of y."""
         far = _fit_series(high, second)
         y = np.array([one.y for one in low])
-        force, k = np.array([(one.effective.force, one.slopes.force) for one in low]).T
+        force, k = np.array([(one.force, one.stiffness) for one in low]).T
         root = np.cbrt(force)
         basis, slopes, bends = _make_basis(y, far.start, offset)
         weight, steep = 1.0 / root**2, _SLOPE_WEIGHT * root / k
@@ -214,7 +214,7 @@ def _make_basis(y: Array, top: float, offset: float) -> tuple[Array, Array, Arra
 def _fit_series(found: list[Balance], second: float) -> Series:
     """Fit the orders from the third on of f/y^(3/2) as a series in 1/y."""
     y = np.array([one.y for one in found])[:, None]
-    force, k = np.array([(one.effective.force, one.slopes.force) for one in found]).T
+    force, k = np.array([(one.force, one.stiffness) for one in found]).T
     start = float(y[-1, 0])
     # relative to equal balls, and over the second order
     known = 0.375 * second / y[:, 0] ** 2
