@@ -404,7 +404,7 @@ def test_mechanisms_are_refused(name):
 
 def test_below_the_curve_is_an_error(medium):
     for ask in (lambda: medium.at_force(1e-3 * FORCE), lambda: medium.at_overlap(-0.3 * WIDTH)):
-        with pytest.raises(PrecisionError, match=r"valid from f\* = 0.02"):
+        with pytest.raises(PrecisionError, match=r"valid from f\* = 0.03"):
             ask()
     with pytest.raises(InputError):
         medium.at_overlap(-0.6 * WIDTH)

@@ -20,8 +20,8 @@ from granphon.laws.spread import Series, SpreadLaw
 __all__ = ["VALID_FORCE", "ClusterLaw"]
 
 Array = NDArray[np.float64]
-#: f* from which the force is within 2 % of the simulated array's, and the stiffness within 4 %
-VALID_FORCE = 0.02
+#: f* from which force and stiffness are within 2 % of the simulated array's, on the triangular lattice and in fcc
+VALID_FORCE = 0.03
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ClusterLaw(SpreadLaw):
         return self.curve.energy_offset
 
     def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid, f* = 0.02, for the ``width`` W, m."""
+        """Return the force, N, from which the medium is valid, f* = 0.03, for the ``width`` W, m."""
         return VALID_FORCE * WidthUnits(self.coefficient, width).force
 
     def quadrature_error(self, overlap: ArrayLike) -> ArrayLike:
