@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -18,9 +17,7 @@ from side_by_side import Part, Row, against, alternate, command_line
 
 import granphon as gp
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
-from granphon.balls.lattices import TRIANGULAR
 from granphon.dynamics.local_field import local_field
-from granphon.laws.cluster_curve import cluster_curve
 from granphon.laws.effective import effective_curve
 from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
 from granphon.tradeoffs.references import balance
@@ -101,20 +98,6 @@ def printed(y: np.ndarray) -> np.ndarray:
     return 16.0 / 35.0 * (above - 2.0 * middle + below)
 
 
-def clusters(repeats: int) -> list[Row]:
-    """Cold curves of cluster media, which then give any number of loads."""
-    rows = []
-    for balls in (7, 19, 37):
-        cluster_curve.cache_clear()
-        start = time.process_time()
-        curve = cluster_curve(SHAPES["uniform"], TRIANGULAR, 0.0, balls)
-        seconds = time.process_time() - start
-        error = float(np.interp(0.2, curve.nodes, curve.errors))
-        note = f"quadrature error {error:.1e} at a* = 0.7"
-        rows.append(Row(f"the curve of a cluster medium of {balls} balls, nothing kept", seconds, "s", 60.0, note=note))
-    return rows
-
-
 def loads(repeats: int) -> list[Row]:
     """200,000 loads through the medium, the curve known, against one evaluation of the averaged force on the same loads."""
     steel = gp.Material(211.65e9, 0.276, 7840.0)
@@ -136,7 +119,7 @@ def loads(repeats: int) -> list[Row]:
     ]  # fmt: skip
 
 
-PARTS: dict[str, Part] = {"curves": curves, "lots": lots, "loads": loads, "clusters": clusters}
+PARTS: dict[str, Part] = {"curves": curves, "lots": lots, "loads": loads}
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of the effective medium", PARTS))
