@@ -71,12 +71,14 @@ RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
     "ema": "effective medium: the neighbours of a ball give way",
+    "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low load, and dearer",
     "simulation": "every ball of an array by itself; lattices that stand without friction (chain, triangular, fcc, hcp), "
     "no `finite_overlap`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
 RUNG_OPTIONS = {
     "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to reproduce its curves",
+    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc and hcp, by default the fewest",
     "simulation.shape": "cells along each period of the array, by default one of these, by the dimension of the lattice",
     "simulation.seed": "seed of the diameters of the first sample; each further sample has the next number",
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",

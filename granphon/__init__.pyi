@@ -19,6 +19,7 @@ from .base.scales import Units as Units
 from .dynamics.modes import ContactLattice as ContactLattice
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium
+from .media.cluster import ClusterMedium as ClusterMedium
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium

@@ -205,7 +205,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     # names
     "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
-    "misspelt simulation": ("medium: ala", "medium: simulaton", 12, "medium", "'simulaton'", "ala, afa, ema, simulation", "'simulation'?"),
+    "misspelt simulation": ("medium: ala", "medium: simulaton", 12, "medium", "'simulaton'", "ala, afa, ema, cluster, simulation", "'simulation'?"),
     "unknown option of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium.ema.tol", "an unknown key", "local_field", ""),
     "option of another medium": ("medium: ala", "medium: {ala: {local_field: paper}}", 12, "medium.ala.local_field", "an unknown key", "none", ""),
     "value of an option": ("medium: ala", "medium: {ema: {local_field: papr}}", 12, "medium.ema.local_field", "'papr'", "computed, paper", "'paper'?"),

@@ -55,7 +55,7 @@ NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks
 LEAST = {"README.md": 4, "tutorial/steel.md": 14, "how-to/ase.md": 15, "how-to/python.md": 15, "explanation/ladder.md": 8}
 
 #: pages that take seconds, by simulations or by measuring times
-LONG = ("how-to/material.md", "how-to/tradeoff.md")
+LONG = ("explanation/cluster.md", "how-to/material.md", "how-to/tradeoff.md")
 
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"

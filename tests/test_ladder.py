@@ -61,9 +61,12 @@ def test_labels_say_what_is_not_the_default():
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        ("simulaton", "medium: found 'simulaton'; allowed: ala, afa, ema, simulation, auto. Did you mean 'simulation'?"),
-        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, simulation, auto."),
-        (3, "medium: found 3; allowed: ala, afa, ema, simulation, auto."),
+        (
+            "simulaton",
+            "medium: found 'simulaton'; allowed: ala, afa, ema, cluster, simulation, auto. Did you mean 'simulation'?",
+        ),
+        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, cluster, simulation, auto."),
+        (3, "medium: found 3; allowed: ala, afa, ema, cluster, simulation, auto."),
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
         (
             {"simulation": {"sampels": 1}},

@@ -44,7 +44,7 @@ _VELOCITIES = {
     "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
 }  # fmt: skip
 #: names of media in legends
-_MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium"}
+_MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
 
 
 def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str = "force", *, legend: bool = True) -> Axes:

@@ -1,1 +1,1 @@
-"""Contact laws of balls that differ: averaged force and effective medium."""
+"""Contact laws of balls that differ: averaged force, effective medium and clusters."""

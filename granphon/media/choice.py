@@ -17,6 +17,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, require, whole
 from granphon.media.accuracy import accuracy
+from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium
@@ -159,15 +160,18 @@ class AutoMedium(Loaded[ContactState]):
         return replace(serving.at(load, finite_overlap=finite_overlap), chosen=True)
 
 
+_AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
 #: the classes of media by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[AveragedLattice | AveragedForce | EffectiveMedium | DirectSimulation | AutoMedium]] = {
-    rung.name: rung for rung in (AveragedLattice, AveragedForce, EffectiveMedium, DirectSimulation, AutoMedium)
+MEDIA: Mapping[str, type[_AnyMedium]] = {
+    rung.name: rung
+    for rung in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium)
 }
 #: the options of each medium, by the name of the medium and then of the option
 OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
     EffectiveMedium.name: {
         option: Option(words[0], partial(choice, options=words)) for option, words in EffectiveMedium.options.items()
     },
+    ClusterMedium.name: {"balls": Option(ClusterMedium.balls, partial(whole, low=2, high=100))},
     DirectSimulation.name: {
         "shape": Option(DirectSimulation.shape, _cells),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
@@ -269,9 +273,11 @@ class Rung:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, unlike simulations and an effective medium of many listed diameters."""
+        """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
         if self.medium.name == EffectiveMedium.name:
             return solving_time(self.packing) < _MOMENT
+        if self.medium.name == ClusterMedium.name:
+            return not self.packing.width
         return not self.medium.simulates
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:

@@ -28,7 +28,16 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.simulation import DirectSimulation
 
-__all__ = ["Cost", "available_memory", "bands", "density_of_states", "estimate", "force_constants", "sweep_states"]
+__all__ = [
+    "Cost",
+    "available_memory",
+    "bands",
+    "cluster_media",
+    "density_of_states",
+    "estimate",
+    "force_constants",
+    "sweep_states",
+]
 
 Array = NDArray[np.float64]
 #: memory of Python and its libraries, bytes
@@ -74,6 +83,8 @@ _BESIDE_TIME = 0.6
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
+#: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
+_CLUSTER_BYTES, _CLUSTER_SECONDS = 1.5e8, 30.0
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -328,6 +339,12 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     atoms = math.prod(dim) * (balls + 1)
     what = f"force constants of {' x '.join(map(str, dim))} cells"
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
+
+
+def cluster_media(count: int) -> Cost:
+    """Estimate the cost of ``count`` cluster media, each solved once for all loads."""
+    what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
+    return Cost(working=_CLUSTER_BYTES, known=_CLUSTER_SECONDS * count, parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:

@@ -19,6 +19,7 @@ from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.validation import require, truth
 from granphon.dynamics.tensors import has_cubic_axes
+from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.acoustics import lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
@@ -81,7 +82,7 @@ class ContactLaw(Protocol):
 
 #: type of the result of a function of a state
 Found = TypeVar("Found")
-Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
+Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
 @dataclass(frozen=True, eq=False, repr=False)

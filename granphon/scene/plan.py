@@ -20,10 +20,12 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations
 from granphon.base.errors import GranphonError, InputError, MechanismError, message
+from granphon.laws.cluster import ClusterLaw
 from granphon.media import cost as costs
 from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.media.cases import Case, Grid
 from granphon.media.choice import Rung
+from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import Cost
 from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
@@ -78,7 +80,7 @@ class PlannedCase:
     def require(self) -> None:
         """Raise if the packing is not rigid, has no such medium, or cannot carry the least or the greatest of the loads.
 
-        For this neither a simulation nor the effective medium of a long list of diameters is solved.
+        For this no simulation, no cluster medium, and no effective medium of a long list of diameters is solved.
         """
         _ = self._is_carried
 
@@ -193,6 +195,8 @@ class Plan:
                 medium = case.medium.of(packing)
                 if isinstance(medium, EffectiveMedium) and packing.width and not later:
                     _ = medium.local_field  # the state needs it, and not every lattice has one
+                elif isinstance(medium, ClusterMedium) and packing.width:
+                    _ = medium.response  # likewise
             if not later:
                 one.require()
 
@@ -234,7 +238,7 @@ class Plan:
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """Return the states that are quick to find, and words for what is left out, an empty text if nothing is.
 
-        Simulations and effective media of long lists of diameters are left out. If there are more than :data:`MOST_CASES`
+        Simulations, cluster media and effective media of long lists are left out. If there are more than :data:`MOST_CASES`
         cases or :data:`MOST_STATES` states, so are all but those at the least and the greatest load and value of each
         numeric parameter.
         """
@@ -243,8 +247,11 @@ class Plan:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             few = replace(self._at_ends, load=replace(self.load, array=ends))
             left.append(f"all but the ends of {self.n_states:,} states")
-        if any(not (rung.is_quick or rung.medium.simulates) for one in few.cases for rung in one.rungs):
+        slow = {rung.medium.name for one in few.cases for rung in one.rungs if not rung.is_quick}
+        if EffectiveMedium.name in slow:
             left.append("the effective medium of long lists of diameters")
+        if ClusterMedium.name in slow:
+            left.append("the cluster medium")
         return few.states(simulations=False, lists=False), " and ".join(left)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
@@ -269,7 +276,8 @@ class Plan:
         scene = self.scene
         structure, seen = scene.packing.structure, {"bands", "dos"} & set(scene.observe)
         out: list[CostPart] = [
-            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._estimate_simulations())
+            (("medium",), "Take fewer balls (medium.simulation.shape), samples or loads", self._estimate_simulations()),
+            (("medium",), "Take the effective medium", self._estimate_clusters()),
         ]
         branches = structure.n_balls * scene.packing.ball_motions.count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
@@ -285,6 +293,14 @@ class Plan:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
+
+    def _estimate_clusters(self) -> Cost:
+        """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
+        media = (one.case.medium.of(one.case.packing) for one in self.few if one.case.medium.name == ClusterMedium.name)
+        found = {medium.law for medium in media if isinstance(medium, ClusterMedium) and medium.packing.width}
+        laws = {replace(law, coefficient=1.0, width=1.0) for law in found if isinstance(law, ClusterLaw)}
+        count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / len(self.few))
+        return costs.cluster_media(count) if count else Cost()
 
     def _estimate_simulations(self) -> Cost:
         """Memory and time of all simulations, one after the other.

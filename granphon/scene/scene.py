@@ -195,7 +195,7 @@ class Scene:
         """Return label and state of every medium at every combination of parameters, one after the other.
 
         Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes;
-        simulations are left out without ``simulations``, effective media of long lists of diameters without ``lists``.
+        simulations are left out without ``simulations``, cluster media and effective media of long lists without ``lists``.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
         return self.plan.states(simulations, lists)
@@ -203,7 +203,7 @@ class Scene:
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
 
-        Simulations and effective media of long lists of diameters are left out. If there are more than 100 combinations of
+        Simulations, cluster media and effective media of long lists are left out. If there are more than 100 combinations of
         medium and packing, or more than 20 000 states, so are all but those at the least and the greatest load and value of
         each numeric parameter.
         """

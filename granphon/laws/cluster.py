@@ -1,0 +1,119 @@
+"""The contact law of the cluster medium: a cluster of random balls among random balls, in the lattice that they make.
+
+The equations are those of :mod:`granphon.laws.cluster_balance`; the curve is :mod:`granphon.laws.cluster_curve`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.distributions import NormalShape, PointShape, UniformShape
+from granphon.balls.lattices import Lattice
+from granphon.base.errors import PrecisionError, message
+from granphon.base.scales import WidthUnits
+from granphon.laws.cluster_curve import ClusterCurve, cluster_curve
+from granphon.laws.spread import Series, SpreadLaw
+
+__all__ = ["VALID_FORCE", "ClusterLaw"]
+
+Array = NDArray[np.float64]
+#: f* from which force and stiffness are within 2 % of the simulated array's, on the triangular lattice and in fcc
+VALID_FORCE = 0.03
+
+
+@dataclass(frozen=True)
+class ClusterLaw(SpreadLaw):
+    """Contact law of a cluster medium.
+
+    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, the ``lattice``, its
+    ``mindlin_ratio`` eta and ``bending`` (over k d^2), and the number of ``balls`` of the cluster. Energy is counted from
+    the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError` between the first contact and the
+    start of the curve.
+    """
+
+    coefficient: float
+    width: float
+    shape: UniformShape | NormalShape | PointShape
+    lattice: Lattice
+    mindlin_ratio: float
+    balls: int
+    bending: float = 0.0
+
+    @property
+    def curve(self) -> ClusterCurve:
+        """Reduced law, in units of W and c W^(3/2)."""
+        return cluster_curve(self.shape, self.lattice, self.mindlin_ratio, self.balls, self.bending)
+
+    @property
+    def _series(self) -> Series:
+        return self.curve.far
+
+    @property
+    def _energy_offset(self) -> float:
+        return self.curve.energy_offset
+
+    def least_valid_force(self, width: float) -> float:
+        """Return the force, N, from which the medium is valid, f* = 0.03, for the ``width`` W, m."""
+        return VALID_FORCE * WidthUnits(self.coefficient, width).force
+
+    def quadrature_error(self, overlap: ArrayLike) -> ArrayLike:
+        """Return the relative standard error of the force that is left by the quadrature, from its independent scrambles."""
+        curve = self.curve
+
+        def find(y: Array) -> Array:
+            return np.asarray(np.interp(y, curve.nodes, curve.errors))
+
+        return self._evaluate_joined(overlap, find, find)  # type: ignore[no-any-return]
+
+    def force_fluctuation(self, overlap: ArrayLike) -> ArrayLike:
+        """Return Delta f / f of Section IV: the rms deviation of the mean force on the ball in the middle, over the mean."""
+        curve = self.curve
+
+        def far(y: Array) -> Array:
+            return np.asarray(curve.fluctuations[-1] * curve.nodes[-1] / y)
+
+        def near(y: Array) -> Array:
+            # times y + b it is smooth
+            depth = curve.nodes + curve.offset
+            return np.asarray(_interpolate(y, curve.nodes, curve.fluctuations * depth) / (y + curve.offset))
+
+        return self._evaluate_joined(overlap, far, near)  # type: ignore[no-any-return]
+
+    def contact_fraction(self, overlap: ArrayLike) -> ArrayLike:
+        """Return the fraction of the contacts of the ball in the middle that carry force."""
+        curve = self.curve
+
+        def near(y: Array) -> Array:
+            return np.clip(_interpolate(y, curve.nodes, curve.contacts), 0.0, 1.0)
+
+        return self._evaluate_joined(overlap, np.ones_like, near)  # type: ignore[no-any-return]
+
+    def _evaluate_near(self, y: Array, order: int) -> Array:
+        closed, curve = y > -self.shape.bounds[1], self.curve
+        if np.any(closed & (y < curve.start)):
+            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
+            raise PrecisionError(message(what, *_BELOW))
+        out = np.zeros(y.shape)
+        out[closed] = curve.value(y[closed], order)
+        return out
+
+    def _find_near_overlap(self, force: Array) -> Array:
+        curve = self.curve
+        if np.any(force < curve.least_force):
+            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
+            raise PrecisionError(message(what, *_BELOW))
+        return curve.overlap(force)
+
+
+#: reason why the curve ends, and advice to the user
+_BELOW = (f"There the cluster medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load")
+
+
+def _interpolate(y: Array, nodes: Array, values: Array) -> Array:
+    """Interpolate between the nodes of a curve, without overshooting."""
+    from scipy.interpolate import PchipInterpolator
+
+    return np.asarray(PchipInterpolator(np.log(nodes - nodes[0] + 0.5), values)(np.log(y - nodes[0] + 0.5)))

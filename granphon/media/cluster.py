@@ -1,0 +1,88 @@
+"""The cluster medium: a ball and its shells, each with a diameter of its own, among balls that differ too.
+
+It goes a step beyond the effective medium, whose cluster is one ball. See :mod:`granphon.laws.cluster_balance`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granphon.balls.packing import Packing
+from granphon.base.arguments import whole_number
+from granphon.base.errors import InputError, message
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
+from granphon.laws.cluster import VALID_FORCE, ClusterLaw
+from granphon.media.mean_field import _ByLaw
+from granphon.media.state import Law
+
+__all__ = ["ClusterMedium"]
+
+
+@dataclass(frozen=True)
+class ClusterMedium(_ByLaw):
+    """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
+
+    It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
+    diameters, the same at every load and on every machine. The first state takes about half a minute; the law is then kept
+    for its distribution, lattice, Mindlin ratio and number of balls.
+
+    Parameters
+    ----------
+    packing : the balls, on any lattice that stands with its motions.
+    balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
+        hcp. None is the first shell: the ball in the middle and those that touch it.
+
+    Raises
+    ------
+    InputError : a number of balls that no shell completes; the message lists those that do. From ``law`` and ``at_*``, a
+        :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    """
+
+    name = "cluster"
+
+    packing: Packing
+    balls: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        sizes = cluster_sizes(self.packing.structure)
+        given = sizes[0] if self.balls is None else whole_number("balls", self.balls, 2)
+        if given not in sizes:
+            what = f"balls is {given}, and no shell of the {self.packing.structure.name} lattice completes so many"
+            raise InputError(message(what, mend="Give " + " or ".join(map(str, sizes))))
+        if self.balls == sizes[0]:
+            object.__setattr__(self, "balls", None)
+
+    @property
+    def n_balls(self) -> int:
+        """Number of balls of the cluster."""
+        return cluster_sizes(self.packing.structure)[0] if self.balls is None else self.balls
+
+    @property
+    def response(self) -> ClusterResponse:
+        """How the lattice answers the contacts of the cluster."""
+        packing = self.packing
+        return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
+
+    @property
+    def quadrature_error(self) -> float:
+        """Largest relative standard error of the force where the medium is valid, from the quadrature; 0 for equal balls."""
+        law = self.law
+        if not isinstance(law, ClusterLaw):
+            return 0.0
+        curve = law.curve
+        lowest = float(curve.overlap(np.array(VALID_FORCE)))
+        y = np.append(curve.nodes[curve.nodes > lowest], lowest)
+        return float(np.max(law.quadrature_error(y * law.width)))
+
+    @property
+    def _law(self) -> Law:
+        packing, spread = self.packing, self.packing.spread
+        # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
+        if not spread or self.response.is_fixed:
+            return packing.law
+        coefficient, shape = packing.law.coefficient, spread.shape
+        eta, balls = packing.mindlin_ratio, self.n_balls
+        return ClusterLaw(coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending)

@@ -1,0 +1,441 @@
+"""The cluster medium: closed forms, twins by sparse matrices, the simulated array, and its quadrature."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+import granphon as gp
+from granphon.balls.distributions import UniformShape
+from granphon.balls.lattices import FCC, HCP, LATTICES, TRIANGULAR
+from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
+from granphon.dynamics.local_field import local_field
+from granphon.laws import cluster_curve as curves
+from granphon.laws.cluster import VALID_FORCE
+from granphon.laws.cluster_balance import ClusterBalance, Effective
+from granphon.laws.cluster_points import ClusterPoints, draw_points
+from granphon.media.choice import MediumChoice
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+WIDTH = 2.04e-6
+PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=False)
+FORCE = PACKING.law.coefficient * WIDTH**1.5
+FLAT = UniformShape()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_points():
+    """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten times the error."""
+    kept = curves._POINTS
+    curves._POINTS = 128
+    curves.cluster_curve.cache_clear()
+    yield
+    curves._POINTS = kept
+    curves.cluster_curve.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def medium(few_points):
+    return gp.ClusterMedium(PACKING)
+
+
+# -- the lattice around the cluster -----------------------------------------------------------------------------------
+
+
+def test_clusters_are_whole_shells():
+    assert cluster_sizes(TRIANGULAR) == [7, 19, 37]
+    assert cluster_sizes(FCC) == cluster_sizes(HCP) == [13]
+    contacts = [len(cluster_response(TRIANGULAR, 0.0, balls).response) for balls in (7, 19, 37)]
+    assert contacts == [12, 42, 90]
+    assert np.count_nonzero(cluster_response(FCC, 0.0).central) == 12
+
+
+@pytest.mark.claim("cluster-second-order")
+@pytest.mark.parametrize(
+    ("lattice", "eta", "bending"),
+    [(TRIANGULAR, 0.0, 0.0), (TRIANGULAR, 0.84, 0.0), (TRIANGULAR, 0.84, 0.1), (FCC, 0.0, 0.0)],
+)
+def test_a_unit_tension_of_the_star_gives_the_local_field(lattice, eta, bending):
+    found = cluster_response(lattice, eta, bending=bending)
+    star = found.response[np.ix_(found.central, found.central)].sum() / np.count_nonzero(found.central)
+    if lattice is TRIANGULAR:
+        assert_allclose(1.0 / star - 1.0, local_field(mindlin_ratio=eta, bending=bending).xi, rtol=1e-6)
+    if not eta:
+        # P is a projection, and the misfit of the star is that of the second order: 2 <s^2> = 1 - u_1
+        assert_allclose(2.0 * np.mean(np.diag(found.misfit)), 1.0 - star, rtol=1e-5)
+    values = np.linalg.eigvalsh(found.response)
+    assert values[0] > -1e-9
+    assert values[-1] < 1.0 + 1e-6
+    assert np.linalg.eigvalsh(found.remote)[0] > -1e-5
+    near = found.influence
+    assert np.linalg.eigvalsh(found.misfit - near @ near.T)[0] > -1e-5
+
+
+class Array2D:
+    """A periodic triangular array of L x L balls with sparse matrices of its own."""
+
+    normals = np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)], [0.5, np.sqrt(0.75)]])
+    steps = np.array([[1, 0], [0, 1], [1, 1]])
+
+    def __init__(self, side):
+        self.side = side
+        cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+        self.i = np.repeat(np.arange(side**2), 3)
+        ends = (cells[:, None] + self.steps) % side
+        self.j = (ends[..., 0] * side + ends[..., 1]).ravel()
+        self.normal = np.tile(self.normals, (side**2, 1))
+        rows = np.arange(3 * side**2)
+        entries = [(rows, 2 * ball + axis, sign * self.normal[:, axis])
+                   for ball, sign in ((self.i, -1.0), (self.j, 1.0)) for axis in (0, 1)]  # fmt: skip
+        row, column, value = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+        self.c = sparse.csr_matrix((value, (row, column)), shape=(3 * side**2, 2 * side**2))
+        # one ball is held, as uniform motions cost nothing
+        self.free = self.c[:, 2:].tocsc()
+        self.solver = splu((self.free.T @ self.free).tocsc())
+
+    def project(self, tensions):
+        """C (C^T C)^-1 C^T."""
+        return self.free @ self.solver.solve(self.free.T @ tensions)
+
+    def misfit(self, deviations):
+        strain = 0.5 * (deviations[self.i] + deviations[self.j])
+        return strain - self.project(strain)
+
+    def find_cluster(self, shells):
+        """Contacts inside the cluster around the ball in the middle, and those of that ball."""
+        middle = (self.side // 2) * (self.side + 1)
+        balls = {middle}
+        for _ in range(shells):
+            balls |= {int(b) for a, b in zip(self.i, self.j, strict=True) if a in balls} | {
+                int(a) for a, b in zip(self.i, self.j, strict=True) if b in balls
+            }
+        inside = np.flatnonzero([a in balls and b in balls for a, b in zip(self.i, self.j, strict=True)])
+        return inside, (self.i[inside] == middle) | (self.j[inside] == middle)
+
+    def response(self, inside):
+        unit = np.zeros((len(self.i), inside.size))
+        unit[inside, np.arange(inside.size)] = 1.0
+        return self.project(unit)
+
+
+def test_response_is_that_of_large_periodic_arrays():
+    """A periodic array differs by a part that falls as its area; two of them give the infinite one."""
+    found = cluster_response(TRIANGULAR, 0.0, 7)
+    tables = []
+    for side in (20, 40):
+        array = Array2D(side)
+        inside, _ = array.find_cluster(1)
+        columns = array.response(inside)
+        squares = columns.T @ columns  # of a projection: P again
+        p = columns[inside]
+        assert_allclose(squares, p, atol=1e-12)
+        # s = (1 - P) T x for every ball: its covariance over all x, with T the mean of two ends
+        means = sparse.csr_matrix(
+            (np.full(2 * array.i.size, 0.5), (np.tile(np.arange(array.i.size), 2), np.concatenate([array.i, array.j])))
+        )
+        whole = means[inside].toarray() - columns.T @ means
+        tables.append([np.sort(p.ravel()), np.sort((whole @ whole.T).ravel()), np.sort((p - p @ p).ravel())])
+    for mine, coarse, fine in zip((found.response, found.misfit, found.remote), *tables, strict=True):
+        assert_allclose(np.sort(mine.ravel()), (4.0 * fine - coarse) / 3.0, atol=3e-5)
+
+
+def test_reduced_equilibrium_is_that_of_the_whole_array():
+    """One realisation: a periodic array of which only the cluster is not linear, with given tensions outside."""
+    rng = np.random.default_rng(4)
+    array, now, y = Array2D(12), Effective(0.06, 0.3, 1.0), 0.1
+    inside, central = array.find_cluster(1)
+    x = rng.uniform(-0.5, 0.5, array.side**2)
+    outer = 0.05 * rng.normal(size=array.i.size)
+    outer[inside] = 0.0
+    strain = 0.5 * (x[array.i] + x[array.j])
+    u = np.zeros(array.free.shape[1])
+    within = np.zeros(array.i.size, bool)
+    within[inside] = True
+    for _ in range(100):
+        h = y + strain - array.free @ u
+        closed = np.maximum(h, 0.0)
+        force = np.where(within, closed**1.5, now.force + now.stiffness * (h - y) + outer)
+        slope = np.where(within, 1.5 * np.sqrt(closed), now.stiffness)
+        pull = array.free.T @ force
+        if np.max(np.abs(pull)) < 1e-13:
+            break
+        u += splu((array.free.T @ sparse.diags(slope) @ array.free).tocsc()).solve(pull)
+    assert np.min(h[inside]) < 0.0 < np.max(h[inside])
+    # the reduced problem, of the same array
+    columns = array.response(inside)
+    pushes = -array.project(outer)[inside] / now.stiffness
+    p = 0.5 * (columns[inside] + columns[inside].T)
+    response = ClusterResponse(7, p, np.zeros((12, 7)), np.eye(12), p - p @ p, central)
+    points = ClusterPoints(array.misfit(x)[inside][None], pushes[None], 1)
+    found = ClusterBalance(response, points).overlaps(y, now)[0]
+    assert_allclose(found, h[inside], atol=3e-6)  # balls are held by 1e-6 of the stiffness
+
+
+@pytest.mark.claim("cluster-push")
+@pytest.mark.parametrize(("spacing", "variance"), [(0.7, 1.3e-3), (0.5, 5.4e-3)])
+def test_tensions_outside_push_as_if_they_were_independent(spacing, variance):
+    """In the simulated array itself: what is assumed of contacts outside a cluster, for clusters around all balls."""
+    side, y = 48, spacing - 0.5
+    sample = gp.DirectSimulation(PACKING, shape=(side, side), seed=2).at_overlap(y * WIDTH).sample
+    order = [1, 0, 2]  # of the three contacts of a ball
+    h, force = (values[..., order].ravel() for values in (sample.contact_overlaps / WIDTH, sample.contact_forces / FORCE))
+    array = Array2D(side)
+    misfit = array.misfit(((sample.diameters - 8e-3) / WIDTH).ravel())
+    kappa = np.mean((force - force.mean()) * misfit) / np.mean(misfit**2)
+    phi = force - force.mean() - kappa * (h - y)
+    answer = array.project(phi)
+    assert_allclose(h, y + misfit - answer / kappa, atol=1e-6)  # the equilibrium, in the words of the theory
+    inside, central = array.find_cluster(1)
+    p = array.response(inside)[inside]
+    place = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    cells = (np.stack([inside // 3 // side, inside // 3 % side], axis=-1) + place) % side
+    found = 3 * (cells[..., 0] * side + cells[..., 1]) + inside % 3
+    push = -(answer[found] - phi[found] @ p) / kappa
+    push, with_it = push[:, central], misfit[found][:, central]
+    assert_allclose(np.mean(push**2), variance, rtol=0.1)
+    independent = np.mean(phi**2) / kappa**2 * np.diag(p - p @ p)[central].mean()
+    assert_allclose(independent, np.mean(push**2), rtol=0.2)
+    assert abs(np.mean(push * with_it)) < 0.05 * np.sqrt(np.mean(push**2) * np.mean(with_it**2))
+
+
+# -- the balance --------------------------------------------------------------------------------------------------------
+
+
+def test_points_have_the_moments_of_the_array():
+    response = cluster_response(TRIANGULAR, 0.0)
+    points = draw_points(response, FLAT, 256, 3)
+    for part in np.split(np.arange(768), 3):
+        s, m = points.misfits[part], points.pushes[part]
+        assert_allclose(s.mean(axis=0), 0.0, atol=1e-14)
+        assert_allclose(s.T @ s / 256, response.misfit / 12.0, atol=1e-7)
+        assert_allclose(m.T @ m / 256, response.remote, atol=1e-7)
+        assert_allclose(s.T @ m / 256, 0.0, atol=1e-12)
+    again = draw_points(response, FLAT, 256, 3)
+    assert_array_equal(points.misfits, again.misfits)
+
+
+def test_slopes_are_differences_of_solutions():
+    response = cluster_response(TRIANGULAR, 0.0)
+    balance = ClusterBalance(response, draw_points(response, FLAT, 64, 2))
+    start = balance.solve(0.6, Effective(0.48, 1.13, 0.05))
+    step = 1e-4
+    low, middle, high = (balance.solve(y, start.effective) for y in (0.6 - step, 0.6, 0.6 + step))
+    difference = (np.array(high.effective) - np.array(low.effective)) / (2.0 * step)
+    assert_allclose(middle.slopes, difference, rtol=2e-5)
+    assert_allclose(middle.stiffness, (high.force - low.force) / (2.0 * step), rtol=2e-5)
+
+
+def test_the_conditions_hold():
+    response = cluster_response(TRIANGULAR, 0.0)
+    points = draw_points(response, FLAT, 64, 2)
+    balance = ClusterBalance(response, points)
+    found = balance.solve(0.2, Effective(0.12, 0.5, 0.1))
+    f, kappa, tau = found.effective
+    h = balance.overlaps(0.2, found.effective)
+    force = np.maximum(h, 0.0) ** 1.5
+    phi = force - f - kappa * (h - 0.2)
+    assert_allclose([force.mean(), h.mean()], [f, 0.2], rtol=1e-6)  # no mean breathing either
+    assert abs(np.mean(phi * points.misfits)) < 1e-7
+    assert_allclose(np.sqrt(np.mean(phi**2)), kappa * tau, rtol=1e-5)
+    assert_allclose(found.force, force[:, response.central].mean(), rtol=1e-6)
+    assert found.force < f  # the rim carries more
+
+
+@pytest.mark.claim("cluster-second-order")
+@pytest.mark.parametrize(("lattice", "balls"), [(TRIANGULAR, 7), (TRIANGULAR, 19), (FCC, 13)])
+def test_second_order_at_high_load_is_exact(lattice, balls):
+    """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), whatever the number of points."""
+    response = cluster_response(lattice, 0.0, balls)
+    star = response.response[np.ix_(response.central, response.central)].sum() / np.count_nonzero(response.central)
+    if lattice is TRIANGULAR:
+        r = local_field(mindlin_ratio=0.0).xi / (1.0 + local_field(mindlin_ratio=0.0).xi)
+        assert_allclose(1.0 - star, r, rtol=1e-6)
+    balance = ClusterBalance(response, draw_points(response, FLAT, 64, 1))
+    rest = []
+    for y in (8.0, 16.0):
+        found = balance.solve(y, Effective(y**1.5, 1.5 * y**0.5, 0.01))
+        rest.append((found.force / y**1.5 - 1.0) * 64.0 * y**2 / (1.0 - star) - 1.0)
+    assert abs(rest[1]) < 1e-3
+    assert abs(rest[1]) < 0.3 * abs(rest[0])  # the fourth order is next
+
+
+@pytest.mark.claim("cluster-quadrature")
+def test_quadrature_error_is_that_of_the_points():
+    """Twice: the scatter between scrambles says how far a mean is off, and it falls with the number of points."""
+    response = cluster_response(TRIANGULAR, 0.0)
+
+    def solve(points):
+        balance = ClusterBalance(response, draw_points(response, FLAT, points, 8))
+        found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
+        return [found[0], balance.step(found[0], 0.1)]
+
+    few, more, most = (solve(points) for points in (64, 256, 1024))
+    for one, two, best in zip(few, more, most, strict=True):
+        for found in (one, two):
+            assert abs(found.force / best.force - 1.0) < 4.0 * (found.error + best.error)
+        assert best.error < 0.5 * one.error
+        assert best.error < 1e-3
+
+
+@pytest.mark.claim("cluster-without-push")
+def test_without_the_push_from_outside_the_force_is_too_small():
+    response = cluster_response(TRIANGULAR, 0.0)
+    points = draw_points(response, FLAT, 256, 4)
+    off = []
+    for pushes in (points.pushes, np.zeros_like(points.pushes)):
+        balance = ClusterBalance(response, ClusterPoints(points.misfits, pushes, 4))
+        found = [balance.solve(0.5, Effective(0.37, 1.02, 0.02))]
+        for y in (0.2, 0.0):
+            found.append(balance.step(found[-1], y))
+        off.append([one.force for one in found[1:]])
+    assert_allclose(np.divide(off[1], off[0]) - 1.0, [-0.0105, -0.124], rtol=0.15)
+
+
+# -- the medium ---------------------------------------------------------------------------------------------------------
+
+
+def test_equal_balls_and_chains_follow_hertz():
+    equal = gp.Packing(STEEL, 8e-3, friction=False)
+    chain = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice="chain")
+    for packing in (equal, chain):
+        medium = gp.ClusterMedium(packing)
+        state = medium.at_force([1.0, 20.0])
+        assert_array_equal(state.overlap, packing.law.overlap(np.array([1.0, 20.0])))
+        assert_array_equal(state.contact_fraction, 1.0)
+        assert medium.quadrature_error == 0.0
+
+
+def test_law_is_the_derivative_of_its_energy(medium):
+    law = medium.law
+    join, start = law.curve.far.start, law.curve.start
+    y = np.concatenate([np.linspace(start + 0.01, 0.9 * join, 9), [1.1 * join, 30.0]])
+    delta, step = WIDTH * y, 1e-5 * WIDTH * np.maximum(1.0, y)
+    for one, other in ((law.energy, law.force), (law.force, law.stiffness), (law.stiffness, law.stiffness_slope)):
+        slope = (one(delta + step) - one(delta - step)) / (2.0 * step)
+        assert_allclose(slope, other(delta), rtol=3e-6)
+    assert_allclose(law.overlap(law.force(delta)), delta, rtol=1e-10, atol=1e-13 * WIDTH)
+    # where the polynomial and the series meet
+    below = WIDTH * join * (1.0 - 1e-12)
+    for one in (law.energy, law.force, law.stiffness, law.stiffness_slope):
+        assert_allclose(one(below), one(WIDTH * join), rtol=1e-7)
+    assert_allclose(law.force_fluctuation(below), law.force_fluctuation(WIDTH * join), rtol=1e-6)
+
+
+def test_scales_follow_the_width(medium):
+    """The reduced law is one for all widths and materials."""
+    soft = gp.Material(young_modulus=70e9, poisson_ratio=0.3, density=2500.0)
+    other = gp.ClusterMedium(gp.Packing(soft, 3e-3, gp.Uniform(5e-7), friction=False))
+    spacing = np.array([0.5, 0.7, 3.0])
+    states = [m.at_overlap((spacing - 0.5) * m.packing.width) for m in (medium, other)]
+    assert_allclose(states[0].reduced_force, states[1].reduced_force, rtol=1e-12)
+    assert other.law.curve is medium.law.curve
+
+
+@pytest.mark.claim("cluster-errors")
+def test_force_is_near_that_of_the_simulated_array(medium):
+    """At a* = 0.7 and 0.5 the error is at most a third of the single site's, or 1 %, quadrature included."""
+    delta = np.array([0.2, 0.0]) * WIDTH
+    array = gp.DirectSimulation(PACKING, shape=(64, 64), seed=3, samples=4).at_overlap(delta)
+    cluster, site = (m.at_overlap(delta) for m in (medium, gp.EffectiveMedium(PACKING)))
+    error, single = (np.abs(s.force / array.force - 1.0) for s in (cluster, site))
+    chance = 3.0 * (array.mean_errors["force_error"] / array.force + medium.law.quadrature_error(delta))
+    assert np.all(error < np.maximum(single / 3.0, 0.01) + chance)
+    assert np.all(single > [0.015, 0.1])
+    assert_allclose(cluster.force_fluctuation, array.force_fluctuation, rtol=0.05)
+    assert_allclose(cluster.contact_fraction, array.contact_fraction, atol=0.03)
+    assert_allclose(cluster.normal_stiffness, array.normal_stiffness, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "spread",
+    [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))],
+)
+def test_other_distributions_agree_with_the_effective_medium_at_high_load(spread):
+    packing = gp.Packing(STEEL, 8e-3, spread, friction=False)
+    delta = packing.width * np.array([6.0, 40.0])
+    cluster, site = (m.at_overlap(delta) for m in (gp.ClusterMedium(packing), gp.EffectiveMedium(packing)))
+    assert_allclose(cluster.force, site.force, rtol=2e-6)
+    assert_allclose(cluster.force_fluctuation, site.force_fluctuation, rtol=0.02)
+
+
+def test_friction_stiffens_the_lattice_around_a_cluster():
+    state = gp.ClusterMedium(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))).at_overlap(0.2 * WIDTH)
+    site = gp.EffectiveMedium(gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))).at_overlap(0.2 * WIDTH)
+    without = gp.ClusterMedium(PACKING).at_overlap(0.2 * WIDTH)
+    assert without.force_fluctuation < state.force_fluctuation < 1.2 * site.force_fluctuation
+    assert_allclose(state.force, site.force, rtol=0.05)
+
+
+def test_observables_come_from_the_state(medium):
+    state = medium.at_force([FORCE, 0.1 * FORCE])
+    assert state.medium == "cluster"
+    assert_array_equal(state.valid, [True, True])
+    assert not medium.at_force(0.9 * VALID_FORCE * FORCE).valid
+    assert np.all(gp.sound_velocities(state).longitudinal > 0.0)
+    assert type(state).from_dict(state.to_dict()) == state
+    assert medium.quadrature_error < 0.02
+
+
+# -- bad input ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("balls", [6, 8, 38, 0, -7, True, 7.5, "seven", [7]])
+def test_no_shell_completes_other_numbers_of_balls(balls):
+    with pytest.raises(InputError, match=r"7 or 19 or 37|whole number|2 or more") as caught:
+        gp.ClusterMedium(PACKING, balls)
+    assert "balls" in str(caught.value)
+
+
+def test_the_first_shell_is_the_default():
+    assert gp.ClusterMedium(PACKING, 7) == gp.ClusterMedium(PACKING)
+    assert gp.ClusterMedium(PACKING).n_balls == 7
+    assert MediumChoice("cluster", (("balls", 19),)).of(PACKING) == gp.ClusterMedium(PACKING, 19)
+    assert MediumChoice("cluster", (("balls", 19),)).label == "cluster(balls=19)"
+
+
+@pytest.mark.parametrize("name", [name for name in LATTICES if name in ("square", "kagome", "sc", "bcc", "diamond")])
+def test_mechanisms_are_refused(name):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice=name, friction=False)
+    with pytest.raises(MechanismError, match="mechanism"):
+        gp.ClusterMedium(packing).at_force(1.0)
+
+
+def test_below_the_curve_is_an_error(medium):
+    for ask in (lambda: medium.at_force(1e-3 * FORCE), lambda: medium.at_overlap(-0.3 * WIDTH)):
+        with pytest.raises(PrecisionError, match=r"valid from f\* = 0.03"):
+            ask()
+    with pytest.raises(InputError):
+        medium.at_overlap(-0.6 * WIDTH)
+    with pytest.raises(InputError):
+        medium.at_force(-1.0)
+
+
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}, friction: false}
+load: {force: 18.446 N}
+medium: {cluster: {balls: NUMBER}}
+"""
+
+
+def test_scenes_take_it(tmp_path, medium):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE.replace("NUMBER", "7"))
+    scene = gp.Scene.from_yaml(path)
+    assert scene.cost().seconds >= 20.0
+    states, left = scene.survey()
+    assert list(states) == []
+    assert left == "the cluster medium"
+    summary = scene.run(tmp_path / "out", figures=False).summary()
+    assert summary["medium"] == "cluster(balls=7)"
+    assert summary["longitudinal"] == gp.sound_velocities(medium.at_force(18.446)).longitudinal
+    path.write_text(SCENE.replace("NUMBER", "8"))
+    with pytest.raises(SceneError, match="7 or 19 or 37"):
+        gp.Scene.from_yaml(path)
+
+
+def test_automatic_media_leave_it_out():
+    rung = gp.AutoMedium(PACKING, 1e-2).rungs("force", 0.1 * FORCE)[0]
+    assert rung.medium.name != "cluster"
