@@ -137,7 +137,8 @@ def sweep(
     """
     load = Load.only(force=force, pressure=pressure, overlap=overlap)
     axes = [Axis.of(name, given) for name, given in parameters.items()]
-    lattice = _find_lattice(packing, axes)
+    # all lattices of a sweep have the same number of periods
+    lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
     choices = _parse_media(media, lattice)
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
@@ -188,11 +189,6 @@ def sweep_grid(
             with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
     return dataset
-
-
-def _find_lattice(packing: Packing, axes: Sequence[Axis]) -> Lattice:
-    """Return a lattice of the sweep: all have the same number of periods."""
-    return find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
 
 
 def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
@@ -389,10 +385,8 @@ def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ..
     error = np.zeros(work.case.load.size)
     for rung in work.case.rungs:
         error[rung.loads] = np.nan if rung.medium.simulates and rung.packing.width else 0.0
-    lacking = {name: shape for name, shape in sizes.items() if name not in part}
-    return part | {
-        name: np.broadcast_to(error.reshape(-1, *(1,) * len(shape)), (error.size, *shape)) for name, shape in lacking.items()
-    }
+    each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
+    return part | {name: one for name, one in each.items() if name not in part}
 
 
 def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
