@@ -56,7 +56,7 @@ def solve_by_conjugate_gradients(
         if energy <= 0.0:  # nothing but rounding is left
             break
         length = product / energy
-        for rows in stencils.blocks():
+        for rows in stencils.blocks(stencils.n_fields):
             balls[:, rows] += length * inner[:, rows]
             left[:, rows] -= length * change[:, rows]
         if free:
@@ -65,7 +65,7 @@ def solve_by_conjugate_gradients(
         better = precondition(left)
         last, product = product, dot(left, better) + held * press * press
         turn = product / last
-        for rows in stencils.blocks():
+        for rows in stencils.blocks(stencils.n_fields):
             inner[:, rows] = turn * inner[:, rows] + better[:, rows]
         squeeze = turn * squeeze + held * press
         count += 1

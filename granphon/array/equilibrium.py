@@ -290,7 +290,7 @@ def equilibrate(
     for newton in range(begun, _NEWTON_STEPS):
         differences = means - stencils.deformations(Motion(balls, 0.0))
         excess, root = np.empty_like(differences), np.empty_like(differences)
-        for rows in stencils.blocks():
+        for rows in stencils.blocks(stencils.n_contacts):
             excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
         mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
         force = common + mean
@@ -367,7 +367,7 @@ def _step_length(
 
     def slope(length: float) -> tuple[float, float]:
         there, value, rise = y + length * more, 0.0, 0.0
-        for rows in stencils.blocks():
+        for rows in stencils.blocks(stencils.n_contacts):
             part = strain[:, rows]
             if length:
                 excess, root = _compute_excess(there, differences[:, rows] - length * part)

@@ -140,9 +140,9 @@ class Stencils:
         """Return rooms for a motion, to be filled by :meth:`Rooms.wrap`."""
         return self.rooms.zeros(self.n_fields)
 
-    def blocks(self) -> Iterator[slice]:
-        """Yield slices of rows of balls, each small enough to stay in the processor's cache."""
-        step = max(1, _CACHED // math.prod(self.shape[1:]))
+    def blocks(self, arrays: int = 1) -> Iterator[slice]:
+        """Yield slices of rows of balls, of which this many ``arrays`` together stay in the processor's cache."""
+        step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
@@ -282,7 +282,7 @@ class Stencils:
 
         def apply(force: Array) -> Array:
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
-            for rows in self.blocks() if len(axes) > 1 else [slice(None)]:
+            for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
                 new = [_sum_products([entry[rows] for entry in line], parts) for line in self._green]
@@ -293,7 +293,7 @@ class Stencils:
             for axis in axes[:-1]:
                 waves = fft.ifft(waves, axis=axis, workers=self.workers, overwrite_x=True)
             out: Array = fft.irfft(waves, self.shape[-1], axis=axes[-1], workers=self.workers)
-            for rows in self.blocks():
+            for rows in self.blocks(self.n_fields):
                 part = out[:, rows]
                 part *= 1.0 / mean
                 for fields, lines in local:
@@ -332,7 +332,7 @@ class Stencils:
                     flat[slot, first + step : end + step] += square * springs[kind, first:end]
             held = self.rooms.fold(room)
             held += extra.reshape(-1, *(1,) * len(self.shape))
-            for rows in self.blocks():
+            for rows in self.blocks(len(pairs)):
                 _invert_symmetric(held[:, rows], len(fields))
             where = {pair: slot for slot, pair in enumerate(pairs)}
             out.append((fields, [[held[where[min(a, b), max(a, b)]] for b in fields] for a in fields]))
