@@ -448,6 +448,13 @@ def test_scenes_take_it(tmp_path, medium):
         gp.Scene.from_yaml(path)
 
 
+def test_sweeps_take_it_beside_other_media(medium):
+    data = gp.sweep(PACKING, force=[FORCE, 0.1 * FORCE], media=("ema", "cluster"))
+    found, state = data.sel(medium="cluster"), medium.at_force([FORCE, 0.1 * FORCE])
+    assert_array_equal(found["overlap"], state.overlap)
+    assert_array_equal(found["exponent"], state.exponent)
+
+
 def test_automatic_media_leave_it_out():
     rung = gp.AutoMedium(PACKING, 1e-2).rungs("force", 0.1 * FORCE)[0]
     assert rung.medium.name != "cluster"
