@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 import granphon as gp
 from granphon.balls.distributions import UniformShape
-from granphon.balls.lattices import FCC, HCP, LATTICES, TRIANGULAR
+from granphon.balls.lattices import FCC, HCP, KAGOME, LATTICES, TRIANGULAR
 from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
@@ -55,16 +55,21 @@ def test_clusters_are_whole_shells():
 @pytest.mark.claim("cluster-second-order")
 @pytest.mark.parametrize(
     ("lattice", "eta", "bending"),
-    [(TRIANGULAR, 0.0, 0.0), (TRIANGULAR, 0.84, 0.0), (TRIANGULAR, 0.84, 0.1), (FCC, 0.0, 0.0)],
-)
+    [
+        (TRIANGULAR, 0.0, 0.0), (TRIANGULAR, 0.84, 0.0), (TRIANGULAR, 0.84, 0.1), (KAGOME, 0.84, 0.0),
+        (FCC, 0.0, 0.0), (HCP, 0.0, 0.0),
+    ],
+)  # fmt: skip
 def test_a_unit_tension_of_the_star_gives_the_local_field(lattice, eta, bending):
     found = cluster_response(lattice, eta, bending=bending)
     star = found.response[np.ix_(found.central, found.central)].sum() / np.count_nonzero(found.central)
-    if lattice is TRIANGULAR:
-        assert_allclose(1.0 / star - 1.0, local_field(mindlin_ratio=eta, bending=bending).xi, rtol=1e-6)
+    if lattice.periods == 2:
+        assert_allclose(1.0 / star - 1.0, local_field(lattice, eta, bending).xi, rtol=1e-6)
     if not eta:
         # P is a projection, and the misfit of the star is that of the second order: 2 <s^2> = 1 - u_1
-        assert_allclose(2.0 * np.mean(np.diag(found.misfit)), 1.0 - star, rtol=1e-5)
+        assert_allclose(2.0 * np.mean(np.diag(found.misfit)[found.central]), 1.0 - star, rtol=1e-5)
+        # the ball in the middle can move in all directions without the lattice
+        assert np.count_nonzero(np.linalg.eigvalsh(found.response) > 1.0 - 1e-9) == lattice.dimension
     values = np.linalg.eigvalsh(found.response)
     assert values[0] > -1e-9
     assert values[-1] < 1.0 + 1e-6
@@ -412,6 +417,13 @@ def test_below_the_curve_is_an_error(medium):
         medium.at_force(-1.0)
 
 
+def test_kinds_too_rare_for_the_realisations_are_an_error():
+    mean = 8e-3 + 1e-4 * 5e-6
+    packing = gp.Packing(STEEL, mean, gp.Discrete((8e-3, 8.005e-3), (0.9999, 0.0001)), friction=False)
+    with pytest.raises(PrecisionError, match="so rare a kind"):
+        gp.ClusterMedium(packing).at_force(1.0)
+
+
 SCENE = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
 packing: {diameter: 8 mm, spread: {uniform: 2.04 um}, friction: false}
@@ -434,6 +446,13 @@ def test_scenes_take_it(tmp_path, medium):
     path.write_text(SCENE.replace("NUMBER", "8"))
     with pytest.raises(SceneError, match="7 or 19 or 37"):
         gp.Scene.from_yaml(path)
+
+
+def test_sweeps_take_it_beside_other_media(medium):
+    data = gp.sweep(PACKING, force=[FORCE, 0.1 * FORCE], media=("ema", "cluster"))
+    found, state = data.sel(medium="cluster"), medium.at_force([FORCE, 0.1 * FORCE])
+    assert_array_equal(found["overlap"], state.overlap)
+    assert_array_equal(found["exponent"], state.exponent)
 
 
 def test_automatic_media_leave_it_out():

@@ -57,7 +57,7 @@ def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: i
     """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
     response = cluster_response(lattice, mindlin_ratio, balls, bending)
     # a realisation of a larger cluster takes more time, and says more
-    points = _POINTS // 2 ** max(0, round(float(np.log2(len(response.response) / 12.0))))
+    points = _POINTS // 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
     return solve_cluster(response, shape, points) if points >= 512 else solve_cluster(response, shape, 2 * points, 4)
 
 
