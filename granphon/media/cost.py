@@ -1,8 +1,10 @@
 """Estimates of the memory and time that work will need, made before it is done.
 
 Memory follows from the arrays. The time of a simulation is that of a small sample, measured on this machine when it is
-needed, times a factor for the load: the nearer the rigidity threshold, the more steps each equilibrium takes. The exponents
-were fitted to runs of 64^2 to 256^2 balls between f* = 1e-3 and 30, for which the estimate is within a factor of three.
+needed, times factors for the lattice and the load: the nearer the rigidity threshold, the more steps each equilibrium takes.
+The exponents were fitted to runs of 64^2 to 256^2 balls between f* = 1e-3 and 30, for which the estimate is within a factor
+of three. The factors for space were measured with fcc and hcp arrays of 12^3 to 24^3 diameters, f* = 0.02 to 10; there it is
+within a factor of two.
 Bands, densities of states, force constants and sweeps were measured on one processor at 2 to 3 GHz: memory (arrays, as
 Python's tracemalloc counts them) is right within a factor of about two, time within a factor of five.
 """
@@ -30,28 +32,45 @@ __all__ = ["Cost", "available_memory", "bands", "density_of_states", "estimate",
 Array = NDArray[np.float64]
 #: memory of Python and its libraries, bytes
 _PYTHON_BYTES = 80e6
-#: bytes for each ball while a sample without rotations is worked on
-_BALL_BYTES = 450.0
-#: bytes for each ball while a linear response with rotations is worked on
-_ROTATING_BALL_BYTES = 620.0
+#: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
+#: lattice's Green's function
+_BALL_BYTES = {1: 200.0, 2: 280.0, 3: 460.0}
+#: bytes for each ball while a linear response with rotations is worked on, besides the same
+_ROTATING_BALL_BYTES = {2: 230.0, 3: 230.0}
+#: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
+_GREEN_BYTES = 43.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
-#: bytes for each ball of a further equilibrium that is kept
-_EQUILIBRIUM_BYTES = 17.0
-#: a* of uniform diameters, between which the f* of loads given as overlaps is interpolated
-_SPACINGS = np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0])
-#: f* of uniform diameters at each of these a*
-_FORCES = np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678])
+#: bytes for each ball of a further equilibrium that is kept: a displacement along each period
+_EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
+#: a* of uniform diameters in the plane and in space, between which the f* of loads given as overlaps is interpolated, and f*
+#: at each of these a*; on a line the law is that of equal balls
+_CURVES = {
+    2: (
+        np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0]),
+        np.array([5e-5, 2e-4, 8.4e-4, 7.3e-3, 2.55e-2, 0.1163, 0.3678]),
+    ),
+    3: (
+        np.array([0.3357, 0.3607, 0.3941, 0.4377, 0.4935, 0.6557, 0.9289]),
+        np.array([3e-3, 5.33e-3, 9.49e-3, 1.69e-2, 3e-2, 9.49e-2, 0.3]),
+    ),
+}
+#: least f* of an estimate
+_LEAST_FORCE = 5e-5
+#: time of an equilibrium per ball with one, two and three periods, over that on the triangular lattice
+_LATTICE_TIME = {1: 0.5, 2: 1.0, 3: 2.5}
 #: time of a linear response without rotations over that of its equilibrium
-_RESPONSE_TIME = 0.8
+_RESPONSE_TIME = {1: 0.8, 2: 0.8, 3: 1.2}
 #: time of a linear response with rotations over that of its equilibrium
-_ROTATING_RESPONSE_TIME = 1.4
+_ROTATING_RESPONSE_TIME = {2: 1.4, 3: 3.5}
+#: part by which each further ball of the cell makes the time per ball longer
+_FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
-#: a* of the small sample
-_SMALL_SPACING = 1.0
+#: a* of the small sample, and its f*
+_SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -213,29 +232,36 @@ def estimate(
     local exponent is found. A load below the rigidity threshold is taken to be at the threshold.
     """
     balls, count = simulation.balls, load.size * simulation.samples
-    packing = simulation.packing
-    turning = moduli and packing.ball_motions.rotate
-    kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES * (count - 1)
-    memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES) + kept)
+    packing, structure = simulation.packing, simulation.packing.structure
+    turning, periods = moduli and packing.ball_motions.rotate, structure.periods
+    motions = packing.ball_motions.count if turning else periods
+    green = _GREEN_BYTES * structure.n_balls * motions**2
+    kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
+    memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES)[periods] + green + kept)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(_estimate_reduced_force(packing, load.applied), _FORCES[0])
+    force = np.maximum(_estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
     rest = _estimate_effort(force)
-    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME) if moduli else 0.0
+    linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
-    relative = float(np.sum(rest + linear + beside) / _estimate_effort(np.interp(_SMALL_SPACING, _SPACINGS, _FORCES)))
+    lattice = _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
+    relative = lattice * float(np.sum(rest + linear + beside) / _estimate_effort(_SMALL_FORCE))
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 
 def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
-    loads = np.ravel(load.array)
+    loads, periods = np.ravel(load.array), packing.structure.periods
     if load.kind == "overlap":
         spacing = packing.width_units.reduced_spacing(loads)
-        near = np.exp(np.interp(np.log(np.maximum(spacing, _SPACINGS[0])), np.log(_SPACINGS), np.log(_FORCES)))
-        return np.asarray(np.where(spacing > _SPACINGS[-1], np.maximum(spacing - 0.5, 0.0) ** 1.5, near))
+        hertz = np.maximum(spacing - 0.5, 0.0) ** 1.5
+        if periods not in _CURVES:
+            return np.asarray(hertz)
+        known, forces = _CURVES[periods]
+        near = np.exp(np.interp(np.log(np.maximum(spacing, known[0])), np.log(known), np.log(forces)))
+        return np.asarray(np.where(spacing > known[-1], hertz, near))
     if load.kind == "pressure":
-        loads = loads * packing.diameter / packing.structure.pressure_factor
+        loads = loads * (packing.diameter ** (periods - 1) / packing.structure.pressure_factor)
     return np.asarray(packing.width_units.reduced_force(loads))
 
 

@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.contact_table import TOUCH, select_once, steps_within
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.results import Result
-from granphon.dynamics.tensors import bulk_and_shear
+from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.velocities import sound_velocities
@@ -31,16 +34,25 @@ Array = NDArray[np.float64]
 QUANTITIES = ("longitudinal", "transverse", "frequency")
 #: variance of x = Delta/W, the same for every distribution
 _VARIANCE = 1.0 / 12.0
-#: near pairs of balls: for each shell of neighbours, the shifts along a1, a2 to half of them; the others are opposite
-_SHELLS = (((1, 0), (0, 1), (1, 1)), ((2, 1), (1, 2), (1, -1)), ((2, 0), (0, 2), (2, 2)))
+#: number of shells of neighbours whose pairs count as near; on every lattice they are within :data:`_REACH` spacings
+_SHELLS = 3
+_REACH = 3.0
 #: least number of samples for each coefficient of the regression; with fewer it adds more scatter than it removes
 _LEAST_SAMPLES_EACH = 6
 
 
 def observe(state: ContactState) -> Array:
-    """Return the :data:`QUANTITIES` of a state on the triangular lattice, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s."""
-    velocities = sound_velocities(state, (1.0, 0.0))
+    """Return the :data:`QUANTITIES` of a state, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s.
+
+    In the plane the velocities are those along x. In space they are those of the moduli averaged over all directions
+    (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
+    """
     scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
+    if state.packing.structure.periods == 3:
+        tensor, density = state.elastic_tensor, np.asarray(state.effective_density)
+        moduli = longitudinal_modulus(tensor), bulk_and_shear(tensor)[..., 1]
+        return np.stack([*(np.sqrt(one / density) for one in moduli), scale], axis=-1)
+    velocities = sound_velocities(state, (1.0, 0.0))
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
 
 
@@ -54,8 +66,9 @@ class Ensemble(Result):
     errors : their relative standard errors, (n_loads, 3).
     noise : relative standard deviation of a sample times the root of its number of balls, (n_loads, 3).
     overlaps : mean overlap, (n_loads,), m.
-    shape : balls of each sample along a1 and a2.
+    shape : numbers of cells of each sample along a1, a2, ...
     samples : number of samples.
+    balls : number of balls in all samples together.
     """
 
     units: ClassVar[dict[str, str]] = {"overlaps": "m", "errors": "1", "noise": "1"}
@@ -65,23 +78,19 @@ class Ensemble(Result):
     errors: Array
     noise: Array
     overlaps: Array
-    shape: tuple[int, int]
+    shape: tuple[int, ...]
     samples: int
-
-    @property
-    def balls(self) -> int:
-        """Number of balls in all samples together."""
-        return self.samples * math.prod(self.shape)
+    balls: int
 
 
 class Moments:
     """Collect samples: :meth:`add` some, a few at a time, then ask for the :meth:`ensemble`.
 
-    All samples have the same ``packing`` on the triangular lattice, applied ``load`` (n_loads,) and ``shape`` (L1, L2);
+    All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and ``shape`` (L1, ..., Lp);
     their seeds count from ``seed``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
-    def __init__(self, packing: Packing, load: Load, shape: tuple[int, int], seed: int = 0) -> None:
+    def __init__(self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0) -> None:
         self.packing, self.load, self.shape, self.seed = packing, load, shape, seed
         self._moduli: list[Array] = []
         self._overlaps: list[Array] = []
@@ -92,10 +101,10 @@ class Moments:
         simulation = DirectSimulation(self.packing, self.shape, self.seed + len(self._moduli), count)
         state = simulation.at(self.load)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
-        moduli = bulk_and_shear(tensors)
+        moduli = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1]
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
-        rows = np.stack([np.sum(moduli, axis=-1), moduli[..., 1], k if state.spaced else 1.0 / k], axis=-1)
+        rows = np.stack([*moduli, k if state.spaced else 1.0 / k], axis=-1)
         self._moduli.extend(np.moveaxis(rows, 1, 0))
         self._overlaps.extend(state.over_samples(lambda sample: sample.overlap).T)
         self._excess.extend(np.array(list(_measure_excess(simulation))))
@@ -103,7 +112,7 @@ class Moments:
     def ensemble(self) -> Ensemble:
         """Return mean and standard error over the samples, of which there must be two or more."""
         moduli, excess = np.array(self._moduli), np.array(self._excess)
-        count, balls = len(moduli), math.prod(self.shape)
+        count, balls = len(moduli), math.prod(self.shape) * self.packing.structure.n_balls
         spread = np.std(moduli, axis=0, ddof=1) / np.mean(moduli, axis=0)
         means, errors = _regress(moduli.reshape(count, -1), excess)
         means, errors = means.reshape(moduli.shape[1:]), errors.reshape(moduli.shape[1:])
@@ -112,16 +121,38 @@ class Moments:
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return Ensemble(
             np.sqrt(squares), 0.5 * errors / np.abs(means), 0.5 * spread * math.sqrt(balls),
-            np.mean(self._overlaps, axis=0), self.shape, count,
+            np.mean(self._overlaps, axis=0), self.shape, count, count * balls,
         )  # fmt: skip
 
 
 def _measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
     """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those of the infinite array."""
+    structure = simulation.packing.structure
+    shells, axes = _find_near_pairs(structure), tuple(range(structure.periods))
     for index in range(simulation.samples):
-        x = simulation.deviations(index)
-        pairs = [np.mean([np.mean(x * np.roll(x, shift, (0, 1))) for shift in shell]) for shell in _SHELLS]
+        given = simulation.deviations(index)
+        x = given if structure.n_balls > 1 else given[None]
+        pairs = [np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell]) for shell in shells]
         yield np.array([np.mean(x * x) - _VARIANCE, *pairs])
+
+
+@lru_cache(maxsize=64)
+def _find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
+    """Find the pairs of near balls, shell after shell: ball i of a cell, and ball j of the cell that is shifted from it.
+
+    Each pair counts once. Balls at the same distance are one shell.
+    """
+    apart = structure.positions[None] - structure.positions[:, None]
+    steps = steps_within(structure.vectors, _REACH + float(np.max(np.linalg.norm(apart, axis=-1))))
+    distance = np.linalg.norm(apart[:, :, None] + steps @ structure.vectors, axis=-1)
+    i, j, which = (one.astype(np.intp) for one in np.nonzero((distance > 0.5) & (distance < _REACH + TOUCH)))
+    once = select_once(i, j, steps[which])
+    i, j, which = i[once], j[once], which[once]
+    shells = np.round(distance[i, j, which], 5)
+    return [
+        [(int(a), int(b), tuple(steps[c].tolist())) for a, b, c in zip(i[at], j[at], which[at], strict=True)]
+        for at in (shells == radius for radius in np.unique(shells)[:_SHELLS])
+    ]
 
 
 def _regress(values: Array, excess: Array) -> tuple[Array, Array]:
