@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from ruamel.yaml import YAML
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, _sort_options, expected_error
+from granphon.media.choice import MediumChoice, _sort_options, even_shape, expected_error
 from granphon.scene.scene import Scene
 from granphon.sweeps.archive import load_sweep
 from granphon.sweeps.sweep import sweep
@@ -109,6 +111,63 @@ def test_the_order_is_that_of_cost(rough, unit):
     assert seconds == sorted(set(seconds))
 
 
+@pytest.mark.parametrize("lattice", ["triangular", "fcc", "hcp"])
+@pytest.mark.parametrize("side", [8, 16, 24, 40, 96])
+def test_samples_are_as_wide_in_all_directions_as_their_cells_allow(lattice, side):
+    structure = find_lattice(lattice)
+    shape = even_shape(structure, side)
+    lengths = np.array(shape) * np.linalg.norm(structure.vectors, axis=1)
+    assert np.all(np.abs(lengths - side) <= 0.5 * np.linalg.norm(structure.vectors, axis=1))
+    if structure.n_balls == 1:
+        assert shape == (side,) * structure.periods
+
+
+@pytest.mark.parametrize("lattice", ["fcc", "hcp"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_in_space_the_cheapest_that_is_within_the_tolerance_is_taken(rough, unit, lattice, kind):
+    packing = replace(rough, lattice=lattice)
+    places = np.array([30.0, 1.0, 0.1])
+    force = {"force": 1.0, "pressure": 8.0**0.5 / packing.diameter**2}
+    spacing = np.array([10.0, 1.49, 0.66])
+    loads = (spacing - 0.5) * WIDTH if kind == "overlap" else places * unit * force[kind]
+    found = gp.AutoMedium(packing, 0.01).rungs(kind, loads)
+    chosen = {int(place): rung for rung in found for place in rung.loads}
+    assert [chosen[0].medium.label, chosen[2].medium.name] == ["ala", "simulation"]
+    sizes = [gp.DirectSimulation(packing, chosen[2].medium.settings["shape"]).balls]
+    for tolerance in (0.03, 3e-3):
+        (rung,) = gp.AutoMedium(packing, tolerance).rungs(kind, loads[2])
+        sizes.append(rung.medium.of(packing).balls if rung.medium.simulates else 0)
+    assert sizes[1] <= sizes[0] < sizes[2]
+    # four times the balls for half of the error
+    assert 4.0 < sizes[2] / sizes[0] < 40.0
+    with pytest.raises(InputError, match=r"of a simulation of (884,736|1,087,488) balls"):
+        gp.AutoMedium(packing, 1e-7).rungs(kind, loads)
+
+
+def test_on_a_line_every_medium_is_exact(rough, unit):
+    chain = replace(rough, lattice="chain")
+    for kind in KINDS:
+        (rung,) = gp.AutoMedium(chain, 1e-12).rungs(kind, [1e-9, 5e-7])
+        assert (rung.medium, rung.errors.tolist()) == (MediumChoice("ala"), [0.0, 0.0])
+    state = gp.AutoMedium(chain, 1e-12).at_force(3.0 * unit)
+    samples = gp.DirectSimulation(chain, (64,)).at_force(3.0 * unit)
+    assert_allclose(state.normal_stiffness, samples.normal_stiffness, rtol=1e-10)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (20, 20, 20)), ("hcp", (16, 16, 10))])
+def test_what_was_promised_in_space_is_kept_against_a_large_sample(rough, unit, lattice, shape):
+    packing, directions = replace(rough, lattice=lattice), [(1, 0, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1)]
+    forces = np.array([0.1, 0.5, 2.0, 20.0]) * unit
+    right = gp.sound_velocities(gp.DirectSimulation(packing, shape, 5).at_force(forces), directions).velocities
+    for tolerance in (0.1, 0.02, 0.005):
+        for rung in gp.AutoMedium(packing, tolerance).rungs("force", forces):
+            state = rung.medium.of(packing).at_force(forces[rung.loads])
+            found = gp.sound_velocities(state, directions).velocities
+            assert np.all(np.max(np.abs(found / right[rung.loads] - 1.0), axis=(1, 2)) <= rung.errors)
+            assert np.all(rung.errors <= tolerance)
+
+
 def test_long_lists_are_simulated_where_that_is_cheaper(unit):
     lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
     packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
@@ -186,7 +245,7 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     best = min(
         float(expected_error(one, rough, Load("force", loads[1]))) for one in _sort_options(rough, Load("force", loads))
     )
-    assert f"{best:.2g}, of a simulation of 1024 x 1024 balls" in str(error.value)
+    assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
     # and that much is indeed to be had
     assert gp.AutoMedium(rough, best).rungs("force", loads[1])
@@ -202,6 +261,9 @@ def test_below_the_known_loads_it_says_from_where_they_are(rough, unit):
 def test_packings_that_are_not_known(steel):
     for packing, told in (
         (gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), "square"), "square lattice"),
+        (gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), "bcc"), "bcc lattice"),
+        (gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), "fcc", bending=0.01), "neither twist nor rolling"),
+        (gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), motions="all"), "move in the plane alone"),
         (gp.Packing(steel, 8e-3, gp.Discrete((7.999e-3, 8.009e-3), (0.9, 0.1))), "skewness"),
     ):
         with pytest.raises(InputError, match=f"not known here: .*{told}.*Name a medium"):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import only
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.tradeoffs import ensemble
@@ -93,16 +96,44 @@ def test_a_known_part_that_never_varies_is_no_reason_to_regress():
     assert_allclose(error, np.std(values, axis=0, ddof=1) / math.sqrt(40))
 
 
-def test_the_excess_of_samples_is_zero_in_the_mean(rough):
+@pytest.mark.parametrize(
+    ("lattice", "shape", "pairs"),
+    [("triangular", (16, 16), [3, 3, 3]), ("fcc", (6, 6, 6), [6, 3, 12]), ("hcp", (6, 6, 4), [6, 3, 1])],
+)
+def test_the_excess_of_samples_is_zero_in_the_mean(rough, lattice, shape, pairs):
     """The variance is 1/12 and near pairs are not correlated, but for the mean that each sample is shifted by."""
-    shape, count = (16, 16), 400
-    excess = np.array(list(ensemble._measure_excess(gp.DirectSimulation(rough, shape, 5, count))))
-    balls = math.prod(shape)
+    simulation = gp.DirectSimulation(replace(rough, lattice=lattice), shape, 5, 400)
+    excess, balls = np.array(list(ensemble._measure_excess(simulation))), simulation.balls
     expected = -1.0 / (12.0 * balls)  # of x^2, and of each pair, with the sample's own mean taken away
-    assert_allclose(np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / math.sqrt(count))
-    # var of x^2 is (1/80 - 1/144)/N; of a mean over three shifts of x x' it is (1/12)^2/(3 N)
-    spread = np.array([math.sqrt(1 / 80 - 1 / 144), *[1 / 12 / math.sqrt(3)] * 3]) / math.sqrt(balls)
-    assert_allclose(np.std(excess, axis=0), spread, rtol=0.12)
+    assert_allclose(np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / 20.0)
+    # var of x^2 is (1/80 - 1/144)/N; of a mean over p pairs x x' for each ball it is (1/12)^2/(p N)
+    spread = np.array([math.sqrt(1 / 80 - 1 / 144), *(1 / 12 / np.sqrt(pairs))]) / math.sqrt(balls)
+    assert_allclose(np.std(excess, axis=0), spread, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "shape", "squares"),
+    [("triangular", (5, 6), (1, 3, 4)), ("fcc", (6, 5, 7), (1, 2, 3)), ("hcp", (5, 6, 4), (1, 2, 8 / 3)),
+     ("kagome", (4, 5), (1, 3, 4))],
+)  # fmt: skip
+def test_near_pairs_are_those_of_all_balls_at_these_distances(lattice, shape, squares):
+    """One by one, over every ball and its images in a periodic sample."""
+    structure = find_lattice(lattice)
+    rng = np.random.default_rng(3)
+    n, cells = structure.n_balls, np.array(list(np.ndindex(shape)))
+    x = rng.normal(size=(n, *shape))
+    places = (cells @ structure.vectors)[None] + structure.positions[:, None]  # (n, cells, d)
+    places, values = places.reshape(-1, places.shape[-1]), x.reshape(-1)
+    box = np.array(shape)[:, None] * structure.vectors
+    images = np.array(list(np.ndindex(*(3,) * len(shape)))) - 1
+    apart = places[None, :, None] + (images @ box)[None, None] - places[:, None, None]
+    found = np.sum(apart**2, axis=-1)
+    for square, shell in zip(squares, ensemble._find_near_pairs(structure), strict=True):
+        one, other, _ = np.nonzero(np.abs(found - square) < 1e-6)
+        axes = tuple(range(len(shape)))
+        products = [x[j] * np.roll(x[i], shift, axes) for i, j, shift in shell]
+        assert 2 * len(shell) * len(cells) == len(one)
+        assert_allclose(2.0 * np.sum(products), np.sum(values[one] * values[other]), rtol=1e-10)
 
 
 # -- against the simulation's own means ---------------------------------------------------------------------------------
@@ -136,6 +167,28 @@ def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
     assert_array_equal(values[:, 0], velocities.longitudinal)
     assert_array_equal(values[:, 1], velocities.transverse)
     assert_allclose(values[:, 2], [state[i].scales.frequency * (2.0 * math.pi) for i in (0, 1)], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("fcc", (4, 4, 4)), pytest.param("hcp", (4, 4, 3), marks=pytest.mark.exhaustive)]
+)
+@pytest.mark.parametrize("kind", only(KINDS[:1], KINDS))
+def test_in_space_it_is_the_mean_of_the_simulation_over_all_directions(steel, lattice, shape, kind):
+    packing = gp.Packing(steel, 8e-3, spread=gp.Normal(6e-7), lattice=lattice)
+    loads = {"force": (5.0, 20.0), "pressure": (3e5, 1e6), "overlap": (1e-6, 2e-6)}[kind]
+    moments = Moments(packing, Load(kind, loads), shape, 7)
+    moments.add(3)
+    found = moments.ensemble()
+    state = getattr(gp.DirectSimulation(packing, shape, 7, 3), f"at_{kind}")(np.array(loads))
+    assert_allclose(found.values, observe(state), rtol=1e-12)
+    averages = gp.moduli(state).voigt
+    density = packing.effective_density
+    assert_allclose(found.values[:, 0], np.sqrt((averages.bulk + 4.0 / 3.0 * averages.shear) / density), rtol=1e-12)
+    assert_allclose(found.values[:, 1], np.sqrt(averages.shear / density), rtol=1e-12)
+    assert_allclose(found.values[:, 2], np.sqrt(state.normal_stiffness / packing.mass), rtol=1e-12)
+    moduli = gp.moduli(state)
+    assert_allclose(found.errors[:, 1], 0.5 * moduli.shear_error / averages.shear, rtol=1e-9)
+    assert found.balls == 3 * math.prod(shape) * packing.structure.n_balls
 
 
 def test_samples_may_be_added_one_by_one(rough):
@@ -176,11 +229,14 @@ def test_small_samples_with_control_variates_agree_with_one_large_one(rough, uni
     assert np.all(np.abs(observe(state) / many.values[1] - 1.0) < 3.5 * chance)
 
 
-def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel):
+@pytest.mark.parametrize(("lattice", "shape"), [
+    ("triangular", (12, 12)), ("fcc", (6, 6, 6)), pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
+])  # fmt: skip
+def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel, lattice, shape):
     """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r = 0."""
-    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False, lattice=lattice)
     force = 100.0 * packing.law.coefficient * packing.width**1.5
-    moments = Moments(packing, Load("force", (force,)), (12, 12))
+    moments = Moments(packing, Load("force", (force,)), shape)
     moments.add(32)
     array = moments.ensemble()
     medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))

@@ -1,12 +1,18 @@
 """The accuracy of each medium: its measured relative error at a load, from a table that comes with the package.
 
-``tests/benchmarks/accuracy.py`` made the table. It compared the media with large samples of the disordered array (the
-triangular lattice), for some distributions, values of eta, and loads. For each family of distributions (uniform, normal,
-any) the table stores the largest error at a load, in reduced units, or at any higher load. It adds a margin for what lies
-between the tabulated points: with listed diameters errors peak where the contacts between two of the diameters open. An
-error of the table is therefore a bound for packings whose distribution is not more skewed, and has no longer tails, than
-those that were tried, as far as such a choice of distributions can show. For a simulation the table stores the statistical
-error: the standard deviation of a sample, which falls as the root of the number of its balls.
+``tests/benchmarks/accuracy.py`` made the table. It compared the media with large samples of the disordered array, on the
+triangular lattice, fcc and hcp, for some distributions, values of eta, and loads. For each lattice and family of
+distributions (uniform, normal, any) the table stores the largest error at a load, in reduced units, or at any higher load.
+It adds a margin for what lies between the tabulated points: with listed diameters errors peak where the contacts between two
+of the diameters open. An error of the table is therefore a bound for packings whose distribution is not more skewed, and has
+no longer tails, than those that were tried, as far as such a choice of distributions can show. For a simulation the table
+stores the statistical error: the standard deviation of a sample, which falls as the root of the number of its balls.
+
+The error is the largest relative error of the sound velocities and of the scale of frequencies (k/M)^(1/2). In the plane the
+velocities are the longitudinal and the transverse one; in space, all three along the edges of the cube, the diagonals of its
+faces and its own diagonal (in hcp in the layers, across them and between).
+
+On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 """
 
 from __future__ import annotations
@@ -22,8 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
+from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 
@@ -33,6 +40,8 @@ Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
 #: table include a margin
 DEVIATIONS = 2.5
+#: of the form of the file
+_SCHEMA = 2
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
@@ -50,24 +59,44 @@ class Accuracy:
 
     def media(self) -> tuple[str, ...]:
         """Return the names of the media whose error is known, the cheapest first; the last is "simulation"."""
-        return tuple(self.data["errors"]["any"]["force"])
+        return tuple(next(iter(self._parts.values()))["errors"]["any"]["force"])
+
+    @property
+    def _parts(self) -> Mapping[str, Any]:
+        """The parts of the table, by the name of the lattice."""
+        parts: Mapping[str, Any] = self.data["lattices"]
+        return parts
+
+    def _of(self, structure: Lattice) -> Mapping[str, Any] | None:
+        """Return the part of a lattice, or None."""
+        return self._parts.get(structure.name) if LATTICES.get(structure.name) == structure else None
 
     def explain_uncovered(self, packing: Packing) -> str | None:
         """Return the reason why the table does not cover a packing; None if it does."""
         if not packing.spread_matters:
             return None
-        if packing.structure != TRIANGULAR:
-            return f"there are no errors for the {packing.structure.name} lattice, as it is not simulated"
+        part = self._of(packing.structure)
+        if part is None:
+            known = ", ".join(self._parts)
+            return f"there are no errors for the {packing.structure.name} lattice; there are for {known}"
+        if packing.structure.periods == 2 and packing.motions not in (None, IN_PLANE.name):
+            return "the errors are those of balls that move in the plane alone"
+        if packing.torsion or packing.bending:
+            return "the errors are those of contacts that resist neither twist nor rolling"
         skewness, kurtosis = compute_form_coefficients(packing.spread.shape) if packing.spread else (0.0, 0.0)
-        most = self.data["most"]
+        most = part["most"]
         if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
             known = f"skewness up to {most['skewness']:.3g}, excess kurtosis up to {most['kurtosis']:.3g}"
             return f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis {kurtosis:.3g}; {known}"
         return None
 
-    def least(self, kind: str) -> float:
-        """Return the least load from which errors are known: a* for the kind "overlap", f* for the others."""
-        return float(self.data["loads"][_name_tabulated_kind(kind)][0])
+    def least(self, packing: Packing, kind: str) -> float:
+        """Return the least load from which errors are known: a* for the kind "overlap", f* for the others.
+
+        It is zero where every medium is exact. The packing must be one that the table covers.
+        """
+        part = self._of(packing.structure)
+        return float(part["loads"][_name_tabulated_kind(kind)][0]) if part is not None and packing.spread_matters else 0.0
 
     def reduced(self, packing: Packing, load: Load) -> Array:
         """Return f* of an applied load, or a* of a load that is given as an overlap."""
@@ -76,7 +105,7 @@ class Accuracy:
             if load.kind == "overlap":
                 return np.asarray(packing.width_units.reduced_spacing(values))
             if load.kind == "pressure":
-                values = values * (packing.diameter / packing.structure.pressure_factor)
+                values = values * (packing.diameter ** (packing.structure.periods - 1) / packing.structure.pressure_factor)
             return np.asarray(packing.width_units.reduced_force(values))
 
     def error(self, medium: str, packing: Packing, load: Load, balls: int = 1) -> Array:
@@ -88,11 +117,12 @@ class Accuracy:
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
-        if self.explain_uncovered(packing) is not None:
+        part = self._of(packing.structure)
+        if part is None or self.explain_uncovered(packing) is not None:
             return np.full(load.shape, np.inf)
         table = _name_tabulated_kind(load.kind)
-        at, known = np.array(self.data["loads"][table]), self.data["errors"][_name_family(packing)][table][medium]
-        rows = np.array(known)[self._select_rows(packing.mindlin_ratio)].max(axis=0)
+        at, known = np.array(part["loads"][table]), part["errors"][_name_family(packing)][table][medium]
+        rows = np.array(known)[_select_rows(part["mindlin_ratios"], packing.mindlin_ratio)].max(axis=0)
         place = np.maximum(self.reduced(packing, load), 0.0)
         with np.errstate(over="ignore", divide="ignore"):
             found = np.exp(np.interp(np.log(place), np.log(at), np.log(rows)))
@@ -102,12 +132,12 @@ class Accuracy:
             found = found * (DEVIATIONS / math.sqrt(balls))
         return np.asarray(np.where(place >= at[0], found, np.inf))
 
-    def _select_rows(self, eta: float) -> list[int]:
-        """Return the rows of the tabulated eta next below and above ``eta``, or the one row that has it."""
-        known: Sequence[float] = self.data["mindlin_ratios"]
-        above = min(int(np.searchsorted(known, eta)), len(known) - 1)
-        beside = [max(above - 1, 0), above]
-        return [row for row in beside if math.isclose(known[row], eta)] or beside
+
+def _select_rows(known: Sequence[float], eta: float) -> list[int]:
+    """Return the rows of the tabulated eta next below and above ``eta``, or the one row that has it."""
+    above = min(int(np.searchsorted(known, eta)), len(known) - 1)
+    beside = [max(above - 1, 0), above]
+    return [row for row in beside if math.isclose(known[row], eta)] or beside
 
 
 def _name_family(packing: Packing) -> str:
@@ -126,6 +156,6 @@ def _name_tabulated_kind(kind: str) -> str:
 def accuracy() -> Accuracy:
     """Read the table that comes with the package; it is read once."""
     data = json.loads((files("granphon") / "data" / "accuracy.json").read_text(encoding="utf-8"))
-    if data["schema"] != 1:
-        raise InputError(message(f"accuracy.json has schema {data['schema']}, not 1", mend="Install granphon anew"))
+    if data["schema"] != _SCHEMA:
+        raise InputError(message(f"accuracy.json has schema {data['schema']}, not {_SCHEMA}", mend="Install granphon anew"))
     return Accuracy(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -40,8 +41,11 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-#: balls along a side of the square samples that an automatic medium chooses among
-_SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
+_SIDES = {
+    2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
+    3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
+}
 #: rule of validation for a relative error
 relative_error: Rule = partial(number, low=1e-12, high=0.99)
 #: rule of validation for the cells of a sample along each period of its lattice
@@ -75,8 +79,9 @@ class AutoMedium(Loaded[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
     Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. A
-    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024. ``at_*`` take scalars or arrays, and
-    return the state of the one medium that is accurate enough at all of these loads; :meth:`rungs` chooses for each load.
+    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
+    of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
+    enough at all of these loads; :meth:`rungs` chooses for each load.
 
     Parameters
     ----------
@@ -87,8 +92,9 @@ class AutoMedium(Loaded[ContactState]):
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99. From ``at_*`` and :meth:`rungs`: a load at which no medium
         is within the tolerance (the message gives the smallest error available); a load below those for which errors are
-        known; a packing for which errors are not known, as on another lattice or with too skewed a distribution. From
-        ``at_*``: finite overlap, which a simulation does not offer.
+        known; a packing for which errors are not known, as on another lattice than these (on a line every medium is exact),
+        with torsion or bending, or with too skewed a distribution. From ``at_*``: finite overlap, which a simulation does
+        not offer.
     """
 
     name: ClassVar[str] = "auto"
@@ -141,13 +147,14 @@ class AutoMedium(Loaded[ContactState]):
         return options, errors
 
     def _explain_unmet(self, load: Load, best: float) -> InputError:
-        where = f"{load} {load.unit}"
+        where, structure = f"{load} {load.unit}", self.packing.structure
         if np.isfinite(best):
             what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            why = f"The smallest expected error there is {best:.2g}, of a simulation of {_SIDES[-1]} x {_SIDES[-1]} balls"
+            balls = math.prod(even_shape(structure, _SIDES[structure.periods][-1])) * structure.n_balls
+            why = f"The smallest expected error there is {best:.2g}, of a simulation of {balls:,} balls"
             return InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
         name = "a*" if load.kind == "overlap" else "f*"
-        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(load.kind)
+        at, least = float(accuracy().reduced(self.packing, load)), accuracy().least(self.packing, load.kind)
         what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
         return InputError(message(what, f"They are known from {name} = {least:g} on", "Raise the load, or name a medium"))
 
@@ -312,7 +319,9 @@ def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
     media = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
     least = load[int(np.argmin(load.array))]
-    simulations = [MediumChoice(DirectSimulation.name, (("shape", (side, side)),)) for side in _SIDES]
+    structure = packing.structure
+    shapes = [even_shape(structure, side) for side in _SIDES[structure.periods]]
+    simulations = [MediumChoice(DirectSimulation.name, (("shape", shape),)) for shape in shapes]
 
     def seconds(option: MediumChoice) -> float:
         medium = option.of(packing)

@@ -296,7 +296,7 @@ class SimulatedState(ContactState):
 
     @property
     def exponent(self) -> Any:
-        """Local exponent d log v_L / d log P; exactly 1/6 for equal balls.
+        """Local exponent d log v_L / d log P; exactly 1/6 for equal balls and on a line.
 
         It is that of the mean modulus of longitudinal waves over all directions and samples: K + G in the plane, K + 4G/3 in
         space, with the averages of Voigt where samples are not isotropic.
@@ -305,14 +305,14 @@ class SimulatedState(ContactState):
         more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
         infinite: a contact about to open contributes a slope of h^(-1/2).
         """
-        if not self.packing.width:
+        if not self.packing.spread_matters:
             return super().exponent
         return mean_exponent(self)[()]
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of ``exponent`` over the samples; nan (not known) for a single sample, 0 for equal balls."""
-        if not self.packing.width:
+        """Standard error of ``exponent`` over the samples; nan (not known) of one sample, 0 of equal balls, on a line."""
+        if not self.packing.spread_matters:
             return super().exponent_error
         if self.n_samples == 1:
             return self._fill_shape(math.nan)
@@ -359,8 +359,8 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
 
     @cached_property
     def law(self) -> HertzLaw | SampleLaw:
-        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls."""
-        return SampleLaw(replace(self, executor=None)) if self.packing.width else self.packing.law
+        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line."""
+        return SampleLaw(replace(self, executor=None)) if self.packing.spread_matters else self.packing.law
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""

@@ -1,11 +1,15 @@
 """What the media are worth: the table that ``medium: auto`` chooses by, and whether it keeps what it promises.
 
-    python tests/benchmarks/accuracy.py [--write] [--held-back] [--side N] [--samples N]
+    python tests/benchmarks/accuracy.py [--write] [--held-back] [--lattice NAME] [--side N] [--samples N]
 
 Without an option it does both: measures the errors again over the distributions and loads of the table (``--write``
-writes ``granphon/data/accuracy.json``), then, on other distributions, loads and Poisson ratios, counts how often the error
-of what ``auto`` takes is within the one it expects (``--held-back`` does this alone). Everything is relative, and in reduced
-units: one diameter, width and modulus stand for all.
+writes them into ``granphon/data/accuracy.json``), then, on other distributions, loads and Poisson ratios, counts how often
+the error of what ``auto`` takes is within the one it expects (``--held-back`` does this alone). Everything is relative, and
+in reduced units: one diameter, width and modulus stand for all.
+
+Each lattice has a part of the table. In the plane errors are those of the longitudinal and transverse velocity, and of the
+scale of frequencies (k/M)^(1/2). In space they are those of all three velocities along each of :data:`DIRECTIONS`, and of
+that scale: the largest of them counts.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import itertools
 import json
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -26,12 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import granphon as gp
-from granphon.array.sample import STEP, Sample
+from granphon.array.sample import Sample
 from granphon.balls.diameters import Spread
+from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
-from granphon.dynamics.tensors import bulk_and_shear
+from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.accuracy import compute_form_coefficients
+from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
+from granphon.media.state import ContactState
 from granphon.tradeoffs.ensemble import observe
 
 Array = NDArray[np.float64]
@@ -39,11 +46,9 @@ DIAMETER, WIDTH = 8e-3, 2e-6
 DATA = Path(gp.__file__).parent / "data" / "accuracy.json"
 #: media with the names of scenes, the cheapest first; a simulation is last
 MEDIA = {"ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium}
-#: loads of the table, f* and a*
-FORCES = tuple(float(f"{x:.3g}") for x in np.geomspace(3e-3, 30.0, 37))
-SPACINGS = tuple(float(f"{x:.3g}") for x in np.concatenate([np.geomspace(0.42, 1.6, 28)[:-1], np.geomspace(1.6, 10.0, 10)]))
-#: Poisson ratios that have the Mindlin ratios of the table, after zero: without friction
-POISSON_RATIOS = (0.5, 0.3, 0.0, -0.999999999)
+#: in space, Cartesian: in fcc along the edges, the diagonals of faces and of the cube; in hcp in the layers, across them,
+#: and between
+DIRECTIONS = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0))
 #: of two kinds of balls the part of the larger ones; of three, a step apart, that of the middle ones
 LARGER, MIDDLE = (0.2, 0.25, 0.33, 0.4, 0.5, 0.6, 0.67, 0.75, 0.8), (0.2, 0.5, 0.65, 0.8)
 #: of distributions: two of their own, and whatever else
@@ -53,6 +58,74 @@ FAMILIES = ("uniform", "normal", "any")
 MARGINS = {"uniform": 1.15, "normal": 1.15, "any": 1.3}
 #: stands for the error of a medium that has no answer
 FAILED = 10.0
+
+
+#: distributions that are held back, see :func:`other_shapes`
+OTHERS = (
+    "uniform", "normal, cut at 2.5", "normal, cut at 4", "three kinds, as many of each", "three kinds, 0.7 in the middle",
+    "three kinds, uneven", "four kinds", "two kinds, 0.3 of them larger", "two kinds, 0.65 of them larger", "triangle",
+    "a lot of 40 balls, lognormal",
+)  # fmt: skip
+
+
+def three_digits(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(float(f"{x:.3g}") for x in values)
+
+
+class Scope(NamedTuple):
+    """What is measured of a lattice.
+
+    Attributes
+    ----------
+    forces, spacings : loads of the table, f* and a*.
+    poisson_ratios : that have the Mindlin ratios of the table, after zero: without friction.
+    left_out : distributions of :func:`shapes` that are not measured.
+    side, samples : of the samples: their sides in diameters, and their number.
+    held_back : distributions that are held back.
+    true_side, true_samples : the sides and number of samples for these.
+    loads, ratios : the number of loads and of ratios of stiffness at which they are tried.
+    largest : the largest side of a simulation that is tried there: its truth has many times more balls.
+    """
+
+    forces: tuple[float, ...]
+    spacings: tuple[float, ...]
+    poisson_ratios: tuple[float, ...]
+    left_out: tuple[str, ...]
+    side: int
+    samples: int
+    held_back: tuple[str, ...]
+    true_side: int
+    true_samples: int
+    loads: int
+    ratios: int
+    largest: int
+
+
+_PLANE = Scope(
+    three_digits(np.geomspace(3e-3, 30.0, 37)),
+    three_digits(np.concatenate([np.geomspace(0.42, 1.6, 28)[:-1], np.geomspace(1.6, 10.0, 10)])),
+    (0.5, 0.3, 0.0, -0.999999999), (), 36, 4, OTHERS, 48, 6, 8, 3, 32,
+)  # fmt: skip
+_SPACE = Scope(
+    three_digits([*np.geomspace(3e-3, 3.0, 13), 10.0, 30.0]),
+    three_digits([*np.geomspace(0.4, 1.6, 15), 2.95, 5.43, 10.0]),
+    (0.5, 0.0, -0.999999999),
+    (
+        "normal, cut at 3", "two kinds, 0.25 of them larger", "two kinds, 0.4 of them larger",
+        "two kinds, 0.6 of them larger", "two kinds, 0.75 of them larger", "three kinds, 0.5 in the middle",
+        "three kinds, 0.8 in the middle",
+    ),
+    8, 6, OTHERS[::2], 14, 3, 6, 2, 10,
+)  # fmt: skip
+#: the neighbours of a ball are as many in hcp as in fcc, and errors much the same: fewer distributions show this
+_LIKE_FCC = _SPACE._replace(
+    left_out=(
+        *_SPACE.left_out, "normal, cut at 2", "two kinds, 0.33 of them larger", "two kinds, 0.67 of them larger",
+        "three kinds, 0.65 in the middle",
+    ),
+    samples=4,
+)  # fmt: skip
+SCOPES = {"triangular": _PLANE, "fcc": _SPACE, "hcp": _LIKE_FCC}
 
 
 def listed(x: Sequence[float], fractions: Sequence[float] | None = None) -> Spread:
@@ -91,7 +164,7 @@ def shapes() -> dict[str, Spread]:
 def other_shapes() -> dict[str, Spread]:
     """Distributions that are held back."""
     lot = np.random.default_rng(5).lognormal(0.0, 0.3, 40)
-    return {
+    spreads = {
         "uniform": gp.Uniform(WIDTH),
         "normal, cut at 2.5": normal(2.5),
         "normal, cut at 4": normal(4.0),
@@ -104,13 +177,19 @@ def other_shapes() -> dict[str, Spread]:
         "triangle": listed(np.concatenate([np.sqrt(quantiles(8)) - 1.0, 1.0 - np.sqrt(quantiles(8))])),
         "a lot of 40 balls, lognormal": listed(lot),
     }
+    return {label: spreads[label] for label in OTHERS}
 
 
-def packing(spread: Spread, poisson_ratio: float | None) -> gp.Packing:
+def measured_shapes(lattice: str) -> dict[str, Spread]:
+    """Distributions of the table of a lattice."""
+    return {label: spread for label, spread in shapes().items() if label not in SCOPES[lattice].left_out}
+
+
+def packing(spread: Spread, poisson_ratio: float | None, lattice: str = "triangular") -> gp.Packing:
     """The balls; without friction for None."""
     material = gp.Material(70e9, 0.25 if poisson_ratio is None else poisson_ratio, 2500.0)
     diameter = DIAMETER if spread.mean is None else spread.mean
-    return gp.Packing(material, diameter, spread=spread, friction=poisson_ratio is not None)
+    return gp.Packing(material, diameter, spread=spread, lattice=lattice, friction=poisson_ratio is not None)
 
 
 def unit(balls: gp.Packing) -> float:
@@ -118,12 +197,37 @@ def unit(balls: gp.Packing) -> float:
     return float(balls.law.coefficient * balls.width**1.5)
 
 
-class Truth:
-    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given force and overlap."""
+def numbers(state: ContactState) -> Array:
+    """Return what errors are measured of, (..., n): velocities, m/s, and the scale of frequencies, 1/s."""
+    if state.packing.structure.periods == 2:
+        return observe(state)
+    velocities = gp.sound_velocities(state, DIRECTIONS).velocities
+    return np.concatenate([velocities.reshape(*state.shape, -1), observe(state)[..., 2:]], axis=-1)
 
-    def __init__(self, spread: Spread, forces: Sequence[float], shape: tuple[int, int], seed: int, samples: int) -> None:
-        self.spread, self.forces = spread, np.array(forces)
-        still = packing(spread, None)
+
+def squares(state: SimulatedState) -> Array:
+    """Return the squares of the :func:`numbers` of each sample, (n_loads, n_samples, n), in units of their own."""
+    tensors = state.over_samples(lambda sample: sample.elastic_tensor)
+    k = state.over_samples(lambda sample: sample.normal_stiffness)[..., None]
+    if state.packing.structure.periods == 2:
+        moduli = [longitudinal_modulus(tensors)[..., None], bulk_and_shear(tensors)[..., 1:]]
+        return np.concatenate([*moduli, k], axis=-1)
+    velocities, _ = waves_of_tensor(symmetrise(tensors, state.packing.structure), DIRECTIONS)
+    waves = np.sort(velocities, axis=-1) ** 2
+    return np.concatenate([waves.reshape(*waves.shape[:2], -1), k], axis=-1)
+
+
+class Truth:
+    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given force and overlap.
+
+    ``shape`` are the numbers of cells of a sample.
+    """
+
+    def __init__(
+        self, lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], seed: int, samples: int
+    ) -> None:
+        self.lattice, self.spread, self.forces = lattice, spread, np.array(forces)
+        still = packing(spread, None, lattice)
         self.simulation = gp.DirectSimulation(still, shape, seed, samples)
         self.state = self.simulation.at_force(self.forces * unit(still))
 
@@ -134,33 +238,27 @@ class Truth:
 
     def state_of(self, poisson_ratio: float | None) -> SimulatedState:
         """The samples as balls of this Poisson ratio; without friction for None."""
-        balls = packing(self.spread, poisson_ratio)
+        balls = packing(self.spread, poisson_ratio, self.lattice)
         # the statics are the same in reduced units, whatever the friction
         taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in self.state.samples)
         simulation = gp.DirectSimulation(balls, self.simulation.shape, self.simulation.seed, self.simulation.samples)
         return SimulatedState.of(simulation, taken, Load("force", self.forces * unit(balls)))
 
     def of(self, poisson_ratio: float | None) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads, 3); and mean values."""
+        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads, n); and mean values."""
         state = self.state_of(poisson_ratio)
-        moduli = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensor))
-        beside = state.over_samples(lambda sample: bulk_and_shear(sample.elastic_tensors_beside))
-        k, slope, overlap = (
-            state.over_samples(lambda sample, name=name: getattr(sample, name))
-            for name in ("normal_stiffness", "stiffness_slope", "overlap")
-        )
-        # of the moduli by the overlap, over a step of the force
-        slopes = (beside[..., 1, :] - beside[..., 0, :]) / (2.0 * STEP) * (k / np.asarray(state.force)[:, None])[..., None]
-        squares, rises = (
-            np.stack([np.sum(m, axis=-1), m[..., 1], one], axis=-1) for m, one in ((moduli, k), (slopes, slope))
-        )
-        moved = squares + rises * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
+        at_force, overlap = squares(state), state.over_samples(lambda sample: sample.overlap)
+        # slopes by the overlap along the loads, of the means of samples
+        log_force = np.log(self.forces)
+        slopes = np.gradient(np.mean(at_force, axis=1), log_force, axis=0)
+        slopes /= np.gradient(np.mean(overlap, axis=1), log_force)[:, None]
+        moved = at_force + slopes[:, None] * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
         chance = {
             kind: 0.5 * np.std(values, axis=1, ddof=1) / np.mean(values, axis=1)
-            for kind, values in (("force", squares), ("overlap", moved))
+            for kind, values in (("force", at_force), ("overlap", moved))
         }
         count = np.sqrt(state.n_samples)
-        return {kind: (c, c / count) for kind, c in chance.items()}, observe(state)
+        return {kind: (c, c / count) for kind, c in chance.items()}, numbers(state)
 
 
 def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
@@ -170,21 +268,21 @@ def load_of(kind: str, truth: Truth, balls: gp.Packing) -> Array:
 def errors_of(
     medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium, kind: str, loads: Array, right: Array
 ) -> Array:
-    """(n_loads, 3) relative; :data:`FAILED` where the medium knows no such load."""
+    """(n_loads, n) relative; :data:`FAILED` where the medium knows no such load."""
     out = np.full(right.shape, FAILED)
     for index, load in enumerate(loads.tolist()):
         with contextlib.suppress(gp.GranphonError):
-            out[index] = np.abs(observe(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
+            out[index] = np.abs(numbers(getattr(medium, f"at_{kind}")(load)) / right[index] - 1.0)
     return out
 
 
 def measured(
-    spread: Spread, forces: Sequence[float], shape: tuple[int, int], samples: int
+    lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int
 ) -> Iterator[tuple[int, str, str, Array, Array]]:
     """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times root of balls) there."""
-    truth = Truth(spread, forces, shape, 10_000, samples)
-    for place, ratio in enumerate((None, *POISSON_RATIOS)):
-        balls = packing(spread, ratio)
+    truth = Truth(lattice, spread, forces, shape, 10_000, samples)
+    for place, ratio in enumerate((None, *SCOPES[lattice].poisson_ratios)):
+        balls = packing(spread, ratio, lattice)
         chances, right = truth.of(ratio)
         for kind, (chance, error) in chances.items():
             loads = truth.forces if kind == "force" else truth.spacings
@@ -193,38 +291,44 @@ def measured(
                 yield place, kind, name, loads, np.max(found + 2.0 * error, axis=1)
             # a standard deviation of n samples is uncertain by 1/sqrt(2 n)
             known = 1.0 + 1.0 / np.sqrt(2.0 * samples)
-            yield place, kind, "simulation", loads, known * np.max(chance, axis=1) * np.sqrt(shape[0] * shape[1])
+            yield place, kind, "simulation", loads, known * np.max(chance, axis=1) * np.sqrt(truth.simulation.balls)
 
 
-def _measured(spread: Spread, shape: tuple[int, int], samples: int) -> list[tuple[int, str, str, Array, Array]]:
+def _measured(
+    spread: Spread, lattice: str, shape: tuple[int, ...], samples: int
+) -> list[tuple[int, str, str, Array, Array]]:
     """Of one distribution of the table, in a process of its own."""
-    return list(measured(spread, FORCES, shape, samples))
+    return list(measured(lattice, spread, SCOPES[lattice].forces, shape, samples))
 
 
-def table(shape: tuple[int, int], samples: int) -> dict[str, Any]:
-    """The data: errors by kind of load, medium, eta and load."""
-    places = {"force": np.array(FORCES), "overlap": np.array(SPACINGS)}
-    rows, names = 1 + len(POISSON_RATIOS), (*MEDIA, "simulation")
+def table(lattice: str, side: int, samples: int) -> dict[str, Any]:
+    """The part of a lattice in the data: errors by kind of load, medium, eta and load."""
+    scope = SCOPES[lattice]
+    places = {"force": np.array(scope.forces), "overlap": np.array(scope.spacings)}
+    ratios = (None, *scope.poisson_ratios)
     worst = {
-        family: {kind: {name: np.zeros((rows, at.size)) for name in names} for kind, at in places.items()}
+        family: {
+            kind: {name: np.zeros((len(ratios), at.size)) for name in (*MEDIA, "simulation")} for kind, at in places.items()
+        }
         for family in FAMILIES
     }
+    spreads = measured_shapes(lattice)
+    shape = even_shape(find_lattice(lattice), side)
     with ProcessPoolExecutor() as pool:
-        found = pool.map(partial(_measured, shape=shape, samples=samples), shapes().values())
-    for label, rows_found in zip(shapes(), found, strict=True):
-        for row, kind, name, loads, errors in rows_found:
-            here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
-            for family in {label.partition(",")[0], "any"} & set(FAMILIES):
-                kept = worst[family][kind][name]
-                kept[row] = np.maximum(kept[row], here)
-    forms = np.abs([compute_form_coefficients(spread.shape) for spread in shapes().values()]).max(axis=0)
+        found = pool.map(partial(_measured, lattice=lattice, shape=shape, samples=samples), spreads.values())
+        for label, rows_found in zip(spreads, found, strict=True):
+            for row, kind, name, loads, errors in rows_found:
+                here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
+                for family in {label.partition(",")[0], "any"} & set(FAMILIES):
+                    kept = worst[family][kind][name]
+                    kept[row] = np.maximum(kept[row], here)
+    forms = np.abs([compute_form_coefficients(spread.shape) for spread in spreads.values()]).max(axis=0)
     return {
-        "schema": 1,
-        "made_by": "tests/benchmarks/accuracy.py",
-        "balls": [*shape, samples],
-        "distributions": list(shapes()),
+        "shape": shape,
+        "samples": samples,
+        "distributions": list(spreads),
         "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
-        "mindlin_ratios": [packing(gp.Uniform(WIDTH), ratio).mindlin_ratio for ratio in (None, *POISSON_RATIOS)],
+        "mindlin_ratios": [packing(gp.Uniform(WIDTH), ratio).mindlin_ratio for ratio in ratios],
         "loads": {kind: at.tolist() for kind, at in places.items()},
         "errors": {
             family: {
@@ -243,7 +347,7 @@ def falling(errors: Array, family: str) -> list[list[float]]:
         below[:, 0], above[:, -1] = most[:, 0], most[:, -1]
         most = np.maximum(most, np.maximum(below, above))
     most = np.maximum.accumulate(most[:, ::-1], axis=1)[:, ::-1]
-    return [[float(f"{x:.3g}") for x in row] for row in most.tolist()]
+    return [list(three_digits(row)) for row in most.tolist()]
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -255,13 +359,12 @@ def text(data: Mapping[str, Any]) -> str:
 # -- held back ------------------------------------------------------------------------------------------------------------
 
 TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
-#: the largest side of a simulation that is tried: its truth has many times more balls
-LARGEST = 32
 
 
 class Trial(NamedTuple):
     """What ``auto`` chose in one case, what it promised, what came out; ``medium`` "" if there was none, or too large."""
 
+    lattice: str
     distribution: str
     force: float
     mindlin_ratio: float
@@ -277,41 +380,47 @@ class Trial(NamedTuple):
 
 
 def trials(
-    seed: int, shape: tuple[int, int], samples: int, loads: int = 8, ratios: int = 3, spreads: Sequence[str] | None = None
+    lattice: str, seed: int, side: int, samples: int, loads: int, ratios: int, spreads: Sequence[str]
 ) -> Iterator[Trial]:
-    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each distribution that was held back."""
+    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each of the distributions that were held back.
+
+    Truths are ``samples`` samples with sides of ``side`` diameters.
+    """
     draw = np.random.default_rng(seed)
-    for label, spread in other_shapes().items():
-        if spreads is not None and label not in spreads:
-            continue
-        truth = Truth(spread, np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist(), shape, 20_000, samples)
+    shape, largest = (even_shape(find_lattice(lattice), one) for one in (side, SCOPES[lattice].largest))
+    for label, spread in ((label, other_shapes()[label]) for label in spreads):
+        forces = np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
+        truth = Truth(lattice, spread, forces, shape, 20_000, samples)
         for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
-            balls = packing(spread, ratio)
-            right = observe(truth.state_of(ratio))
+            balls = packing(spread, ratio, lattice)
+            right = numbers(truth.state_of(ratio))
             for kind in ("force", "overlap"):
                 given, tried = load_of(kind, truth, balls), {}
                 for index, tolerance in itertools.product(range(loads), TOLERANCES):
-                    case = label, float(truth.forces[index]), balls.mindlin_ratio, kind, tolerance
+                    case = lattice, label, float(truth.forces[index]), balls.mindlin_ratio, kind, tolerance
                     try:
                         (rung,) = gp.AutoMedium(balls, tolerance).rungs(kind, given[index])
                     except gp.GranphonError:
                         yield Trial(*case, "")
                         continue
                     medium = rung.medium.of(balls)
-                    if isinstance(medium, gp.DirectSimulation) and medium.shape[0] > LARGEST:
+                    if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest[0]:
                         yield Trial(*case, "")
                         continue
                     # one medium serves several tolerances
                     if (index, rung.medium) not in tried:
-                        found = observe(getattr(medium, f"at_{kind}")(float(given[index])))
+                        found = numbers(getattr(medium, f"at_{kind}")(float(given[index])))
                         tried[index, rung.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
                     yield Trial(*case, rung.medium.name, float(rung.errors[0]), tried[index, rung.medium])
 
 
-def held_back(shape: tuple[int, int], samples: int) -> None:
+def held_back(lattice: str, side: int, samples: int) -> None:
     """Print how often the promise was kept."""
-    found = [one for one in trials(1, shape, samples) if one.medium]
-    print("| chosen | cases | error within the expected one | median of error over expected |\n|---|---|---|---|")
+    scope = SCOPES[lattice]
+    found = [one for one in trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back) if one.medium]
+    print(
+        f"| chosen ({lattice}) | cases | error within the expected one | median of error over expected |\n|---|---|---|---|"
+    )
     for medium in (*MEDIA, "simulation", None):
         some = [one for one in found if medium in (None, one.medium)]
         if some:
@@ -323,17 +432,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="What the media are worth")
     parser.add_argument("--write", action="store_true", help="write the table into the package")
     parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
-    parser.add_argument("--side", type=int, default=48, help="balls along a side of a sample")
-    parser.add_argument("--samples", type=int, default=6)
+    parser.add_argument("--lattice", choices=tuple(SCOPES), help="one lattice alone")
+    parser.add_argument("--side", type=int, help="diameters along a side of a sample")
+    parser.add_argument("--samples", type=int, help="samples of each distribution")
     options = parser.parse_args(argv)
-    shape = options.side, options.side
-    if not options.held_back:
-        written = text(table(shape, options.samples))
-        if options.write:
-            DATA.write_text(written, encoding="utf-8")
-        else:
-            print(written)
-    held_back(shape, options.samples)
+    data = json.loads(DATA.read_text(encoding="utf-8"))
+    for lattice in [options.lattice] if options.lattice else SCOPES:
+        scope = SCOPES[lattice]
+        if not options.held_back:
+            made = table(lattice, options.side or scope.side, options.samples or scope.samples)
+            data["lattices"][lattice] = made
+            if options.write:
+                DATA.write_text(text(data), encoding="utf-8")
+            else:
+                print(text({lattice: made}))
+        side, samples = options.side or scope.true_side, options.samples or scope.true_samples
+        held_back(lattice, side, samples)
     return 0
 
 
