@@ -28,6 +28,8 @@ _VARIANCE = 1.0 / 12.0
 _LEAST = 1e-9
 #: least number of points for each direction of the covariance: half of them are mirror images
 _POINTS_PER_DIRECTION = 2.5
+#: least variance of a direction before it is stretched, over what it is to be
+_LEAST_VARIANCE = 0.02
 #: most points of a scramble
 _MOST_POINTS = 2**13
 
@@ -109,11 +111,11 @@ def _root(covariance: Array) -> Array:
 def _match(found: Array, root: Array) -> Array | None:
     """Return the rows of ``found``, shifted and stretched so that their mean is zero and their covariance root root^T.
 
-    It is None if that would stretch a direction by more than a factor of three.
+    It is None if a direction is nearly missing, as where no ball of a rare kind is at a place.
     """
     parts = found @ np.linalg.pinv(root).T
     parts = parts - parts.mean(axis=0)
     values, vectors = np.linalg.eigh(parts.T @ parts / len(parts))
-    if values[0] < 0.1:
+    if values[0] < _LEAST_VARIANCE:
         return None
     return np.asarray(parts @ ((vectors / np.sqrt(values)) @ vectors.T) @ root.T)
