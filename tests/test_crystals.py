@@ -481,7 +481,7 @@ def test_torsion_has_the_shape_of_the_load(steel):
     assert_allclose(fixed.bending_stiffness, 0.2 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
 
 
-@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}, {"bending": 0.1}])
+@pytest.mark.parametrize("more", [{"motions": "all"}, {"motions": "out_of_plane"}])
 def test_what_a_simulation_does_not_know_is_refused(steel, more):
     with pytest.raises(InputError, match="are not simulated"):
         gp.DirectSimulation(gp.Packing(steel, 8e-3, **more))

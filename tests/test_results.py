@@ -236,7 +236,7 @@ def every(packing, results):
         simulated.samples[0].equilibrium,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
-        Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3),
+        Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3, 192),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
         point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 
+import bench_arrays
 import bench_calculator
 import bench_crystals
 import bench_effective
@@ -17,7 +18,8 @@ import bench_simulation
 from side_by_side import command_line
 
 # simulations first: their memory is measured in processes that inherit the peak of this one
-PARTS = bench_simulation.PARTS | bench_ordered.PARTS | bench_crystals.PARTS | bench_calculator.PARTS | bench_effective.PARTS
+PARTS = bench_simulation.PARTS | bench_arrays.PARTS | bench_ordered.PARTS | bench_crystals.PARTS | bench_calculator.PARTS
+PARTS |= bench_effective.PARTS
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of granphon", PARTS, bench_simulation.HUGE_PARTS))

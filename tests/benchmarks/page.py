@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import bench_arrays
 import bench_calculator
 import bench_crystals
 import bench_effective
@@ -28,7 +29,7 @@ NUMBERS = PAGE.with_suffix(".json")
 #: the tables of the page, and the parts of the benchmarks in each
 TABLES = {
     "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS), "calculator": tuple(bench_calculator.PARTS),
-    "effective": tuple(bench_effective.PARTS), "simulation": tuple(bench_simulation.PARTS),
+    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
 }  # fmt: skip
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
 
