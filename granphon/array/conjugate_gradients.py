@@ -26,20 +26,21 @@ def solve_by_conjugate_gradients(
     free: bool = False,
     most: int | None = None,
     floor: float = 0.0,
+    springs: Array | None = None,
 ) -> tuple[Motion, int]:
     """Solve C^T K C u = ``force``, and return u with the number of steps taken.
 
     The iteration ends when the error in the energy norm has fallen by about ``reduction``, or its square is below ``floor``,
     where it is only rounding. If ``free`` is true, the compression is an unknown too. More than ``most`` steps raise
     :class:`ConvergenceError`; if ``most`` is None the iteration stops at its own limit, and Newton's method goes on from
-    there.
+    there. ``springs`` is the stiffness in rooms with margins of zeros, if that is at hand.
     """
     contacts = stencils.n_contacts * stiffness[0].size
     held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
     left, press = force.balls.copy(), force.compression
     balls, compression = np.zeros_like(left), 0.0
     way, out = stencils.padded(), stencils.padded()
-    inner, springs = way[stencils.rooms.inner], stencils.rooms.fill(stiffness)
+    inner, springs = way[stencils.rooms.inner], stencils.rooms.fill(stiffness) if springs is None else springs
     better = precondition(left)
     product = first = dot(left, better) + held * press * press
     inner[...] = better

@@ -322,9 +322,10 @@ def equilibrate(
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
         stiffness = 1.5 * root
         stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness)
+        springs = stencils.rooms.fill(stiffness)
+        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
         rest = Motion(pull, contacts * push)
-        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free)
+        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
         inverses.count(taken)
         length = _step_length(y, differences, (excess, root), step, stencils, load if free else None)
         y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken

@@ -141,8 +141,12 @@ class Stencils:
         return self.rooms.zeros(self.n_fields)
 
     def blocks(self, arrays: int = 1) -> Iterator[slice]:
-        """Yield slices of rows of balls, of which this many ``arrays`` together stay in the processor's cache."""
-        step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
+        """Yield slices of rows of balls, each small enough to stay in the processor's cache.
+
+        In space, where contacts are many, this many ``arrays`` stay there together; in a plane larger blocks are as fast.
+        """
+        many = arrays if len(self.shape) == 3 else 1
+        step = max(1, _CACHED // (many * math.prod(self.shape[1:])))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
@@ -266,16 +270,16 @@ class Stencils:
         """Inverse of C^T K C of equal contacts of stiffness one, in Fourier space; see :func:`green_function`."""
         return green_function(self._rows, self.shape, self.motions.is_rotation.tolist() * self.n_balls, self.n_balls)
 
-    def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
+    def preconditioner(self, stiffness: Array, springs: Array | None = None) -> Callable[[Array], Array]:
         """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
         The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is
-        (rows, L1, ..., Lp).
+        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
         mean = float(np.mean(stiffness[: self.n_contacts]))
-        local = self._invert_blocks(self.rooms.fill(stiffness), _LEAST_LOCAL * mean)
+        local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
         axes = tuple(range(1, len(self.shape) + 1))
         # with one ball in the cell Green's function is that of rotations times i
         turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
