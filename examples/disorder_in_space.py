@@ -18,6 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
+from granphon.dynamics.tensors import bulk_and_shear
 from granphon.figures.style import STYLE
 
 FORCE = np.array([0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 2.0])  # f*
@@ -52,9 +53,10 @@ def ratio(of):
 
 
 of_equal = {name: ratio(gp.moduli(gp.AveragedLattice(packing(name)).at_force(1.0))) for name in SHAPES}
-samples = {
-    name: state.sampled_moduli[..., 1] / state.sampled_moduli[..., 0] / of_equal[name] for name, state in states.items()
-}
+samples = {}
+for name, state in states.items():
+    bulk, shear = np.moveaxis(bulk_and_shear(state.sampled_tensors), -1, 0)
+    samples[name] = shear / bulk / of_equal[name]
 softer = {name: np.mean(one, axis=1) for name, one in samples.items()}
 for one in softer.values():
     assert np.all(np.diff(one) > 0.0)
