@@ -32,6 +32,8 @@ _LOOKS = (
 )  # fmt: skip
 #: size of a marker, in points
 _MARKER = 4.0
+#: largest number of lines above the axes that count points which were not run by method; else their sum is told
+_MOST_LINES = 1
 #: longest line above the axes, in letters
 _MOST_LETTERS = 54
 #: limits of the axis of times if no point was run, s
@@ -101,6 +103,8 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
     told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if told:
         lines = textwrap.wrap(f"not run: {told}", _MOST_LETTERS)
+        if len(lines) > _MOST_LINES:
+            lines = [f"not run: {sum(missing.values())} of {len(points)} points"]
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
         ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
     return ax
