@@ -24,6 +24,7 @@ from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import FCC
 
@@ -84,26 +85,8 @@ class Plain:
             inverse = LinearOperator((pull.size,) * 2, lambda u, d=diagonal: d * u)
             reduction = min(0.1, max(math.sqrt(distance), 0.3 * REST_TOLERANCE / distance)) if self.inexact else 1e-5
             step, _ = cg(product, pull, rtol=reduction, M=inverse, maxiter=3000)
-            h = h - self.length(h, self.c @ step) * (self.c @ step)
-
-    @staticmethod
-    def length(h: Array, strain: Array) -> float:
-        """The length at which the slope of the energy has a tenth of its first size, by Newton's method within brackets."""
-        low, high, length, first = 0.0, math.inf, 0.0, 0.0
-        for trial in range(30):
-            closed = np.maximum(h - length * strain, 0.0)
-            root = np.sqrt(closed)
-            slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
-            if trial == 0:
-                first, length = slope, 1.0
-                continue
-            if abs(slope) <= 0.1 * abs(first):
-                break
-            low, high = (length, high) if slope < 0.0 else (low, length)
-            length -= slope / rise
-            if not low < length < high:
-                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        return length
+            strain = self.c @ step
+            h = h - SparseArray._find_step_length(h, strain) * strain
 
 
 def against(repeats: int) -> list[Row]:
