@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, UniformShape
 from granphon.balls.lattices import Lattice
-from granphon.base.errors import PrecisionError, message
 from granphon.base.scales import WidthUnits
 from granphon.laws.cluster_curve import ClusterCurve, cluster_curve
-from granphon.laws.spread import Series, SpreadLaw
+from granphon.laws.solved import CurveLaw
+from granphon.laws.spread import Series
 
 __all__ = ["VALID_FORCE", "ClusterLaw"]
 
@@ -25,7 +25,7 @@ VALID_FORCE = 0.03
 
 
 @dataclass(frozen=True)
-class ClusterLaw(SpreadLaw):
+class ClusterLaw(CurveLaw):
     """Contact law of a cluster medium.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, the ``lattice``, its
@@ -91,25 +91,10 @@ class ClusterLaw(SpreadLaw):
 
         return self._evaluate_joined(overlap, np.ones_like, near)  # type: ignore[no-any-return]
 
-    def _evaluate_near(self, y: Array, order: int) -> Array:
-        closed, curve = y > -self.shape.bounds[1], self.curve
-        if np.any(closed & (y < curve.start)):
-            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *_BELOW))
-        out = np.zeros(y.shape)
-        out[closed] = curve.value(y[closed], order)
-        return out
-
-    def _find_near_overlap(self, force: Array) -> Array:
-        curve = self.curve
-        if np.any(force < curve.least_force):
-            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *_BELOW))
-        return curve.overlap(force)
-
-
-#: reason why the curve ends, and advice to the user
-_BELOW = (f"There the cluster medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load")
+    @property
+    def _below(self) -> tuple[str, str]:
+        """Reason why the curve ends, and advice to the user."""
+        return f"There the cluster medium is not solved (it is valid from f* = {VALID_FORCE:g})", "Raise the load"
 
 
 def _interpolate(y: Array, nodes: Array, values: Array) -> Array:

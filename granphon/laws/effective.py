@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
-from granphon.base.errors import PrecisionError, message
 from granphon.base.scales import WidthUnits
 from granphon.laws.collocation import Averages, Block, solve_curve
 from granphon.laws.effective_curve import VALID_FORCE, EffectiveCurve
 from granphon.laws.listed import PointAverages
-from granphon.laws.spread import SpreadLaw
+from granphon.laws.solved import CurveLaw
 
 __all__ = ["VALID_FORCE", "DensityAverages", "EffectiveLaw", "make_averages", "effective_curve"]
 
@@ -109,7 +108,7 @@ class DensityBalls:
 
 
 @dataclass(frozen=True)
-class EffectiveLaw(SpreadLaw):
+class EffectiveLaw(CurveLaw):
     """Contact law of the effective medium: balls displace their neighbours, and equation (36) holds.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
@@ -137,22 +136,6 @@ class EffectiveLaw(SpreadLaw):
         The limit was found by comparison with simulations of the triangular lattice.
         """
         return VALID_FORCE * WidthUnits(self.coefficient, width).force
-
-    def _evaluate_near(self, y: Array, order: int) -> Array:
-        closed, curve = y > -self.shape.bounds[1], self.curve
-        if np.any(closed & (y < curve.start)):
-            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *self._below))
-        out = np.zeros(y.shape)
-        out[closed] = curve.value(y[closed], order)
-        return out
-
-    def _find_near_overlap(self, force: Array) -> Array:
-        curve = self.curve
-        if np.any(force < curve.least_force):
-            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
-            raise PrecisionError(message(what, *self._below))
-        return curve.overlap(force)
 
     @property
     def _below(self) -> tuple[str, str]:
