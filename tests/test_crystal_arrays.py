@@ -200,17 +200,23 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
 
 
 @every_standing
-@pytest.mark.parametrize(("eta", "torsion", "bending"), [(0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.1, 0.02)])
-def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice, eta, torsion, bending):
+@pytest.mark.parametrize(
+    ("eta", "torsion", "bending", "own"),
+    [(0.0, 0.0, 0.0, False), (ETA, 0.0, 0.0, False), (ETA, 0.1, 0.02, False), (ETA, 0.5, 0.0, True), (ETA, 0.5, 0.02, True)],
+)
+def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice, eta, torsion, bending, own):
     shape, p = SMALL[lattice], lattice.periods
     x = draw(lattice, shape, 1)
     state = equilibrate(x, Prescribed(overlap=0.15), Stencils(shape, lattice=lattice))
-    found = elasticity(state, eta, torsion, bending)
+    # each contact may have a torsion of its own, in proportion to its overlap
+    found = elasticity(state, eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending)
     explicit, kept = Explicit(lattice, shape), kinds_of(eta, torsion, bending)
     dense = explicit.rows(kept)
     overlaps = np.maximum(0.15 + explicit.means(in_order(lattice, x)) - _elongations(lattice, explicit, state), 0.0)
     stiffness = 1.5 * np.sqrt(np.where(overlaps > 1e-8, overlaps, 0.0))
-    weights = np.sqrt(stiffness[:, None] * np.array([1.0, eta, eta, torsion, bending, bending])[kept])
+    ratios = np.tile([1.0, eta, eta, torsion, bending, bending], (len(stiffness), 1))
+    ratios[:, 3] *= overlaps if own else 1.0
+    weights = np.sqrt(stiffness[:, None] * ratios[:, kept])
     pairs = {1: [(0, 0)], 2: [(0, 0), (1, 1), (0, 1)], 3: [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]}[p]
     affine = []
     for a, b in pairs:
@@ -320,9 +326,43 @@ def test_motions_across_a_plane_are_refused(more):
         gp.DirectSimulation(packing("triangular", **more))
 
 
-def test_the_torsion_of_a_hertz_contact_is_refused():
-    with pytest.raises(InputError, match="torsion"):
-        gp.DirectSimulation(packing("fcc", torsion="mindlin"))
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (3, 3, 3)), ("hcp", (3, 3, 2))])
+def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, shape, friction):
+    balls = packing(lattice, friction, torsion="mindlin")
+    sample = gp.DirectSimulation(balls, shape).at_force(2.0).sample
+    rest = sample.equilibrium
+    # (1 - nu)/3 of the overlap of the contact over the diameter; without friction nothing but torsion resists rotations
+    torsion = (1.0 - 0.276) / 3.0 * WIDTH / D * np.maximum(rest.overlaps, 0.0)
+    wanted = elasticity(rest, balls.mindlin_ratio, torsion) * balls.width_units.stiffness / D
+    np.testing.assert_allclose(sample.elastic_tensor, wanted, rtol=0.0, atol=1e-11 * np.max(wanted))
+    none = elasticity(rest, balls.mindlin_ratio) * balls.width_units.stiffness / D
+    assert (np.max(np.abs(wanted - none)) > 1e-8 * np.max(none)) == friction
+
+
+@pytest.mark.parametrize("lattice", ["fcc", "hcp"])
+def test_without_shear_no_torsion_or_bending_changes_the_elastic_tensor(lattice):
+    x, shape = draw(find_lattice(lattice), SMALL[find_lattice(lattice)]), SMALL[find_lattice(lattice)]
+    state = equilibrate(x, Prescribed(force=0.1), Stencils(shape, lattice=find_lattice(lattice)))
+    plain = elasticity(state, 0.0)
+    for torsion, bending in ((0.1, 0.0), (0.0, 0.1), (0.1, 0.02)):
+        np.testing.assert_allclose(elasticity(state, 0.0, torsion, bending), plain, rtol=0.0, atol=1e-12 * np.max(plain))
+
+
+@pytest.mark.parametrize("lattice", ["fcc", "hcp"])
+def test_equal_balls_with_the_torsion_of_a_hertz_contact_are_the_lattice(lattice):
+    balls = gp.Packing(STEEL, D, lattice=lattice, torsion="mindlin")
+    found = gp.DirectSimulation(balls, (2, 3, 2)).at_force([2.0, 50.0])
+    exact = gp.AveragedLattice(balls).at_force([2.0, 50.0])
+    np.testing.assert_allclose(found.torsion, (1.0 - 0.276) / 3.0 * exact.overlap / D, rtol=1e-12)
+    for one, other in zip(found.elastic_tensor, exact.elastic_tensor, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.max(other))
+    wanted = gp.ContactLattice.of(lattice, balls.mindlin_ratio, torsion=float(found.torsion[1])).elastic_tensor()
+    scale = exact.normal_stiffness[1] / D
+    np.testing.assert_allclose(found.elastic_tensor[1], scale * wanted, rtol=0.0, atol=1e-11 * scale * np.max(wanted))
+    # the bands are those of the mean state, scaled to its long waves; those of rotations are stiffer under more load
+    one, other = (gp.Phonons(state[1]).frequencies([[0.3, 0.1, 0.2]]) for state in (found, exact))
+    np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
 def test_every_contact_of_a_chain_carries_the_same_force():

@@ -128,8 +128,9 @@ class Twin:
         packing = state.packing
         self.eta = ETA if packing.friction else 0.0
         self.torsion, self.bending = float(state.torsion), packing.bending
+        self.hertz = packing.torsion == "mindlin"  # torsion over k d^2 is then as the overlap of the contact
         self.turning = bool(self.eta or self.torsion or self.bending) and packing.motions is not None
-        self.turning |= packing.structure.dimension == 3 and packing.friction
+        self.turning |= packing.structure.dimension == 3 and bool(self.eta or self.torsion)
         steps = [np.arange(-3, 4) if periodic else np.zeros(1, int) for periodic in sites.pbc]
         shifts = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
         here, self.cell = sites.positions, np.asarray(sites.cell)
@@ -153,7 +154,8 @@ class Twin:
             twist = np.sum(turned * n, axis=1)
             roll = turned - n * twist[:, None]
             stiffness = np.sqrt((self.rest + extra) / self.rest)
-            springs = self.eta * np.sum(slip**2, axis=1) + self.torsion * twist**2 + self.bending * np.sum(roll**2, axis=1)
+            torsion = self.torsion * ((self.rest + extra) / self.rest if self.hertz else 1.0)
+            springs = self.eta * np.sum(slip**2, axis=1) + torsion * twist**2 + self.bending * np.sum(roll**2, axis=1)
             total = total + 0.5 * stiffness * springs
         assert np.all(delta.real > 0.0)
         return 0.5 * np.sum(total)  # each contact is found from both of its ends
@@ -274,13 +276,23 @@ def test_stress_is_the_pressure(lattice, motions, finite_overlap):
     np.testing.assert_allclose(pascal[p:], 0.0, atol=1e-11 * state.pressure)
 
 
-def test_mindlin_torsion_is_that_of_the_state():
-    state, sites, calc = make("fcc", "rough", True, torsion="mindlin")
+@both_overlaps
+@pytest.mark.parametrize("friction", [True, False])
+def test_mindlin_torsion_is_that_of_each_contact(finite_overlap, friction):
+    state, sites, calc = make("fcc", "rough" if friction else "smooth", finite_overlap, torsion="mindlin")
     assert state.torsion == pytest.approx((1.0 - 0.276) / 3.0 * SOFT, rel=1e-12)
-    balls, twin = sites.copy(), Twin(state, sites)
-    balls.arrays["rotations"][:] = 1e-3 * np.random.default_rng(0).normal(size=(len(balls), 3))
-    assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
-    np.testing.assert_allclose(calc.get_torques(balls), -twin.slopes(balls)[1], atol=1e-14)
+    rng, balls, twin = np.random.default_rng(0), sites.copy(), Twin(state, sites)
+    balls.arrays["rotations"][:] = 1e-3 * rng.normal(size=(len(balls), 3))
+    for spread in (0.0, 0.4 * SOFT):  # balls that are all alike, and contacts whose overlaps differ by half
+        balls.arrays["diameter_deviations"][:] = spread * rng.uniform(-1.0, 1.0, len(balls))
+        assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
+        np.testing.assert_allclose(calc.get_torques(balls), -twin.slopes(balls)[1], atol=1e-14)
+        # the energy is quadratic in the rotations, by the force constants
+        x, phi, deviation = twin.of(balls)
+        turned = np.zeros((len(balls), 6))
+        turned[:, 3:] = phi * GYRATION * (1.0 + deviation)[:, None]
+        work = 0.5 * np.einsum("ia,ijab,jb->", turned, calc.get_force_constants(balls), turned)
+        assert work == pytest.approx(twin.energy(x, phi, deviation) - twin.energy(x, 0.0 * phi, deviation), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["fcc", "membrane", "chain", "chain along x"])

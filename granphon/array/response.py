@@ -1,14 +1,14 @@
 """Elastic constants of a disordered array at rest: its linear response, with rotations and shear stiffness.
 
-Every contact that carries load resists slip with eta times its normal stiffness. Under a small uniform strain each ball
-moves and turns until it is in balance again; the energy that the contacts then store is the elastic energy. This rests on
-the contacts alone, without an effective medium or a conjecture about friction.
+Every contact that carries load resists slip with eta times its normal stiffness, and twist and roll if so asked. Under a
+small uniform strain each ball moves and turns until it is in balance again; the energy that the contacts then store is the
+elastic energy. This rests on the contacts alone, without an effective medium or a conjecture about friction.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Equilibrium, find_linear_response, find_uniform_part
 from granphon.array.stencils import Stencils, dot
@@ -25,17 +25,26 @@ def _strain_contacts(stencils: Stencils) -> Array:
     return np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(len(stencils.shape))])
 
 
-def elasticity(state: Equilibrium, mindlin_ratio: float, torsion: float = 0.0, bending: float = 0.0) -> Array:
+def elasticity(state: Equilibrium, mindlin_ratio: float, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
     """Return the (n, n) elastic tensor of the sample, in Voigt order, with springs at every contact that carries load.
 
     Springs against slip, twist and roll have eta, ``torsion`` and ``bending`` (over d^2) times the normal stiffness of their
-    contact. Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters
-    squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
+    contact; ``torsion`` is a number, or one for each contact, (n_c, L1, ..., Lp). Energies are per d^p, and the unit is that
+    of the contacts' stiffness. An error of the linear response enters squared. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
     """
     own = state.stencils
-    stencils = Stencils(own.shape, mindlin_ratio, own.workers, state.lattice, torsion, bending)
     normal = state.stiffnesses
+    if not mindlin_ratio:  # only shear turns balls that are strained: without it twist and roll store nothing
+        torsion = bending = 0.0
+    # the array has one ratio for all contacts, on which its preconditioner is built: the mean, weighted by stiffness
+    twist = np.asarray(torsion, float)
+    mean = float(np.sum(twist * normal) / np.sum(normal)) if twist.ndim else float(twist)
+    stencils = Stencils(own.shape, mindlin_ratio, own.workers, state.lattice, mean, bending)
     stiffness = stencils.weights(normal)
+    if twist.ndim and stencils.motions.twist and mean:
+        first = len(stiffness) - (3 if bending else 1) * stencils.n_contacts  # the twist stands last, but for two rolls
+        stiffness[first : first + stencils.n_contacts] = twist * normal
     affine = _strain_contacts(stencils)[(..., *(None,) * len(stencils.shape))]
     # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
     even = find_uniform_part(normal) if stencils.n_balls == 1 else 0.0

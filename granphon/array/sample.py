@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
 from granphon.balls.lattices import BALL
-from granphon.balls.packing import Packing
+from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
 
@@ -170,7 +170,10 @@ class Sample(Result):
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         packing, d = self.packing, self.packing.diameter
         scale = self._units.stiffness * d if packing.structure.periods == 1 else self._units.stiffness / d
-        torsion = float(packing.torsion)  # that of a Hertz contact is not simulated
+        torsion: Any = packing.torsion
+        if torsion == MINDLIN:  # it differs from contact to contact
+            f, k = self._units.force * equilibrium.forces, self._units.stiffness * equilibrium.stiffnesses
+            torsion = packing.find_torsion(f, k)
         return read_only(scale * elasticity(equilibrium, packing.mindlin_ratio, torsion, packing.bending))
 
     def atoms(self) -> Atoms:

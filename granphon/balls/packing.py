@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.hertz import HertzLaw
@@ -163,6 +164,20 @@ class Packing:
     def mindlin_ratio(self) -> float:
         """Ratio eta = kappa / k of the shear to the normal stiffness of a contact (equation 4); 0 without friction."""
         return self.material.mindlin_ratio if self.friction else 0.0
+
+    def find_torsion(self, force: ArrayLike, stiffness: ArrayLike) -> NDArray[np.float64]:
+        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and normal ``stiffness`` k, N/m.
+
+        With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R. D. Mindlin, J. Appl.
+        Mech. 16, 259, 1949), of the contact radius r at the force; for equal balls that is (1 - nu)/3 times the overlap
+        over the diameter. It is then zero where k is.
+        """
+        f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
+        if self.torsion != MINDLIN:
+            return np.full(f.shape, float(self.torsion))
+        # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
+        twist = self.material.shear_modulus / 3.0 * self.diameter * np.sqrt(self.law.overlap(f) / self.diameter) ** 3
+        return np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0)
 
     @property
     def mass(self) -> float:

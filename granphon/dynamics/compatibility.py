@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.arguments import not_negative, real_array
+from granphon.base.arguments import finite_array, not_negative, real_array
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import read_only
 from granphon.dynamics.rows import Row, contact_rows, push_rows
@@ -51,7 +51,8 @@ class Compatibility:
     prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
     masses : (n,) masses; 1 by default.
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
-    torsion, bending : stiffness of twist and of rolling, over that of elongation times d^2.
+    torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
+    bending : stiffness of rolling, over the same.
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
     name : of the lattice, in messages.
 
@@ -71,7 +72,7 @@ class Compatibility:
         masses: ArrayLike = 1.0,
         gyration: ArrayLike = GYRATION,
         *,
-        torsion: float = 0.0,
+        torsion: ArrayLike = 0.0,
         bending: float = 0.0,
         motions: Motions = IN_PLANE,
         name: str = "of these contacts",
@@ -81,7 +82,13 @@ class Compatibility:
         self.positions: Array = read_only(real_array("positions", positions))
         self.contacts = contacts
         self.mindlin_ratio = not_negative("mindlin_ratio", mindlin_ratio)
-        self.torsion, self.bending = not_negative("torsion", torsion), not_negative("bending", bending)
+        self.bending = not_negative("bending", bending)
+        self.torsion: float | Array
+        if isinstance(torsion, np.ndarray) and torsion.ndim:
+            each = finite_array("torsion", torsion, low="zero or above") if torsion.size else torsion
+            self.torsion = read_only(np.broadcast_to(each, len(contacts)))
+        else:
+            self.torsion = not_negative("torsion", torsion)  # type: ignore[arg-type]
         self.named_motions = motions
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))

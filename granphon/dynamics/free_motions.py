@@ -106,7 +106,7 @@ class FreeMotions(LongWaves):
         ``stops`` says whether the motion costs energy on the lattice that it is given, which has more kinds of stiffness.
         """
         stiffness = {"friction": self.mindlin_ratio, "torsion": self.torsion, "bending": self.bending}
-        missing = [name for name, present in stiffness.items() if not present]
+        missing = [name for name, present in stiffness.items() if not np.any(present)]
         for several in range(1, len(missing) + 1):
             enough = [names for names in itertools.combinations(missing, several) if stops(self._add(names))]
             if enough:

@@ -99,9 +99,9 @@ def sample_scales(state: ContactState, direction: ArrayLike, names: Sequence[str
     It takes the place of d (k/M)^1/2: the long waves of the branch then have the velocity that they have in the state. Each
     array has the shape of the load followed by that of the directions.
     """
-    found, lattice = state.long_waves(direction), ideal_lattice(state.packing)
-    ideal, _ = lattice.sound_velocities(direction)
-    return [np.asarray(found[..., i] / ideal[..., i]) for i in (lattice.wave_names.index(n) for n in names)]
+    found, order = state.long_waves(direction), lattice_without_overlap(state).wave_names
+    ideal = _at_each_load(state, lambda lattice, _: lattice.sound_velocities(direction)[0])
+    return [np.asarray(found[..., i] / ideal[..., i]) for i in (order.index(n) for n in names)]
 
 
 def lattice_tensor(state: ContactState) -> Array:

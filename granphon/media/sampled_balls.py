@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.diameters import Measured
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import allowed_motions
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import Packing
 from granphon.base.arguments import finite_array, whole_number
 from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
@@ -140,20 +140,18 @@ def require_standing(packing: Packing) -> None:
     """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
 
     Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
-    :class:`~granphon.base.errors.InputError` for motions, or a torsion, that a simulation does not have.
+    :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
     """
     structure = packing.structure
     own = next(iter(allowed_motions(structure.periods).values()))
-    if structure.dimension > structure.periods or packing.motions not in (None, own.name) or packing.torsion == MINDLIN:
+    if structure.dimension > structure.periods or packing.motions not in (None, own.name):
         what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
-        if packing.torsion == MINDLIN:
-            what, mend = "the torsion of a Hertz contact", "Use another medium, or give torsion as a number"
-        elif structure.dimension > structure.periods:
+        if structure.dimension > structure.periods:
             what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
         raise InputError(
             message(
                 f"balls with {what} are not simulated",
-                "Simulated balls move along the periods of their lattice, with the same ratios of stiffness in all contacts",
+                "Simulated balls move along the periods of their lattice",
                 mend,
             )
         )

@@ -345,8 +345,8 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
     Raises
     ------
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome.
-    InputError : motions other than those along the periods, the torsion of a Hertz contact, a shape or number that is not
-        whole and above zero, diameters with a shape or samples, a width below 1e-20 of the diameter.
+    InputError : motions other than those along the periods, a shape or number that is not whole and above zero, diameters
+        with a shape or samples, a width below 1e-20 of the diameter.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
     that is not finite, not compressive, or presses balls together by their whole diameter; for a load so low that a

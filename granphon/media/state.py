@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
@@ -141,16 +141,11 @@ class ContactState(Result):
     def torsion(self) -> Values:
         """Stiffness of a contact against twist about its normal, over k d^2.
 
-        With ``torsion="mindlin"`` in the packing it is that of a Hertz contact that does not slip, (8/3) G r^3 (R. D.
-        Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal balls that is (1 - nu)/3
-        times the overlap over the diameter.
+        It is that of the packing, also where balls differ: with ``torsion="mindlin"`` that of a Hertz contact that does not
+        slip, at the mean force (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of a simulated
+        sample has that of its own force.
         """
-        packing = self.packing
-        if packing.torsion != MINDLIN:
-            return self._fill_shape(packing.torsion)
-        # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
-        ratio = np.sqrt(packing.law.overlap(self.force) / packing.diameter)
-        return _unwrap_scalars(packing.material.shear_modulus / 3.0 * packing.diameter * ratio**3 / self.normal_stiffness)
+        return _unwrap_scalars(self.packing.find_torsion(self.force, self.normal_stiffness))
 
     @property
     def torsion_stiffness(self) -> Values:

@@ -34,11 +34,12 @@ _LIMITS = {
     "torsion": (
         0.1,
         "overlap over diameter, over the torsion of a contact",
-        "other terms of the order of this torsion are left out; finite_overlap=True keeps those of the static force and of"
-        " the distance of balls",
+        "other terms of the order of this torsion are left out",
     ),
     "yield": (1.07, "mean contact pressure over yield strength", "beyond it the contact begins to flow plastically"),
 }
+#: what mends the torsion, in media that have terms of finite overlap
+_KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods
 _DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
 #: reason given when a property of the material is outside its limit
@@ -229,6 +230,7 @@ def _compute_validity(state: ContactState) -> Validity:
     checks = []
     for name, value in values.items():
         limit, meaning, reason = _LIMITS[name]
+        reason += _KEEPS if name == "torsion" and not state.n_samples else ""
         checks.append(Check(name, meaning, np.asarray(value), limit, reason))
     if state.packing.width:
         reason = f"at so small a force the diameters differ too much for the medium {state.medium!r}"

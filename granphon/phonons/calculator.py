@@ -30,6 +30,7 @@ from granphon.array.atoms import (
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, Motions, allowed_motions, select_motions
+from granphon.balls.packing import MINDLIN
 from granphon.base.errors import InputError, PrecisionError, brief, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -292,7 +293,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             stiffness = self._find_stiffness(law, rest.overlap)
             for row in contact_rows(
                 rest.axis, arm_i, arm_j, self._motions,
-                elongation=0.0, slip=self._eta, twist=self._torsion, roll=self._bending,
+                elongation=0.0, slip=self._eta, twist=self._find_torsion(law, rest.overlap), roll=self._bending,
             ):  # fmt: skip
                 head, tail = row.head.T, row.tail.T
                 change = head[0] * moved[:, 0]
@@ -312,10 +313,23 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     def _find_stiffness(self, law: Law, overlap: Array) -> Array:
         """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
-        stiffness, other = np.ones(overlap.shape), (overlap != self._overlap) | (law is not self.state.law)
+        stiffness, other = np.ones(overlap.shape), self._differs(law, overlap)
         if np.any(other):  # only where needed: the law of a simulation solves an equilibrium for each overlap
             stiffness[other] = law.stiffness(overlap[other] * self.scales.length) / self.scales.stiffness
         return stiffness
+
+    def _find_torsion(self, law: Law, overlap: Array) -> float | Array:
+        """Find the stiffness of contacts against twist over their k d^2; exactly the state's for its law at its overlap."""
+        packing, other = self.state.packing, self._differs(law, overlap)
+        if packing.torsion != MINDLIN or not np.any(other):
+            return self._torsion
+        torsion, depth = np.full(overlap.shape, self._torsion), overlap[other] * self.scales.length
+        torsion[other] = packing.find_torsion(law.force(depth), law.stiffness(depth))
+        return torsion
+
+    def _differs(self, law: Law, overlap: Array) -> NDArray[np.bool_]:
+        """Whether each contact differs from that of the state: by its overlap, or by its law."""
+        return np.asarray((overlap != self._overlap) | (law is not self.state.law))
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
         """Return the harmonic :class:`~granphon.dynamics.modes.ContactLattice` of any cell of these balls, about the state.
@@ -324,7 +338,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.
         With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. Its periods and its
         dimension are those of the lattice; the dimension is three if displacements turn contacts out of the plane. Shear,
-        torsion and bending of each contact are in proportion to its normal stiffness.
+        torsion and bending of each contact are in proportion to its normal stiffness; ``torsion="mindlin"`` is that of a
+        Hertz contact under the force of each.
 
         ``motions`` names some of the motions of the state, "longitudinal", "in_plane", "out_of_plane" or "all", and leaves
         the others out; by default they are those of the state. Raises :class:`~granphon.base.errors.InputError` for a name
@@ -355,7 +370,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return ContactLattice(
             cell, sites[:, :width], table, self._eta, stiffness=self._find_stiffness(law, overlap),
             prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
-            torsion=self._torsion, bending=self._bending, motions=moving,
+            torsion=self._find_torsion(law, overlap), bending=self._bending, motions=moving,
         )  # fmt: skip
 
     def _find_motions(self, name: str | None) -> Motions:
