@@ -257,7 +257,7 @@ def test_equal_balls_and_balls_on_a_line_have_no_error(steel, kind):
     [
         (balls(lattice="square"), "square lattice; there are for triangular, fcc, hcp"),
         (balls(lattice="bcc"), "bcc lattice"),
-        (balls(lattice=gp.Lattice("fcc", np.sqrt(2.0) * np.eye(3), FACES)), "fcc lattice"),
+        (balls(lattice=gp.Lattice("cube", np.sqrt(2.0) * np.eye(3), FACES)), "cube lattice"),
         (replace(balls(lattice="fcc"), torsion=0.1), "neither twist nor rolling"),
         (replace(balls(lattice="hcp"), torsion="mindlin"), "neither twist nor rolling"),
         (replace(balls(), bending=0.1), "neither twist nor rolling"),

@@ -242,6 +242,42 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
     assert figure.legends[0].get_title().get_text() == "effective medium"
 
 
+@pytest.mark.parametrize(
+    ("load", "label"),
+    [({"force": [2.0, 9.0]}, "(N)"), ({"pressure": [1e5, 1e6]}, "(Pa)"), ({"overlap": [2e-6, 4e-6]}, "(m)")],
+)
+def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
+    data = sweep(gp.Packing(STEEL, 8e-3, lattice="fcc"), **load)
+    ((kind, values),) = load.items()
+    figure = sweep_figure(data)
+    for ax in figure.axes:
+        assert_array_equal(ax.lines[0].get_xdata(), values)
+    assert figure.axes[-1].get_xlabel().endswith(label)
+    assert kind in figure.axes[-1].get_xlabel().lower()
+    assert_array_equal(sweep_figure(data, "normal_stiffness").axes[0].lines[0].get_xdata(), data.normal_stiffness[:, 0])
+    assert_array_equal(plot_exponent(data, Figure().subplots()).lines[0].get_xdata(), values)
+
+
+def test_slow_and_fast_transverse_waves_are_told_apart():
+    packing = gp.Packing(STEEL, 8e-3, lattice="hcp")
+    both = sweep(packing, force=[20.0, 40.0], media=("ala", {"simulation": {"shape": (2, 2, 2)}}), direction=(1, 0, 0.5))
+    for media in ([0], [1], [0, 1]):
+        figure = sweep_figure(both.isel(medium=media))
+        lines = figure.axes[0].lines
+        looks = [
+            {
+                (str(line._unscaled_dash_pattern), line.get_marker())
+                for line in figure.axes[0].lines
+                if line.get_gid() == name
+            }
+            for name in ("transverse_slow-valid", "transverse_fast-valid")
+        ]
+        assert len(looks[0]) == len(looks[1]) == len(media)
+        assert looks[0].isdisjoint(looks[1])
+        assert {"$v_{T1}$", "$v_{T2}$"} <= set(texts(figure.legends[0]))
+    assert not any("T1" in text for text in texts(sweep_figure(sweep(PACKING, force=[20.0, 40.0])).legends[0]))
+
+
 # -- fits -----------------------------------------------------------------------------------------------------------
 
 

@@ -176,11 +176,36 @@ def test_a_sweep_without_a_direction_says_that_sound_is_along_x(tmp_path):
 
 
 def test_lattices_of_one_name_cannot_be_swept(steel):
-    own = gp.Lattice("fcc", cell=np.eye(3))  # simple cubic, by its cell
-    with pytest.raises(InputError, match="two lattices of the sweep have the name 'fcc'"):
-        gp.sweep(gp.Packing(steel, 8e-3, lattice="fcc"), force=[1.0], lattice=["fcc", own])
+    one, other = (gp.Lattice("mine", cell=cell) for cell in (np.eye(3), math.sqrt(0.5) * (1.0 - np.eye(3))))
+    with pytest.raises(InputError, match="two lattices of the sweep have the name 'mine'"):
+        gp.sweep(gp.Packing(steel, 8e-3, lattice="fcc"), force=[1.0], lattice=[one, other])
+    blocks = ("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[1, 0, 0], [0, 1, 0], [0, -1, 1]]")
     with pytest.raises(SceneError, match=r"sweep.lattice: .* Give each a name of its own"):
-        read("lattice: fcc", rest="sweep: {lattice: [fcc, {name: fcc, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}]}")
+        read("lattice: fcc", rest=f"sweep: {{lattice: [{', '.join(f'{{name: mine, cell: {cell}}}' for cell in blocks)}]}}")
+
+
+def test_a_lattice_of_a_known_name_must_have_its_cell():
+    for cell in ("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[1, 0], [0, 1]]"):
+        with pytest.raises(SceneError, match=r"packing.lattice: .*'fcc'.*Give yours another name"):
+            read(f"lattice: {{name: fcc, cell: {cell}}}")
+    with pytest.raises(SceneError, match=r"packing.lattice.name: found .*; allowed: a name"):
+        read("lattice: {name: '', cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}")
+
+
+def test_counts_of_a_sweep_are_singular_where_they_are_one():
+    for more, wanted in (
+        ("sweep: {lattice: [fcc]}", "1 load x 1 medium x 1 value of lattice = 1 state"),
+        ("sweep: {lattice: [fcc, hcp]}", "1 load x 1 medium x 2 values of lattice = 2 states"),
+        ("medium: [ala, afa]\nsweep: {torsion: [0, 0.1]}", "1 load x 2 media x 2 values of torsion = 4 states"),
+    ):
+        assert dict(describe_scene(read("lattice: fcc", "force: 5 N", more)))["sweep"] == wanted
+
+
+def test_a_warning_of_many_cases_of_a_sweep_is_said_once(steel):
+    packing = gp.Packing(steel, 8e-3, lattice="fcc", torsion="mindlin")
+    data = gp.sweep(packing, pressure=[1e5, 1e6], lattice=["fcc", "bcc"], media=("ala", "afa"))
+    (told,) = json.loads(data.attrs["warnings"])
+    assert told.startswith("ala, lattice = fcc and 3 more: overlap over diameter, over the torsion of a contact is 4.144")
 
 
 def test_many_directions_of_a_scene(tmp_path):

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.contact_table import contact_frames, find_contacts, steps_within, touch_once_at_most
-from granphon.balls.lattices import KAGOME, SQUARE, TRIANGULAR, as_direction, find_lattice
+from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, as_direction, find_lattice
 from granphon.base.errors import InputError
 
 HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
@@ -267,3 +267,31 @@ def test_images_are_apart_in_a_skewed_cell_too():
     long = np.array([[3.0, 0.0], [28.0, 1.5]])
     # 28 - 9 x 3 = 1: one period is the vector (1, 1.5)
     assert not touch_once_at_most(long, (1, 1), 1.0)
+
+
+@pytest.mark.parametrize("name", ["", " ", None, 3])
+def test_a_lattice_has_a_name(name):
+    with pytest.raises(InputError, match=r"the name of a lattice is .* Give a text that is not empty"):
+        gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("name", "cell", "sites"),
+    [
+        ("fcc", np.sqrt(2.0) * np.eye(3), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))),
+        ("fcc", np.eye(3), ((),)), ("triangular", ((1.0, 0.0), (0.5, math.sqrt(0.75))), ((),)),
+        ("chain", ((1.0, 0.0, 0.0),), ((),)), ("square", ((1.0, 0.0), (0.0, 1.0)), ((0.5, 0.5),)),
+    ],
+)  # fmt: skip
+def test_a_known_name_belongs_to_its_cell(name, cell, sites):
+    with pytest.raises(InputError, match=f"the lattice '{name}' has a cell or sites of its own.*Give yours another name"):
+        gp.Lattice(name, cell, sites)
+    assert gp.Lattice(f"my {name}", cell, sites).name == f"my {name}"
+
+
+@pytest.mark.parametrize("name", LATTICES)
+def test_the_cell_of_a_known_lattice_may_bear_its_name(name):
+    known = LATTICES[name]
+    assert gp.Lattice(name, known.cell, known.sites) == known
+    rounded = gp.Lattice(name, known.vectors.round(7), known.sites)
+    assert len(rounded.contacts) == len(known.contacts)

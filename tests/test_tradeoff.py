@@ -284,7 +284,7 @@ def test_failures_are_told_in_their_own_words(clock):
     assert [(row["knob"], row["failure"], row["error (1)"]) for row in rows if row["failure"]] == [
         ("2", "2 does not converge.", "")
     ]
-    assert any("2 does not converge." in line for line in describe_tradeoff(result))
+    assert any("2 does not converge." in line for line in describe_tradeoff(result, 2))
 
 
 def test_without_a_reference_no_point_has_an_error(clock):
@@ -742,7 +742,7 @@ def test_extreme_and_other_loads_list_what_fails(rough, measured, load, least):
     assert result.kind == next(iter(load))
     for point in result.points:
         assert bool(point.failure) == (not point.errors.size)
-    describe_tradeoff(result)
+    describe_tradeoff(result, 2)
 
 
 # -- what is written ----------------------------------------------------------------------------------------------------
@@ -785,11 +785,11 @@ def test_a_result_comes_back_from_its_dictionary(found):
     assert back == found
     assert back.csv() == found.csv()
     assert isinstance(back.points[0], MeasuredPoint)
-    assert describe_tradeoff(back) == describe_tradeoff(found)
+    assert describe_tradeoff(back, 2) == describe_tradeoff(found, 2)
 
 
 def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
-    lines = describe_tradeoff(found)
+    lines = describe_tradeoff(found, 2)
     assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
     for point in found.points:
         assert sum(line.startswith(f"  {point.method} ") and f" {point.knob} " in line for line in lines) >= 1

@@ -42,6 +42,8 @@ _DIRECTIONS = (
 _UNITS = {
     "pressure": ("N", "N/m", "Pa"), "effective_density": ("kg/m", "kg/m^3", "kg/m^3"), "modulus": ("N", "Pa", "Pa"),
 }  # fmt: skip
+#: the lattices that have a name, by name; filled below
+LATTICES: dict[str, Lattice] = {}
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,10 @@ class Lattice:
 
     Raises
     ------
-    InputError : the name is not a text, the cell is not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a
-        ball touches no other, balls miss each other by less than a thousandth of the spacing, contacts do not join all
-        balls, or equal contact forces leave a ball out of balance.
+    InputError : the name is not a text, is empty, or is that of a known lattice with another cell or other sites; the cell
+        is not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a ball touches no other, balls miss each
+        other by less than a thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a ball
+        out of balance.
     """
 
     name: str
@@ -68,8 +71,8 @@ class Lattice:
     sites: tuple[tuple[float, ...], ...] = ((),)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text"))
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InputError(message(f"the name of a lattice is {brief(self.name)}", mend="Give a text that is not empty"))
         # lists and arrays become tuples, so that a Lattice is hashable and cannot change
         try:
             cell = real_array("cell", self.cell)
@@ -112,6 +115,20 @@ class Lattice:
                     "Use a lattice in which the directions of each ball's contacts add up to zero",
                 )
             )
+        if (known := LATTICES.get(self.name)) is not None and not self._repeats(known):
+            raise InputError(
+                message(
+                    f"the lattice {self.name!r} has a cell or sites of its own",
+                    f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
+                    f" {known.n_balls} ball{'s' * (known.n_balls > 1)}",
+                    f"Give yours another name, or lattice={self.name!r} to the packing",
+                )
+            )
+
+    def _repeats(self, other: Lattice) -> bool:
+        """Whether the cell and the sites are those of another lattice, to the rounding at which balls still touch."""
+        pairs = (self.vectors, other.vectors), (self.positions, other.positions)
+        return all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs)
 
     @property
     def n_balls(self) -> int:
@@ -215,9 +232,9 @@ HCP = Lattice(
     ((1.0 / 3.0, 2.0 / 3.0, 0.25), (2.0 / 3.0, 1.0 / 3.0, 0.75)),
 )  # fmt: skip
 DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
-LATTICES: dict[str, Lattice] = {
-    lattice.name: lattice for lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND)
-}
+LATTICES.update(
+    (lattice.name, lattice) for lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND)
+)
 
 
 def find_lattice(lattice: str | Lattice) -> Lattice:

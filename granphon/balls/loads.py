@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arguments import finite_array, real_list
 from granphon.base.errors import InputError, brief, message
-from granphon.base.quantities import LOADS
+from granphon.base.quantities import LOADS, load_quantities
 from granphon.base.results import read_only
 from granphon.base.validation import require, whole
 
@@ -41,8 +41,9 @@ class Load:
     ----------
     kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), or "side_force"
         (F on each side of a hexagonal frame).
-    array : one value or many, of any shape, in N, N/m, m or N for these kinds; kept as a read-only array. Overlaps may be
-        negative, as balls may differ; forces and pressures are above zero.
+    array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in m, pressures in N/m in
+        the plane, Pa in space and N on a line. Overlaps may be negative, as balls may differ; forces and pressures are above
+        zero.
     balls_per_side : length of a side of the frame in balls, for a side force only.
 
     Raises
@@ -116,10 +117,9 @@ class Load:
         """The same load with its values as an array of shape (n,)."""
         return replace(self, array=np.ravel(self.array))
 
-    @property
-    def unit(self) -> str:
-        """SI unit of the values."""
-        return LOADS[self.kind].unit
+    def describe(self, periods: int) -> str:
+        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``."""
+        return f"{self} {load_quantities(periods)[self.kind].unit}"
 
     @property
     def applied(self) -> Self:
@@ -129,7 +129,7 @@ class Load:
         return replace(self, kind="force", array=force_of_frame(self.array, self.balls_per_side), balls_per_side=None)
 
     def __str__(self) -> str:
-        """The load in words for a message."""
+        """The load in words for a message, without a unit: that of a pressure depends on the lattice."""
         return f"{self.kind} = {brief(self.array.tolist())}"
 
 

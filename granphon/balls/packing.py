@@ -177,7 +177,7 @@ class Packing:
             return np.full(f.shape, float(self.torsion))
         # r^2 = d delta/4, with the overlap delta of two equal balls at the force: k_t = G (d delta)^(3/2) / 3
         twist = self.material.shear_modulus / 3.0 * self.diameter * np.sqrt(self.law.overlap(f) / self.diameter) ** 3
-        return np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0)
+        return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
     @property
     def mass(self) -> float:

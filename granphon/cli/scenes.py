@@ -71,6 +71,7 @@ def check_scene(scene: SceneFile) -> None:
     Example:
       granphon check scene.yaml
     """
+    from granphon.media.cases import label_warnings
     from granphon.observables.validity import validity
     from granphon.scene.run import expected_files
     from granphon.scene.scene import Scene
@@ -79,11 +80,8 @@ def check_scene(scene: SceneFile) -> None:
     rows = describe_scene(read)  # first, because it raises if there is too little memory
     states, left = read.survey()
     with read.plan.origin.where_it_buckles():
-        warnings = [
-            f"{where}: {warning}" if read.is_sweep else warning
-            for where, state in states
-            for warning in validity(state).warnings
-        ]
+        found = [(where, warning) for where, state in states for warning in validity(state).warnings]
+    warnings = label_warnings(found) if read.is_sweep else [warning for _, warning in found]
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
     say(f"{scene} can be run.")

@@ -217,7 +217,7 @@ def measure_tradeoff(
     failures = _write_study(files, write, figure)
     with _tell_study(out, TRADEOFF_FILES, failures, quiet):
         warn(tuple(failures.values()))
-        for line in () if quiet else describe_tradeoff(found):
+        for line in () if quiet else describe_tradeoff(found, read.packing.structure.periods):
             say(line)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import LOADS, load_quantities
+from granphon.base.quantities import load_quantities
 from granphon.base.scales import prefixed
 
 if TYPE_CHECKING:
@@ -89,10 +89,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if not scene.is_sweep and scene.media[0].is_automatic:
         rows.append(("chosen", describe_choice(scene.rung)))
     if scene.is_sweep:
-        sizes = {"loads": len(scene.load.values), "media": len(scene.media)}
-        sizes |= {f"values of {name}": len(values) for name, values in scene.parameters}
-        counts = " x ".join(f"{count} {name}" for name, count in sizes.items())
-        rows.append(("sweep", f"{counts} = {math.prod(sizes.values())} states"))
+        sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
+        sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
+        states = math.prod(count for count, *_ in sizes)
+        counts = " x ".join(_count(*one) for one in sizes)
+        rows.append(("sweep", f"{counts} = {_count(states, 'state', 'states')}"))
     elif scene.rung.is_quick:
         state = scene.state()
         rows += [
@@ -116,6 +117,10 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if "dos" in scene.observe:
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def describe_choice(rung: Rung) -> str:
@@ -181,13 +186,12 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     return rows
 
 
-def describe_tradeoff(result: TradeOff) -> list[str]:
-    """Lines of the tables of a trade-off, one table for each study."""
+def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
+    """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
     heads = ("method", "knob", "error", "time", "+/-", "set-up", "memory", "floor", "")
-    loads = write_range(result.loads, LOADS[result.kind].unit)
-    lines = [
-        f"errors at {len(result.loads)} load{'s' if len(result.loads) > 1 else ''}, {loads}; {result.runs} warm runs each"
-    ]
+    loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
+    runs = _count(result.runs, "warm run", "warm runs")
+    lines = [f"errors at {_count(len(result.loads), 'load', 'loads')}, {loads}; {runs} each"]
     for study in result.studies:
         rows = [heads, *(_write_point(point) for point in result.of(study))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]

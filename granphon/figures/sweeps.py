@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from granphon.base.errors import FigureError, InputError, message
+from granphon.base.quantities import LOADS
 from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, readable_unit
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
@@ -43,27 +44,36 @@ _APART = 0.06
 _VELOCITIES = {
     "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
 }  # fmt: skip
+#: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
+_SLOW = "transverse_slow"
+_SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
+_MARKERS = {_SLOW: "v", "transverse_fast": "^"}
 #: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
 
 
-def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str = "force", *, legend: bool = True) -> Axes:
+def plot_sweep(
+    dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str | None = None, *, legend: bool = True
+) -> Axes:
     """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
 
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load.
+    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
+        pressure or an overlap.
     legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
     elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
     line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
+    The slow transverse wave in space has a dash-dotted line.
 
     Raises
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
+    x = x or _find_load(dataset)
     across, along, lines = _read_values(dataset, variable), _read_values(dataset, x), _colour_lines(dataset)
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         if index.get("direction") and "direction" not in across.dims:
@@ -74,7 +84,8 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
         order = np.argsort(horizontal, kind="stable")
         horizontal, vertical, inside = horizontal[order], vertical[order], inside[order]
         simulated = _is_simulated(dataset, index)
-        style: dict[str, Any] = {"color": colour, "marker": "o" if simulated or order.size == 1 else "", "markersize": 3.0}
+        marker = _MARKERS.get(variable, "o") if simulated or order.size == 1 else ""
+        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.0}
         thin, solid = (style | {"gid": f"{variable}-{which}"} for which in ("all", "valid"))
         thin |= {"markerfacecolor": "white"}
         if simulated:
@@ -86,7 +97,7 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
             solid |= {"linestyle": "none"}
         else:
             thin |= {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-            solid |= {"linewidth": width}
+            solid |= {"linewidth": width} | ({"dashes": _SLOW_DASHES} if variable == _SLOW else {})
         ax.plot(horizontal, vertical, **thin)
         ax.plot(horizontal, np.where(inside, vertical, np.nan), **solid)
     for which, values, name in (("x", along, x), ("y", across, variable)):
@@ -95,6 +106,11 @@ def plot_sweep(dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: st
     if legend:
         ax.legend(handles=_make_legend(dataset))
     return ax
+
+
+def _find_load(dataset: Dataset) -> str:
+    """Return the name of the load that was given: a coordinate along the loads."""
+    return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
 def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
@@ -197,11 +213,23 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
     return lines
 
 
-def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
+def _name_transverse(dataset: Dataset) -> list[Line2D]:
+    """Return the entries of the legend that tell the slow transverse wave from the fast one."""
+    points = all(_is_simulated(dataset, {"medium": m}) for m in range(dataset.sizes["medium"]))
+    entries = []
+    for name, dashes in ((_SLOW, _SLOW_DASHES), ("transverse_fast", None)):
+        style: dict[str, Any] = {"linewidth": 1.2} | ({"dashes": dashes} if dashes else {})
+        if points:
+            style = {"marker": _MARKERS[name], "markersize": 3.0, "linestyle": "none"}
+        entries.append(Line2D([], [], color="0.3", label=_VELOCITIES[name], **style))
+    return entries
+
+
+def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
 
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
-    their standard errors. See :func:`granphon.local_exponent`.
+    their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
@@ -215,8 +243,10 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str = "force") -> Axes:
     return ax
 
 
-def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = None) -> Figure:
+def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+
+    ``x`` is by default the load that was given, a force, a pressure or an overlap.
 
     Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
     normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
@@ -238,6 +268,8 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
         for ax in axes:
             ax.margins(x=0.08)
         handles, media = _make_legend(dataset), _write_labels(dataset, "medium")
+        if variable is None and _SLOW in velocities:
+            handles += _name_transverse(dataset)
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
         longest = max(len(str(handle.get_label())) for handle in handles)
         columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
@@ -245,7 +277,7 @@ def sweep_figure(dataset: Dataset, x: str = "force", *, variable: str | None = N
     return figure
 
 
-def _plot_velocities(dataset: Dataset, ax: Axes, x: str, drawn: dict[str, str]) -> None:
+def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str, str]) -> None:
     """Draw the velocities ``drawn``, with their symbols beside the ends of the lines, one text where these are close."""
     ends: dict[str, float] = {}
     for variable, name in drawn.items():

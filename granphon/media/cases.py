@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combine
 from granphon.media.choice import MediumChoice, Rung
 
-__all__ = ["Case", "Grid"]
+__all__ = ["Case", "Grid", "label_warnings"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,3 +65,12 @@ class Grid:
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )
+
+
+def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
+    """Return warnings of cases, given as (label, text), each after the label of its case; a text of many is said once."""
+    labels: dict[str, list[str]] = {}
+    for label, text in labelled:
+        labels.setdefault(text, []).append(label)
+    more = {text: f" and {len(of) - 1} more" if len(of) > 1 else "" for text, of in labels.items()}
+    return [f"{of[0]}{more[text]}: {text}" for text, of in labels.items()]

@@ -147,7 +147,8 @@ class AutoMedium(Loaded[ContactState]):
         return options, errors
 
     def _explain_unmet(self, load: Load, best: float) -> InputError:
-        where, structure = f"{load} {load.unit}", self.packing.structure
+        structure = self.packing.structure
+        where = load.describe(structure.periods)
         if np.isfinite(best):
             what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
             balls = math.prod(even_shape(structure, _SIDES[structure.periods][-1])) * structure.n_balls

@@ -22,7 +22,6 @@ from granphon.balls.loads import Load, require_compressive
 from granphon.balls.material import LEAST_YOUNG_MODULUS
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
-from granphon.base.quantities import load_quantities
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
@@ -122,7 +121,7 @@ class _ByLaw(Loaded[ContactState]):
         Also raise it if balls overlap by their diameter or more.
         """
         diameter = self.packing.diameter
-        given = f"{load} {load_quantities(self.packing.structure.periods)[load.kind].unit}"
+        given = load.describe(self.packing.structure.periods)
         with np.errstate(all="ignore"):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, MechanismError
-from granphon.base.quantities import load_quantities
 from granphon.base.results import plain
 from granphon.base.text import versions
 from granphon.media.acoustics import contact_lattice, has_one_lattice
@@ -260,7 +259,7 @@ def _locate(job: Job, error: GranphonError) -> GranphonError:
 
 def _name_load(where: str, load: Load, index: int, error: GranphonError, periods: int) -> GranphonError:
     """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
-    located = type(error)(f"{where}, {load[index]} {load_quantities(periods)[load.kind].unit}: {error}")
+    located = type(error)(f"{where}, {load[index].describe(periods)}: {error}")
     located.load_index = index
     return located
 

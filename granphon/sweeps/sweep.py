@@ -32,7 +32,7 @@ from granphon.base.validation import require, truth
 from granphon.base.written_files import is_written, read_written_files
 from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.cases import Case, Grid
+from granphon.media.cases import Case, Grid, label_warnings
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.observables.catalogue import CATALOGUE, entry_of
 from granphon.phonons.paths import interpolate_path, special_points
@@ -352,9 +352,9 @@ def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[Tas
     }
     parts = [_fill_errors(work, part, sizes) for work, part in zip(works, parts, strict=True)]
     labels = [case.label for case in grid.cases]
-    warnings = [f"{label}: {text}" for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
+    told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
-    warnings += [f"{label}: {text}" for label, text in zip(labels, missing, strict=True) if text]
+    warnings = label_warnings([*told, *((label, text) for label, text in zip(labels, missing, strict=True) if text)])
     if any(medium.is_automatic for medium in grid.media):
         parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
     # keep the variables that every case has
