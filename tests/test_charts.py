@@ -265,11 +265,7 @@ def test_slow_and_fast_transverse_waves_are_told_apart():
         figure = sweep_figure(both.isel(medium=media))
         lines = figure.axes[0].lines
         looks = [
-            {
-                (str(line._unscaled_dash_pattern), line.get_marker())
-                for line in figure.axes[0].lines
-                if line.get_gid() == name
-            }
+            {(str(line._unscaled_dash_pattern), line.get_marker()) for line in lines if line.get_gid() == name}
             for name in ("transverse_slow-valid", "transverse_fast-valid")
         ]
         assert len(looks[0]) == len(looks[1]) == len(media)
