@@ -114,6 +114,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "sweep, effective medium": (EMA, XARRAY | NODES, SWEEP),
     "simulation": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     "simulation, no friction": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    "simulation in space": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     # no exponent, which takes two more of both; the sound velocity, one of the conditions of validity, takes the response
     "bands of a simulation": (
         SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1}, PHONOPY | WAVES, {*BANDS, "sample.extxyz"},
@@ -125,14 +126,15 @@ FIGURES = {
     "bands and density of states": {"bands.png"}, "sweep, averaged": {"sweep.png"}, "sweep, effective medium": {"sweep.png"},
     "sweep, auto": {"sweep.png"}, "auto, to be simulated": {"forces.png"},
     "simulation": {"forces.png"}, "simulation, no friction": {"forces.png"},
-    "bands of a simulation": {"bands.png", "forces.png"}, "sweep of simulations": {"sweep.png"},
+    "simulation in space": {"forces.png"}, "bands of a simulation": {"bands.png", "forces.png"},
+    "sweep of simulations": {"sweep.png"},
 }  # fmt: skip
 
 
 #: kinds whose parts are those of others: exhaustive
 ALIKE = {
     "velocities, averaged force", "auto, equal balls", "auto, high load", "sweep, auto", "sweep, averaged",
-    "density of states", "simulation", "simulation, no friction",
+    "density of states", "simulation", "simulation, no friction", "simulation in space",
 }  # fmt: skip
 
 

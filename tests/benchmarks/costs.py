@@ -50,6 +50,7 @@ load: {force: %s}
 """
 EQUAL = _BALLS % ("", "1 N")
 SPREAD = _BALLS % (", spread: {uniform: 0.3 um}", "1 N")
+SPACE = _BALLS % (", lattice: fcc, spread: {uniform: 0.3 um}", "1 N")
 ROUGH = ", spread: {uniform: 3 um}"
 SMOOTH = ", friction: false"
 LOADS = "[1 N, 2 N, 4 N]"
@@ -71,6 +72,7 @@ SCENES = {
     "simulation": SPREAD + "medium: {simulation: {shape: 32 32}}\n",
     "simulation, no friction": _BALLS % (f", spread: {{uniform: 0.3 um}}{SMOOTH}", "1 N")
     + "medium: {simulation: {shape: 32 32}}\n",
+    "simulation in space": SPACE + "medium: {simulation: {shape: 24 24 24}}\n",
     "bands of a simulation": SPREAD + "medium: {simulation: {shape: 32 32}}\nobserve: [bands]\n",
     "sweep of simulations": _BALLS % (", spread: {uniform: 0.3 um}", LOADS)
     + "medium: {simulation: {shape: 16 16, samples: 2}}\n",
@@ -81,6 +83,7 @@ LARGE = {
     "density of states": SCENES["density of states"] + "phonopy: {mesh: 1024 1024 1}\n",
     "sweep, effective medium": SCENES["sweep, effective medium"].replace(LOADS, "{from: 1 N, to: 2 N, points: 50000}"),
     "simulation": SCENES["simulation"].replace("32 32", "512 512"),
+    "simulation in space": SCENES["simulation in space"].replace("24 24 24", "48 48 48"),
 }
 
 
@@ -147,7 +150,7 @@ def data(kind: str, result: Any) -> int:
     if kind == "bands":
         names = ("qpoints", "distances", "frequencies", "group_velocities", "eigenvectors")
         return sum(getattr(result.bands, name).nbytes for name in names)
-    if kind == "simulation":
+    if kind in ("simulation", "simulation in space"):
         sample = result.state.sample
         return sum(one.nbytes for one in (sample.diameters, sample.displacements, sample.contact_forces))
     return int(result.dataset.nbytes)
