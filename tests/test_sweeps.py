@@ -585,8 +585,8 @@ def test_warnings_of_validity_say_where(rough):
     ds = sweep(rough, overlap=[1e-6, 2e-4], width=[0.0, 1e-6])
     warnings = json.loads(ds.attrs["warnings"])
     # what both say is said once
-    where = ("ala, width = 0.0 m: ", "ala, width = 0.0 m and 1 more: ", "ala, width = 1e-06 m: ")
-    assert {text.split(": ")[0] + ": " for text in warnings} == set(where)
+    assert {text.split(": ")[0] for text in warnings} == {"ala, width = 0.0 m and 1 more"}
+    assert len(set(warnings)) == len(warnings)
     equal = dataclasses.replace(rough, spread=None)
     expected = gp.validity(gp.AveragedLattice(equal).at_overlap([1e-6, 2e-4])).warnings
     assert [text.split(": ", 1)[1] for text in warnings[: len(expected)]] == list(expected)

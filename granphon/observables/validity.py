@@ -77,8 +77,8 @@ class Tally(NamedTuple):
         """Warning for the user, or None if the condition holds at every load."""
         if not self.failing:
             return None
-        loads = "1 load" if self.failing == 1 else f"{self.failing} loads"
-        where = "" if self.loads is None else f" (worst of {loads} out of {self.loads})"
+        at = "at 1 load" if self.failing == 1 else f"worst of {self.failing} loads"
+        where = "" if self.loads is None else f" ({at} out of {self.loads})"
         excess = f"{self.worst / self.limit:.4g} times the limit of {self.limit:g}"
         if self.at_least:
             excess = f"below {self.limit:.4g}"
