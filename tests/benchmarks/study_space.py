@@ -12,15 +12,17 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+from numpy.typing import NDArray
 from side_by_side import Part, Row, command_line
 from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, bracketed, judged, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.stencils import Stencils
-from granphon.balls.lattices import find_lattice
+from granphon.balls.lattices import Lattice, find_lattice
 from granphon.dynamics.tensors import bulk_and_shear
 
+Array = NDArray[np.float64]
 #: cells along each axis, and samples
 SHAPES = {"triangular": ((64, 64), 8), "fcc": ((14, 14, 14), 4), "hcp": ((11, 11, 11), 3)}
 #: f*
@@ -35,6 +37,17 @@ RATIOS = {
     "triangular": ((0.403, 7e-3), (0.571, 3e-3), (0.802, 2e-3), (0.9484, 2e-4), (0.99581, 3e-5), (0.999571, 2e-6)),
     "fcc": ((0.582, 4e-3), (0.702, 4e-3), (0.860, 2e-3), (0.9640, 6e-4), (0.99727, 5e-5), (0.999719, 4e-6)),
 }
+#: arrays of which the threshold is found: cells along each axis, and samples
+THRESHOLDS = {
+    "fcc": (((8, 8, 8), 32), ((12, 12, 12), 32), ((16, 16, 16), 16), ((20, 20, 20), 10)),
+    "hcp": (((8, 8, 5), 24), ((12, 12, 7), 20), ((16, 16, 10), 10)),
+}
+#: cells along the side of an array in which rows carry the least of :data:`LOW_FORCES`
+LEAST_SIDE = 8
+#: f* near the threshold
+LOW_FORCES = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
+#: a* and contacts of a ball at no load
+NO_LOAD = {"fcc": (0.2727, 3.28), "hcp": (0.279, 4.39)}
 
 
 def packing(lattice: str, friction: bool = True) -> gp.Packing:
@@ -70,28 +83,46 @@ def loads(repeats: int) -> list[Row]:
     return rows
 
 
+def at_no_load(lattice: Lattice, shape: tuple[int, ...], seed: int) -> tuple[Array, Array]:
+    """a* and the contacts of a ball in a sample: at no load, by polynomials in f*^(2/3), as overlaps go; and at each f*."""
+    stencils, state, found = Stencils(shape, lattice=lattice), None, []
+    balls = (*shape, lattice.n_balls) if lattice.n_balls > 1 else shape
+    x = gp.Uniform(1.0).sample(balls, seed).reshape(stencils.ball_shape)
+    x -= np.mean(x)
+    # in a small array rows of balls that touch themselves across the edges, and cannot give way, carry the least load alone
+    forces = LOW_FORCES[:-1] if shape[0] <= LEAST_SIDE else LOW_FORCES
+    for force in forces.tolist():
+        state = equilibrate(x, Prescribed(force=force), stencils, state)
+        found.append((state.overlap + 0.5, lattice.coordination * np.mean(state.forces > 1e-6 * state.force)))
+    return np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), found, 2)[0], np.array(found)
+
+
 def threshold(repeats: int) -> list[Row]:
-    """Overlap and contacts of a ball at no load: polynomials in f*^(2/3), which overlaps go as; 12^3 cells of fcc."""
-    forces, fcc, shape = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4]), find_lattice("fcc"), (12, 12, 12)
-    kept, at_no_load = [], []
-    for seed in range(8):
-        x = gp.Uniform(1.0).sample(shape, 1000 + seed)
-        x -= np.mean(x)
-        stencils, state = Stencils(shape, lattice=fcc), None
-        found = []
-        for force in forces.tolist():
-            state = equilibrate(x, Prescribed(force=force), stencils, state)
-            found.append((state.overlap + 0.5, 12.0 * np.mean(state.forces > 1e-6 * state.force)))
-        kept.append(found)
-        at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), found, 2)[0])
-    (spacing, number), (error, uncertain) = mean_and_error(np.array(at_no_load))
-    low, low_error = mean_and_error(np.array(kept)[:, -1, 1])
-    of = "fcc, eight samples of 12^3"
-    return [
-        Row(f"{of}: a* at no load", float(spacing), note=bracketed(spacing, error)),
-        Row(f"{of}: contacts of a ball at no load", float(number), note=bracketed(number, uncertain)),
-        Row(f"{of}: contacts of a ball at f* = 1e-4", float(low), note=bracketed(low, low_error)),
-    ]
+    """Overlap and contacts of a ball at no load, for arrays of several sizes, and what they tend to."""
+    rows = []
+    for name, sizes in THRESHOLDS.items():
+        lattice, large = find_lattice(name), []
+        for shape, samples in sizes:
+            every = [at_no_load(lattice, shape, 1000 + seed) for seed in range(samples)]
+            means, errors = mean_and_error(np.array([limit for limit, _ in every]))
+            of = f"{name}, {samples} samples of {'x'.join(map(str, shape))}"
+            rows.append(Row(f"{of}: a* at no load", float(means[0]), note=bracketed(means[0], errors[0])))
+            rows.append(Row(f"{of}: contacts of a ball at no load", float(means[1]), note=bracketed(means[1], errors[1])))
+            low, low_error = mean_and_error(np.array([found[-1, 1] for _, found in every]))
+            if shape[0] > LEAST_SIDE:
+                what = f"{of}: contacts of a ball at f* = {LOW_FORCES[-1]:g}"
+                rows.append(Row(what, float(low), note=bracketed(low, low_error)))
+                large.append((1.0 / shape[0], means, errors))
+        sides, means, errors = (np.array(part) for part in zip(*large, strict=True))
+        for at, (what, claimed) in enumerate(zip(("a*", "contacts of a ball"), NO_LOAD[name], strict=True)):
+            weights = errors[:, at] ** -2
+            mean, error = float(weights @ means[:, at] / weights.sum()), float(weights.sum() ** -0.5)
+            rows += judged(f"{name}, all but the smallest: {what} at no load", mean, error, claimed)
+            # a line in the inverse side, by weighted least squares
+            line, covariance = np.polyfit(sides, means[:, at], 1, w=1.0 / errors[:, at], cov="unscaled")
+            note = bracketed(float(line[1]), float(covariance[1, 1] ** 0.5))
+            rows.append(Row(f"{name}, by a line in 1/L: {what} at no load", float(line[1]), note=note))
+    return rows
 
 
 PARTS: dict[str, Part] = {"loads": loads, "threshold": threshold}
