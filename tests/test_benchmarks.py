@@ -61,3 +61,13 @@ def test_every_part_was_run_and_every_bound_kept(numbers):
     missed = [row.what for part in parts for row in page.rows(numbers[part]) if not row.passed]
     assert not missed
     assert {"processor", "cores", "python", "numpy", "scipy", "ase", "phonopy", "blas"} <= set(numbers["machine"])
+
+
+def test_some_scenes_can_be_measured_anew(numbers):
+    before = numbers["costs"]
+    again = dict(before["scenes"][0], seconds=3.0, bare=None)
+    new = costs.exchanged(before, {"numpy": 0.5, "scenes": [again]})
+    assert [one["scene"] for one in new["scenes"]] == [one["scene"] for one in before["scenes"]]
+    assert new["scenes"][1:] == before["scenes"][1:]
+    row = next(line for line in page.costs(new).splitlines() if line.startswith(f"| {again['scene']} |"))
+    assert " | 6 | " in row  # over the import of numpy in the same run

@@ -1,6 +1,6 @@
 """What each kind of scene loads, calls and takes, measured: processes of the command line, each with nothing loaded before.
 
-    python tests/benchmarks/costs.py [--json FILE] [--repeats N]
+    python tests/benchmarks/costs.py [--json FILE] [--repeats N] [--only SCENE ...]
 
 ``tests/test_required.py`` holds scenes to it: what is counted here must be no more than the scene asks for.
 """
@@ -178,7 +178,7 @@ def seen(kind: str, *options: str, command: str = "run") -> Seen:
         return Seen(**json.loads(python(code, str(scene), str(Path(folder) / "out"), *options).splitlines()[-1]))
 
 
-def times(repeats: int) -> dict[str, float]:
+def times(repeats: int, kinds: Sequence[str]) -> dict[str, float]:
     """Median seconds of a process for each kind, of one without figures, and of one that imports numpy."""
     with tempfile.TemporaryDirectory() as folder:
 
@@ -188,8 +188,8 @@ def times(repeats: int) -> dict[str, float]:
             arguments = ["run", str(path), "-o", str(Path(folder) / "out"), "-q", "--force", *options]
             return lambda: python(f"from granphon.cli.commands import main\nassert main({arguments!r}) == 0")
 
-        calls = {kind: scene(kind) for kind in SCENES}
-        calls |= {f"{kind}, no figures": scene(kind, "--no-figures") for kind in SCENES if seen(kind).calls.get("figures")}
+        calls = {kind: scene(kind) for kind in kinds}
+        calls |= {f"{kind}, no figures": scene(kind, "--no-figures") for kind in kinds if seen(kind).calls.get("figures")}
         return alternate(repeats, **calls, numpy=lambda: python("import numpy"))
 
 
@@ -199,21 +199,28 @@ def weighed(kind: str) -> dict[str, int]:
         return dict(json.loads(python("import costs\ncosts.weigh(*sys.argv[1:])", kind, folder).splitlines()[-1]))
 
 
-def measured(repeats: int) -> dict[str, Any]:
-    """Of each kind of scene what it was seen to take, its seconds, those without figures, and memory where it is large.
+def measured(repeats: int, kinds: Sequence[str] = tuple(SCENES)) -> dict[str, Any]:
+    """Of kinds of scenes what it was seen to take, its seconds, those without figures, and memory where it is large.
 
     Without repeats it is counted alone, and neither timed nor weighed: for a machine that is busy.
     """
-    memory = {kind: weighed(kind) for kind in LARGE if repeats}
-    seconds: Mapping[str, float] = times(repeats) if repeats else {}
+    memory = {kind: weighed(kind) for kind in LARGE if repeats and kind in kinds}
+    seconds: Mapping[str, float] = times(repeats, kinds) if repeats else {}
     scenes = [
         {
             "scene": kind, **seen(kind)._asdict(), "seconds": seconds.get(kind), "bare": seconds.get(f"{kind}, no figures"),
             **memory.get(kind, {"grown": None, "data": None}),
         }
-        for kind in SCENES
+        for kind in kinds
     ]  # fmt: skip
     return {"machine": machine(), "repeats": repeats, "numpy": seconds.get("numpy"), "scenes": scenes}
+
+
+def exchanged(before: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
+    """An earlier measurement with some of its scenes measured anew, each with the time of numpy beside it."""
+    scenes = {one["scene"]: one for one in before["scenes"]}
+    scenes |= {one["scene"]: one | {"numpy": found["numpy"]} for one in found["scenes"]}
+    return {**before, "scenes": [scenes[kind] for kind in SCENES if kind in scenes]}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -222,8 +229,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="What each kind of scene loads, calls and takes")
     parser.add_argument("--json", type=Path, help="also write it here, under the name costs")
     parser.add_argument("--repeats", type=int, default=5, help="none: count, and neither time nor weigh")
+    parser.add_argument(
+        "--only", nargs="+", metavar="SCENE", choices=list(SCENES), help="these alone, into those of the file"
+    )
     options = parser.parse_args(argv)
-    found = measured(options.repeats)
+    found = measured(options.repeats, options.only or tuple(SCENES))
+    if options.only and options.json:
+        found = exchanged(json.loads(options.json.read_text(encoding="utf-8"))["costs"], found)
     if options.json:
         recorded(options.json, {"costs": found})
     print(costs(found))

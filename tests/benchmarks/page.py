@@ -54,7 +54,8 @@ def costs(found: Mapping[str, Any]) -> str:
         scipy = [name.partition(".")[2] for name in one["modules"] if name.startswith("scipy.")]
         modules = [name for name in one["modules"] if "." not in name]
         modules += [f"scipy ({', '.join(scipy)})"] if scipy else []
-        times = ["" if seconds is None else f"{seconds / found['numpy']:.3g}" for seconds in (one["seconds"], one["bare"])]
+        numpy = one.get("numpy", found["numpy"])  # a scene that was measured apart has its own
+        times = ["" if seconds is None else f"{seconds / numpy:.3g}" for seconds in (one["seconds"], one["bare"])]
         over = "" if one["data"] is None else f"{one['grown'] / one['data']:.3g} ({one['data'] / 2**20:.3g} MiB)"
         files = str(sum(not name.startswith(".") for name in one["files"]))
         lines.append(line(one["scene"], ", ".join(modules), calls, files, *times, over))
