@@ -192,6 +192,19 @@ def test_a_lattice_of_a_known_name_must_have_its_cell():
         read("lattice: {name: '', cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}")
 
 
+def test_a_scene_simulates_the_torsion_of_hertz_contacts():
+    packing = "lattice: fcc, torsion: mindlin, spread: {uniform: 1 um}"
+    scene = read(packing, "force: 5 N", "medium: {simulation: {shape: 2 2 2}}")
+    state = scene.state()
+    assert state.packing.torsion == "mindlin"
+    assert float(state.torsion) > 0.0
+    # a simulation has no terms of finite overlap that could be asked for
+    (told,) = [text for text in gp.validity(state).warnings if "torsion" in text]
+    assert "finite_overlap" not in told
+    (told,) = [text for text in gp.validity(read(packing, "force: 5 N").state()).warnings if "torsion" in text]
+    assert "finite_overlap=True keeps" in told
+
+
 def test_counts_of_a_sweep_are_singular_where_they_are_one():
     for more, wanted in (
         ("sweep: {lattice: [fcc]}", "1 load x 1 medium x 1 value of lattice = 1 state"),
