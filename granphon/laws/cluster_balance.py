@@ -74,8 +74,8 @@ class Balance:
 
     ``force`` is the mean force on that ball's contacts, ``stiffness`` its slope over y, ``error`` its standard error from
     the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over the force;
-    ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are means of, with
-    what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force.
+    ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are means of,
+    with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force.
     """
 
     y: float
@@ -162,13 +162,13 @@ class ClusterBalance:
         force = float(np.mean(found.ball) + by_lattice @ change)
         # each scramble alone: its own mean, in its own effective lattice
         influence = np.linalg.solve(found.matrix.T, by_lattice)
-        realisations = found.ball - found.miss @ influence
+        realisations = np.asarray(found.ball - found.miss @ influence, float)
         off = np.mean(realisations.reshape(self._points.scrambles, -1), axis=1)
         error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
         stiffness = by_y + float(by_lattice @ slopes)
         return Balance(
             y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, stiffness, error / force,
-            float(np.std(found.ball)) / force, found.contacts, realisations, influence,
+            float(np.std(found.ball)) / force, found.contacts, realisations, np.asarray(influence, float),
         )  # fmt: skip
 
     def overlaps(self, y: float, effective: Effective) -> Array:

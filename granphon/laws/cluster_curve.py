@@ -71,7 +71,9 @@ def solve_cluster(
 ) -> ClusterCurve:
     """Solve the cluster medium with ``points`` realisations, a power of two, in each of ``scrambles`` sets.
 
-    Sets of ``many`` more, likewise a power of two, take most of the quadrature error off. Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
+    Sets of ``many`` more, likewise a power of two, take most of the quadrature error off.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
     top = max(_FAR_START, _FAR_DEVIATIONS * max(map(abs, shape.bounds)))
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
@@ -110,7 +112,8 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
     errors = np.interp(x, x[::2], [one.error for one in better])
     return [
         replace(
-            one, force=one.force + float(force(at)), stiffness=one.stiffness - float(at**2 * force(at, 1)), error=float(error),
+            one, force=one.force + float(force(at)), stiffness=one.stiffness - float(at**2 * force(at, 1)),
+            error=float(error),
             fluctuation=one.fluctuation + float(fluctuation(at)), contacts=one.contacts + float(contacts(at)),
         )
         for one, at, error in zip(found, x, errors, strict=True)

@@ -47,22 +47,23 @@ class ClusterDescent:
         """Return the solution with the means of the many realisations, and what is left of the error."""
         few = self._evaluate(found, *self._few)
         many = np.array([np.mean(self._evaluate(found, *one), axis=0) for one in self._many])
-        force, square, contacts = np.mean(many, axis=0) - np.mean(few, axis=0)
+        force, ball, square, contacts = np.mean(many, axis=0) - np.mean(few, axis=0)
         # a realisation and its antithetic one are no two, but all else that the points do for the few is not counted
         pairs = np.mean((found.realisations - few[:, 0]).reshape(-1, 2, self._half), axis=1).ravel()
         error = float(np.sqrt(np.var(pairs, ddof=1) / pairs.size + np.var(many[:, 0], ddof=1) / len(many)))
         total = found.force + float(force)
-        squares = found.force**2 * (1.0 + found.fluctuation**2) + float(square)
+        # relative to the mean in the lattice of the few, where the squares are too
+        squares = (found.force**2 * (1.0 + found.fluctuation**2) + float(square)) / (found.force + float(ball)) ** 2
         return replace(
-            found, force=total, error=error / total, fluctuation=float(np.sqrt(max(squares - total**2, 0.0))) / total,
+            found, force=total, error=error / total, fluctuation=float(np.sqrt(max(squares - 1.0, 0.0))),
             contacts=found.contacts + float(contacts),
         )  # fmt: skip
 
     def _evaluate(self, found: Balance, misfits: Single, pushes: Single) -> Array:
-        """Return for each realisation (n, 3), after the descent, what its mean is the mean of.
+        """Return for each realisation (n, 4), after the descent, what its mean is the mean of.
 
         It is the force on the ball in the middle, with what the realisation misses of the conditions, as in
-        ``found.realisations`` up to a constant; the square of the force alone; and the part of the contacts that carry force.
+        ``found.realisations`` up to a constant; that force alone; its square; and the part of the contacts that carry force.
         """
         y, (f, kappa, tau) = found.y, found.effective
         size = max(1, _AT_ONCE // len(self._modes))
@@ -77,7 +78,9 @@ class ClusterDescent:
             mean = np.mean(ball, axis=1, dtype=float)
             missed = np.stack([np.mean(one, axis=1, dtype=float) for one in (force, phi * misfits[part], phi * phi)], axis=1)
             weights = found.influence / [1.0, 1.0, 2.0 * tau * kappa]
-            rows.append(np.stack([mean - missed @ weights, mean**2, np.mean(ball > LEAST_CONTACT * f, axis=1)], axis=1))
+            rows.append(
+                np.stack([mean - missed @ weights, mean, mean**2, np.mean(ball > LEAST_CONTACT * f, axis=1)], axis=1)
+            )
         return np.concatenate(rows)
 
     def _descend(self, y: float, now: Effective, misfits: Single, pushes: Single) -> Single:

@@ -312,12 +312,13 @@ def clusters(repeats: int) -> list[Row]:
         laws = {}
         for balls in sizes:
             cluster_curve.cache_clear()
-            seconds = processor_time(lambda balls=balls, on=lattice: cluster_curve(shape, on, 0.0, balls))
+            seconds = processor_time(lambda balls=balls, on=lattice: cluster_curve(shape, on, 0.0, balls, 0.0))
             rows.append(Row(f"curve of a cluster medium of {balls} balls, {lattice.name}", seconds, "s", 60.0))
-            laws[f"{balls} balls"] = gp.ClusterMedium(packing, balls).at_overlap(overlap)
-            note = ", ".join(f"{error:.1e}" for error in gp.ClusterMedium(packing, balls).law.quadrature_error(overlap))
-            rows.append(Row(f"quadrature error of f*, {balls} balls, {lattice.name}: at a* = 0.6",
-                            float(gp.ClusterMedium(packing, balls).law.quadrature_error(0.1 * WIDTH)), note=note))  # fmt: skip
+            medium = gp.ClusterMedium(packing, balls)
+            laws[f"{balls} balls"] = medium.at_overlap(overlap)
+            left = np.asarray(medium.law.quadrature_error(overlap))
+            note = ", ".join(f"{error:.1e}" for error in left)
+            rows.append(Row(f"quadrature error of f*, {balls} balls, {lattice.name}: a* = 0.6", float(left[3]), note=note))
         laws["effective medium"] = gp.EffectiveMedium(packing).at_overlap(overlap)
         names = ("reduced_force", "normal_stiffness", "contact_fraction", "force_fluctuation")
         start, found = time.process_time(), []
@@ -332,20 +333,20 @@ def clusters(repeats: int) -> list[Row]:
         for name, mean, error in zip(names, means, errors, strict=True):
             note = ", ".join(bracketed(float(m), float(e)) for m, e in zip(mean, error, strict=True))
             rows.append(Row(f"{name}, {arrays}: at a* = 0.5", float(mean[5]), note=note))
-        for medium, state in laws.items():
+        for kind, state in laws.items():
             for name, mean, error in zip(names, means, errors, strict=True):
                 values = np.asarray(getattr(state, name))
                 if name in names[:2]:
                     off, chance = values / mean - 1.0, 3.0 * error / mean
-                    bounded = name == "reduced_force" and "balls" in medium
+                    bounded = name == "reduced_force" and "balls" in kind
                     worst = float(np.max((np.abs(off) - chance)[means[0] > VALID_FORCE]))
                     bound = CLUSTER_BOUND if bounded else math.inf
                     note = ", ".join(f"{part:+.2%}" for part in off)
-                    rows.append(Row(f"{name} of {medium} over the arrays', {lattice.name}, less 1: largest where valid, "
+                    rows.append(Row(f"{name} of {kind} over the arrays', {lattice.name}, less 1: largest where valid, "
                                     "less three standard errors", worst, "", bound, note=note))  # fmt: skip
                 else:
                     note = ", ".join(f"{value:.3f}" for value in values)
-                    rows.append(Row(f"{name} of {medium}, {lattice.name}: at a* = 0.5", float(values[5]), note=note))
+                    rows.append(Row(f"{name} of {kind}, {lattice.name}: at a* = 0.5", float(values[5]), note=note))
     return rows
 
 
