@@ -296,11 +296,16 @@ def fits(repeats: int) -> list[Row]:
 
 
 #: a* of the comparison of clusters with arrays
-CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45])
+CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4])
 #: lattice of the clusters, shape and number of the arrays, and numbers of balls
 CLUSTERS = ((TRIANGULAR, (128, 128), 24, (7, 19, 37)), (FCC, (32, 32, 32), 8, (13,)))
 #: what force and stiffness of a cluster may be off where it is valid, but for three standard errors
 CLUSTER_BOUND = 0.025
+
+
+def read(state: gp.ContactState, name: str) -> Array:
+    """A number of a state without unit: k* for the stiffness, in the units of f* and a*."""
+    return np.asarray(getattr(state, name)) * (WIDTH / UNIT if name == "normal_stiffness" else 1.0)
 
 
 def clusters(repeats: int) -> list[Row]:
@@ -325,7 +330,7 @@ def clusters(repeats: int) -> list[Row]:
         # an array at a time, as none of them is needed again
         for seed in range(5000, 5000 + samples):
             state = gp.DirectSimulation(packing, sides, seed).at_overlap(overlap)
-            found.append([getattr(state, name) for name in names])
+            found.append([read(state, name) for name in names])
         seconds = time.process_time() - start
         arrays = f"{samples} arrays of {'x'.join(map(str, sides))}, {lattice.name}"
         rows.append(Row(f"{arrays}: {overlap.size} loads", seconds, "s"))
@@ -335,7 +340,7 @@ def clusters(repeats: int) -> list[Row]:
             rows.append(Row(f"{name}, {arrays}: at a* = 0.5", float(mean[5]), note=note))
         for kind, state in laws.items():
             for name, mean, error in zip(names, means, errors, strict=True):
-                values = np.asarray(getattr(state, name))
+                values = read(state, name)
                 if name in names[:2]:
                     off, chance = values / mean - 1.0, 3.0 * error / mean
                     bounded = name == "reduced_force" and "balls" in kind
