@@ -15,6 +15,7 @@ from granphon.dynamics.local_field import local_field
 from granphon.laws import cluster_curve as curves
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective
+from granphon.laws.cluster_descent import ClusterDescent
 from granphon.laws.cluster_points import ClusterPoints, draw_points
 from granphon.media.choice import MediumChoice
 
@@ -28,11 +29,11 @@ FLAT = UniformShape()
 @pytest.fixture(scope="module", autouse=True)
 def few_points():
     """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten times the error."""
-    kept = curves._POINTS
-    curves._POINTS = 128
+    kept = curves._POINTS, curves._MANY
+    curves._POINTS, curves._MANY = 128, 512
     curves.cluster_curve.cache_clear()
     yield
-    curves._POINTS = kept
+    curves._POINTS, curves._MANY = kept
     curves.cluster_curve.cache_clear()
 
 
@@ -284,6 +285,48 @@ def test_quadrature_error_is_that_of_the_points():
         assert best.error < 1e-3
 
 
+def test_descent_comes_near_the_equilibrium():
+    response = cluster_response(TRIANGULAR, 0.0)
+    points = draw_points(response, FLAT, 256, 2)
+    balance, descent = ClusterBalance(response, points), ClusterDescent(response, points, [])
+    found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
+    for y, near in ((0.3, 2e-3), (0.1, 0.01)):
+        found = balance.step(found, y)
+        h = balance.overlaps(y, found.effective)
+        off = y + descent._descend(y, found.effective, *descent._few) - h
+        closed = np.maximum(h, 0.0) ** 1.5
+        assert np.sqrt(np.mean(off[h > 0.0] ** 2)) < near
+        # what the balance is a mean of is nearly the same after the descent, but for a constant
+        after = descent._evaluate(found, *descent._few)
+        assert np.std(found.realisations - after[:, 0]) < 0.01 * np.std(closed[:, response.central].mean(axis=1))
+        means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
+        assert_allclose(after[:, 1:].mean(axis=0), means, rtol=0.01)
+
+
+@pytest.mark.claim("cluster-quadrature")
+@pytest.mark.parametrize("lattice", [TRIANGULAR, pytest.param(FCC, marks=pytest.mark.exhaustive)])
+def test_many_realisations_take_the_quadrature_error_off(lattice):
+    """Two runs that share no point: they are as far apart as their errors say, which are smaller than those of the few."""
+    response = cluster_response(lattice, 0.0)
+
+    def solve(first):
+        few = draw_points(response, FLAT, 64, 16, first)
+        balance = ClusterBalance(response, few)
+        many = (draw_points(response, FLAT, 4096, 1, first + 16 + i) for i in range(8))
+        descent = ClusterDescent(response, few, many)
+        found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
+        found.append(balance.step(found[0], 0.1))
+        return found, [descent.refine(one) for one in found]
+
+    (few, one), (_, other) = solve(0), solve(100)
+    for before, a, b in zip(few, one, other, strict=True):
+        assert abs(a.force / b.force - 1.0) < 4.0 * np.hypot(a.error, b.error)
+        assert a.error < 0.5 * before.error
+        assert a.error < 6e-4
+        assert abs(a.force / before.force - 1.0) < 4.0 * np.hypot(a.error, before.error)
+        assert_allclose([a.contacts, a.fluctuation], [b.contacts, b.fluctuation], rtol=5e-3)
+
+
 @pytest.mark.claim("cluster-without-push")
 def test_without_the_push_from_outside_the_force_is_too_small():
     response = cluster_response(TRIANGULAR, 0.0)
@@ -455,6 +498,13 @@ def test_sweeps_take_it_beside_other_media(medium):
     assert_array_equal(found["exponent"], state.exponent)
 
 
-def test_automatic_media_leave_it_out():
-    rung = gp.AutoMedium(PACKING, 1e-2).rungs("force", 0.1 * FORCE)[0]
-    assert rung.medium.name != "cluster"
+@pytest.mark.parametrize("lattice", ["triangular", "fcc", "hcp"])
+def test_automatic_media_leave_it_out(lattice):
+    """At all loads and tolerances: where one law of 40 s would do, a simulation is cheaper, and better at low load."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=False, lattice=lattice)
+    chosen = set()
+    for tolerance in (0.01, 0.02, 0.05):
+        for load in np.geomspace(0.1, 3.0, 5) * FORCE:
+            chosen |= {rung.medium.name for rung in gp.AutoMedium(packing, tolerance).rungs("force", load)}
+    assert "cluster" not in chosen
+    assert "simulation" in chosen

@@ -20,7 +20,7 @@ from granphon.laws.spread import Series
 __all__ = ["VALID_FORCE", "ClusterLaw"]
 
 Array = NDArray[np.float64]
-#: f* from which force and stiffness are within 2 % of the simulated array's, on the triangular lattice
+#: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc
 VALID_FORCE = 0.03
 
 

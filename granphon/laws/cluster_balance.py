@@ -45,7 +45,7 @@ from granphon.base.errors import PrecisionError, message
 from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_points import ClusterPoints
 
-__all__ = ["Balance", "ClusterBalance", "Effective"]
+__all__ = ["LEAST_CONTACT", "Balance", "ClusterBalance", "Effective", "find_modes"]
 
 Array = NDArray[np.float64]
 #: stiffness over kappa by which balls without contacts are held
@@ -57,7 +57,7 @@ _BALANCED = 1e-8
 #: numbers in the matrices that are worked on at a time
 _AT_ONCE = 2**18
 #: part of the mean force below which a contact does not count, as in a simulation
-_LEAST_CONTACT = 1e-6
+LEAST_CONTACT = 1e-6
 
 
 class Effective(NamedTuple):
@@ -68,13 +68,14 @@ class Effective(NamedTuple):
     push: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Balance:
     """Solution at the overlap ``y``: the effective lattice, the slopes of f, kappa and tau over y, and the middle ball.
 
     ``force`` is the mean force on that ball's contacts, ``stiffness`` its slope over y, ``error`` its standard error from
     the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over the force;
-    ``contacts`` the part of its contacts that carry force.
+    ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are means of,
+    with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force.
     """
 
     y: float
@@ -85,10 +86,12 @@ class Balance:
     error: float
     fluctuation: float
     contacts: float
+    realisations: Array
+    influence: Array
 
 
 class _Conditions(NamedTuple):
-    """What the conditions miss in each scramble (R, 3), their derivatives with f, kappa and tau (3, 3), and with y (3,).
+    """What the conditions miss in each realisation (n, 3), their derivatives with f, kappa and tau (3, 3), and with y (3,).
 
     Of the ball in the middle: its mean force in each realisation (n,), the derivatives of its mean with f, kappa, tau and y
     (4,), and the part of its contacts that carry force.
@@ -102,14 +105,21 @@ class _Conditions(NamedTuple):
     contacts: float
 
 
+def find_modes(response: ClusterResponse) -> tuple[Array, Array]:
+    """Return B (n_c, r) with P = B B^T and orthogonal columns, and the eigenvalues (r,) of P, their squared lengths."""
+    values, vectors = np.linalg.eigh(response.response)
+    kept = values > _HOLD
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept])), np.asarray(values[kept])
+
+
 class ClusterBalance:
     """Realisations of a cluster, in equilibrium at one overlap after another; it keeps their last equilibrium."""
 
     def __init__(self, response: ClusterResponse, points: ClusterPoints) -> None:
-        values, vectors = np.linalg.eigh(response.response)
-        kept = values > _HOLD
-        self._modes = vectors[:, kept] * np.sqrt(values[kept])  # B (n_c, r)
-        self._rest = np.diag(1.0 + _HOLD - values[kept])
+        self._modes, values = find_modes(response)
+        self._rest = np.diag(1.0 + _HOLD - values)
+        #: B_ca B_cb, which a matrix of second derivatives is a sum of, (n_c, r^2)
+        self._squares = (self._modes[:, :, None] * self._modes[:, None, :]).reshape(len(self._modes), -1)
         self._central = response.central
         self._points = points
         self._w = np.zeros((len(points.misfits), self._modes.shape[1]))
@@ -151,12 +161,14 @@ class ClusterBalance:
         by_lattice, by_y = found.by_ball[:3], float(found.by_ball[3])
         force = float(np.mean(found.ball) + by_lattice @ change)
         # each scramble alone: its own mean, in its own effective lattice
-        off = found.ball.reshape(len(found.miss), -1).mean(axis=1) - by_lattice @ np.linalg.solve(found.matrix, found.miss.T)
+        influence = np.linalg.solve(found.matrix.T, by_lattice)
+        realisations = np.asarray(found.ball - found.miss @ influence, float)
+        off = np.mean(realisations.reshape(self._points.scrambles, -1), axis=1)
         error = float(np.std(off, ddof=1) / np.sqrt(off.size)) if off.size > 1 else np.nan
         stiffness = by_y + float(by_lattice @ slopes)
         return Balance(
             y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, stiffness, error / force,
-            float(np.std(found.ball)) / force, found.contacts,
+            float(np.std(found.ball)) / force, found.contacts, realisations, np.asarray(influence, float),
         )  # fmt: skip
 
     def overlaps(self, y: float, effective: Effective) -> Array:
@@ -171,7 +183,7 @@ class ClusterBalance:
 
     def _stiffen(self, slopes: Array, stiffness: float) -> Array:
         """Return the matrices (n, r, r) of second derivatives, from the stiffness of each contact."""
-        return np.asarray(stiffness * self._rest + np.matmul(self._modes.T * slopes[:, None, :], self._modes))
+        return np.asarray(stiffness * self._rest + (slopes @ self._squares).reshape(len(slopes), *self._rest.shape))
 
     def _relax(self, y: float, now: Effective) -> None:
         """Bring all realisations into equilibrium, by Newton's method with a line search."""
@@ -228,11 +240,11 @@ class ClusterBalance:
         slopes[2] /= 2.0 * rms
         per = np.concatenate(misses)
         per[:, 2] = (per[:, 2] - rms**2) / (2.0 * rms) + rms
-        miss = per.reshape(self._points.scrambles, -1, 3).mean(axis=1) - [f, 0.0, now.push * kappa]
+        per -= [f, 0.0, now.push * kappa]
         slopes[2] -= [0.0, now.push, kappa, 0.0]
         slopes[0, 0] -= 1.0
         ball, closed = np.concatenate(central, axis=1)
-        return _Conditions(miss, slopes[:3, :3], slopes[:3, 3], ball, slopes[3], float(np.mean(closed)))
+        return _Conditions(per, slopes[:3, :3], slopes[:3, 3], ball, slopes[3], float(np.mean(closed)))
 
     def _parts_of_conditions(self, y: float, now: Effective) -> Iterator[tuple[slice, Array, Array, float, Array]]:
         """Yield, for one part of the realisations after another, mean force, <phi s> and <phi^2> of each, and slopes."""
@@ -277,5 +289,5 @@ class ClusterBalance:
             square = np.mean(phi**2, axis=1)
             miss = np.stack([force.mean(axis=1), np.mean(phi * s, axis=1), square], axis=1)
             central = force[:, self._central]
-            ball = np.stack([central.mean(axis=1), np.mean(central > _LEAST_CONTACT * f, axis=1)])
+            ball = np.stack([central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)])
             yield part, miss, by, float(np.sum(square)), ball

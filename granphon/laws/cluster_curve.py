@@ -9,7 +9,7 @@ its slope and the energy are derivatives and the integral of one function.
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -22,6 +22,7 @@ from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, Effective
+from granphon.laws.cluster_descent import ClusterDescent
 from granphon.laws.cluster_points import draw_points
 from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, Series
 
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 #: f* down to which the curve is solved
 LEAST_SOLVED_FORCE = 3e-3
 #: number of overlaps at which the polynomial is fitted, and its degree: each overlap gives two numbers
-_NODES, _DEGREE = 22, 18
+_NODES, _DEGREE = 23, 18
 #: weight of a stiffness in the fit, over that of a force: its quadrature error is larger
 _SLOPE_WEIGHT = 0.03
 #: weight of the series where the polynomial joins it
@@ -41,7 +42,9 @@ _FAR, _ORDERS = (6.0, 3.0, 1.8, 1.3, 1.0), np.arange(3, 10)
 #: where the series begins: an overlap, and that over the largest deviation of a ball
 _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
-_TRIAL, _POINTS, _SCRAMBLES = 256, 4096, 8
+_TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
+#: realisations of each scramble that only go through the descent, for a cluster of 12 contacts
+_MANY, _MANY_SCRAMBLES = 2**16, 16
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
 _LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
@@ -57,12 +60,18 @@ def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: i
     """Solve the cluster medium for a shape, a lattice with its eta and bending, and a number of balls; it is cached."""
     response = cluster_response(lattice, mindlin_ratio, balls, bending)
     # a realisation of a larger cluster takes more time, and says more
-    points = _POINTS // 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
-    return solve_cluster(response, shape, points) if points >= 512 else solve_cluster(response, shape, 2 * points, 4)
+    share = 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
+    if share == 1:
+        return solve_cluster(response, shape, _POINTS, _MANY)
+    return solve_cluster(response, shape, _POINTS // 2, _MANY // share, max(2, 2 * _SCRAMBLES // share))
 
 
-def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int = _SCRAMBLES) -> ClusterCurve:
+def solve_cluster(
+    response: ClusterResponse, shape: Shape, points: int, many: int, scrambles: int = _SCRAMBLES
+) -> ClusterCurve:
     """Solve the cluster medium with ``points`` realisations, a power of two, in each of ``scrambles`` sets.
+
+    Sets of ``many`` more, likewise a power of two, take most of the quadrature error off.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
@@ -70,14 +79,45 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
     lowest = _find_end(response, shape, top, second)
     offset = 1.0 / _MOST_X - lowest
-    balance = ClusterBalance(response, draw_points(response, shape, points, scrambles))
+    few = draw_points(response, shape, points, scrambles)
+    balance = ClusterBalance(response, few)
     far = [balance.solve(y, _guess(second, y)) for y in (top * part for part in _FAR)]
     near = [far[-1]]
     # from the top to the lowest overlap, the ends included
     x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
     for y in (1.0 / x[1:] - offset).tolist():
         near.append(balance.step(near[-1], y))
-    return ClusterCurve.fit(far, near, offset, second)
+    others = (draw_points(response, shape, many, 1, first=scrambles + i) for i in range(_MANY_SCRAMBLES))
+    descent = ClusterDescent(response, few, others)
+    return ClusterCurve.fit(far, _refine(near, descent, offset), offset, second)
+
+
+def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
+    """Take the quadrature error off solutions in descending order of y: found at every other one, between by a spline.
+
+    What is taken off is smooth, as the points are the same at all overlaps; its slope is that of the spline.
+    """
+    from scipy.interpolate import CubicSpline
+
+    better = [descent.refine(one) for one in found[::2]]
+    y = np.array([one.y for one in found])
+    x = 1.0 / (y + offset)
+
+    def change(name: str) -> CubicSpline:
+        return CubicSpline(
+            x[::2], [getattr(b, name) - getattr(one, name) for b, one in zip(better, found[::2], strict=True)]
+        )
+
+    force, fluctuation, contacts = (change(name) for name in ("force", "fluctuation", "contacts"))
+    errors = np.interp(x, x[::2], [one.error for one in better])
+    return [
+        replace(
+            one, force=one.force + float(force(at)), stiffness=one.stiffness - float(at**2 * force(at, 1)),
+            error=float(error),
+            fluctuation=one.fluctuation + float(fluctuation(at)), contacts=one.contacts + float(contacts(at)),
+        )
+        for one, at, error in zip(found, x, errors, strict=True)
+    ]  # fmt: skip
 
 
 def _guess(second: float, y: float) -> Effective:

@@ -47,11 +47,12 @@ class ClusterPoints:
     scrambles: int
 
 
-def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles: int) -> ClusterPoints:
+def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles: int, first: int = 0) -> ClusterPoints:
     """Draw ``scrambles`` sets of ``points`` realisations each, a power of two, half of them antithetic to the others.
 
-    There are more, if as many do not fix the covariance. Raises :class:`~granphon.base.errors.PrecisionError` for a
-    distribution with so rare a kind of balls that even many more do not.
+    There are more, if as many do not fix the covariance. Scrambles are numbered, from ``first`` on: no two have the same
+    points. Raises :class:`~granphon.base.errors.PrecisionError` for a distribution with so rare a kind of balls that even
+    many more do not.
     """
     near = response.influence
     far = _root(_VARIANCE * (response.misfit - near @ near.T))
@@ -76,7 +77,7 @@ def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles:
 
     while True:
         # of a rare kind of balls there may be too few at a place
-        sets = [one for seed in range(scrambles) if (one := draw(seed, points)) is not None]
+        sets = [one for seed in range(first, first + scrambles) if (one := draw(seed, points)) is not None]
         if len(sets) == scrambles:
             break
         points *= 2

@@ -84,7 +84,7 @@ _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
-_CLUSTER_BYTES, _CLUSTER_SECONDS = 1.5e8, 30.0
+_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes

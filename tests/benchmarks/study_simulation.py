@@ -2,7 +2,7 @@
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Fourteen minutes on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
+Twenty minutes on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
 the same on any machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless
 it is said; brackets hold the standard error of the last digits.
 """
@@ -20,10 +20,11 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.lattices import FCC, TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.dynamics.local_field import local_field
 from granphon.dynamics.tensors import bulk_and_shear
+from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_curve import cluster_curve
 from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState
@@ -298,13 +299,63 @@ def fits(repeats: int) -> list[Row]:
                 float(np.max(np.abs(widths / np.mean(widths) - 1.0))), "", 0.01, note=f"{note} um")]  # fmt: skip
 
 
+#: a* of the comparison of clusters with arrays
+CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4])
+#: lattice of the clusters, shape and number of the arrays, and numbers of balls
+CLUSTERS = ((TRIANGULAR, (128, 128), 24, (7, 19, 37)), (FCC, (32, 32, 32), 8, (13,)))
+#: what force and stiffness of a cluster may be off where it is valid, but for three standard errors
+CLUSTER_BOUND = 0.025
+
+
+def read(state: gp.ContactState, name: str) -> Array:
+    """A number of a state without unit: k* for the stiffness, in the units of f* and a*."""
+    return np.asarray(getattr(state, name)) * (WIDTH / UNIT if name == "normal_stiffness" else 1.0)
+
+
 def clusters(repeats: int) -> list[Row]:
-    """The curve of cluster media of each size, nothing kept: processor time, for any number of loads."""
+    """The curve of cluster media of each size, nothing kept: processor time; and the law against arrays at the same a*."""
     rows, shape = [], gp.Uniform(WIDTH).shape
-    for balls in (7, 19, 37):
-        cluster_curve.cache_clear()
-        seconds = processor_time(lambda balls=balls: cluster_curve(shape, TRIANGULAR, 0.0, balls))
-        rows.append(Row(f"curve of a cluster medium of {balls} balls", seconds, "s", 60.0))
+    overlap = (CLUSTER_SPACINGS - 0.5) * WIDTH
+    for lattice, sides, samples, sizes in CLUSTERS:
+        packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice)
+        laws = {}
+        for balls in sizes:
+            cluster_curve.cache_clear()
+            seconds = processor_time(lambda balls=balls, on=lattice: cluster_curve(shape, on, 0.0, balls, 0.0))
+            rows.append(Row(f"curve of a cluster medium of {balls} balls, {lattice.name}", seconds, "s", 60.0))
+            medium = gp.ClusterMedium(packing, balls)
+            laws[f"{balls} balls"] = medium.at_overlap(overlap)
+            left = np.asarray(medium.law.quadrature_error(overlap))
+            note = ", ".join(f"{error:.1e}" for error in left)
+            rows.append(Row(f"quadrature error of f*, {balls} balls, {lattice.name}: a* = 0.6", float(left[3]), note=note))
+        laws["effective medium"] = gp.EffectiveMedium(packing).at_overlap(overlap)
+        names = ("reduced_force", "normal_stiffness", "contact_fraction", "force_fluctuation")
+        start, found = time.process_time(), []
+        # an array at a time, as none of them is needed again
+        for seed in range(5000, 5000 + samples):
+            state = gp.DirectSimulation(packing, sides, seed).at_overlap(overlap)
+            found.append([read(state, name) for name in names])
+        seconds = time.process_time() - start
+        arrays = f"{samples} arrays of {'x'.join(map(str, sides))}, {lattice.name}"
+        rows.append(Row(f"{arrays}: {overlap.size} loads", seconds, "s"))
+        means, errors = mean_and_error(np.array(found))
+        for name, mean, error in zip(names, means, errors, strict=True):
+            note = ", ".join(bracketed(float(m), float(e)) for m, e in zip(mean, error, strict=True))
+            rows.append(Row(f"{name}, {arrays}: at a* = 0.5", float(mean[5]), note=note))
+        for kind, state in laws.items():
+            for name, mean, error in zip(names, means, errors, strict=True):
+                values = read(state, name)
+                if name in names[:2]:
+                    off, chance = values / mean - 1.0, 3.0 * error / mean
+                    bounded = name == "reduced_force" and "balls" in kind
+                    worst = float(np.max((np.abs(off) - chance)[means[0] > VALID_FORCE]))
+                    bound = CLUSTER_BOUND if bounded else math.inf
+                    note = ", ".join(f"{part:+.2%}" for part in off)
+                    rows.append(Row(f"{name} of {kind} over the arrays', {lattice.name}, less 1: largest where valid, "
+                                    "less three standard errors", worst, "", bound, note=note))  # fmt: skip
+                else:
+                    note = ", ".join(f"{value:.3f}" for value in values)
+                    rows.append(Row(f"{name} of {kind}, {lattice.name}: at a* = 0.5", float(values[5]), note=note))
     return rows
 
 
