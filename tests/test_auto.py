@@ -613,4 +613,4 @@ def test_a_warning_of_loads_that_different_media_serve_is_one():
     of_force = [[text for text in texts if text.startswith(("contact radius", "(f/E"))] for texts in (auto, ala)]
     assert of_force[0] == of_force[1]
     assert len(of_force[0]) == 2
-    assert all("out of 4)" in text for text in auto)
+    assert all("(worst of 4 loads, " in text for text in auto)
