@@ -229,12 +229,19 @@ def medium_options() -> str:
             f"`{key}`",
             meaning(RUNG_OPTIONS, f"{name}.{key}"),
             told(partial(one.rule, object())),
-            ", ".join(map(literal, DEFAULT_SHAPES.values())) if one.default is None else literal(one.default),
+            _option_default(f"{name}.{key}", one.default),
         ]
         for name, options in OPTIONS.items()
         for key, one in options.items()
     ]
     return table(("medium", "option", "what it is", "allowed", "default"), rows)
+
+
+def _option_default(key: str, value: Any) -> str:
+    """Write the default of an option of a medium; where it is None the medium chooses it by the lattice."""
+    if key == "simulation.shape":
+        return ", ".join(map(literal, DEFAULT_SHAPES.values()))
+    return DEFAULTS[key] if key in DEFAULTS else literal(value)
 
 
 def sweep_parameters() -> str:

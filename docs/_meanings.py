@@ -39,6 +39,7 @@ DEFAULTS = {
     "material.yield_strength": "none: not checked",
     "packing.spread": "equal balls",
     "medium": "`ema`; `ala` for equal balls",
+    "cluster.balls": "the first shell",
     "sweep": "none",
     "direction": "x",
     "phonopy.dim": "the smallest that is large enough",
@@ -78,7 +79,7 @@ RUNGS = {
 }
 RUNG_OPTIONS = {
     "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to reproduce its curves",
-    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc and hcp, by default the fewest",
+    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc and hcp",
     "simulation.shape": "cells along each period of the array, by default one of these, by the dimension of the lattice",
     "simulation.seed": "seed of the diameters of the first sample; each further sample has the next number",
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",

@@ -255,7 +255,7 @@ def test_equal_balls_and_balls_on_a_line_have_no_error(steel, kind):
 @pytest.mark.parametrize(
     ("packing", "told"),
     [
-        (balls(lattice="square"), "square lattice; there are for triangular, fcc, hcp"),
+        (balls(lattice="square"), "none were measured on the square lattice; they were on triangular, fcc, hcp"),
         (balls(lattice="bcc"), "bcc lattice"),
         (balls(lattice=gp.Lattice("cube", np.sqrt(2.0) * np.eye(3), FACES)), "cube lattice"),
         (replace(balls(lattice="fcc"), torsion=0.1), "neither twist nor rolling"),

@@ -456,3 +456,46 @@ def test_the_global_state_of_matplotlib_is_left_alone():
         "assert dict(matplotlib.rcParams) == before"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
+
+
+# -- directions, and cells of several balls -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def directions():
+    fcc = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
+    long_name = {"simulation": {"shape": (1, 1, 1), "samples": 2}}
+    return sweep(fcc, force=FORCE[:3], media=("ala", "afa", long_name), direction=[(1, 0, 0), (1, 1, 0)])
+
+
+def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions):
+    for figure in (sweep_figure(directions, variable="bulk"), sweep_figure(directions)):
+        ax, legend = figure.axes[-1], figure.legends[0]
+        named = {
+            text.get_text(): line.get_color() for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+        }
+        media = ("averaged lattice", "averaged force", "simulation(samples=2, shape=1 1 1)")
+        wanted = [to_rgb(named[name]) for name in media]
+        drawn = [to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")]
+        assert drawn == wanted
+        # directions are named where they are drawn
+        assert any(name.startswith("direction") for name in named) == (len(figure.axes) == 2)
+
+
+def test_a_long_legend_leaves_the_panels_their_room(directions):
+    for variable in ("bulk", "longitudinal"):
+        figure = sweep_figure(directions, variable=variable)
+        figure.draw_without_rendering()
+        (ax,) = figure.axes
+        assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
+        assert ax.get_window_extent().height > 1.2 * figure.dpi
+
+
+def test_the_layer_that_is_drawn_of_hcp_is_whole():
+    hcp = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="hcp")
+    ax = plot_forces(gp.DirectSimulation(hcp, (3, 4, 2)).at_force(20.0).sample)
+    (balls,) = [one for one in ax.collections if one.get_gid() == "balls"]
+    rows, (low, high) = np.asarray(balls.get_offsets())[:, 1], ax.get_ylim()
+    assert len(rows) == 12
+    # half a row is left below the lowest and above the highest
+    assert_allclose([rows.min() - low, high - rows.max()], 0.25 * 3.0**0.5, rtol=1e-12)

@@ -604,7 +604,7 @@ def test_a_failing_computation_leaves_nothing(work, capsys):
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 2
     told = one_error(capsys)
     assert "negative" in told
-    assert ": packing.finite_overlap: found true; allowed: false where the lattice buckles. the lattice" in told
+    assert ": packing.finite_overlap: found true; allowed: false where the lattice buckles; the lattice" in told
     assert tree(work) == {"scene.yaml"}
     assert main(["check", "scene.yaml"]) == 2
     assert one_error(capsys) == told

@@ -332,7 +332,7 @@ def test_warning_counts_the_loads_that_fail():
     medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3))
     checks = gp.validity(medium.at_overlap(np.array([8e-9, 8e-7, 4e-4, 8e-4])))
     assert_allclose(checks["contact_radius"].ok, [True, True, False, False])
-    assert "(worst of 2 loads out of 4)" in checks["contact_radius"].warning
+    assert "(worst of 4 loads, 2 of which fail)" in checks["contact_radius"].warning
     assert_allclose(checks.ok, [True, True, False, False])
     with pytest.raises(KeyError):
         checks["colour"]

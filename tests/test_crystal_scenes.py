@@ -870,16 +870,16 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     assert "force per area" in capsys.readouterr().err
 
 
-def test_equal_balls_in_space_are_fitted_with_the_averaged_force(tmp_path, monkeypatch, capsys, steel):
+def test_equal_balls_in_space_are_fitted_with_the_effective_medium(tmp_path, monkeypatch, capsys, steel):
     monkeypatch.chdir(tmp_path)
     packing = gp.Packing(steel, 8e-3, lattice="fcc", spread=gp.Uniform(2e-6))
-    v = gp.sound_velocities(gp.AveragedForce(packing).at_force([0.5, 3.0, 30.0]), (1, 0, 0)).longitudinal.tolist()
+    v = gp.sound_velocities(gp.EffectiveMedium(packing).at_force([0.5, 3.0, 30.0]), (1, 0, 0)).longitudinal.tolist()
     rows = "".join(f"{f},{x!r}\n" for f, x in zip((0.5, 3, 30), v, strict=True))
     Path("data.csv").write_text(f"force (N),velocity (m/s)\n{rows}")
     Path("s.yaml").write_text(scene_text("lattice: fcc", rest="direction: [1, 0, 0]"))
     assert main(["fit", "s.yaml", "data.csv"]) == 0
     told = capsys.readouterr()
-    assert "the fit takes afa. Name afa in it; ema is for lattices in the plane" in told.err
+    assert "the fit takes ema. Name afa or ema in it" in told.err
     assert "width                 2 um" in told.out
 
 

@@ -393,3 +393,29 @@ def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
     # near that of fcc, which it is, from other samples
     fcc = gp.moduli(gp.DirectSimulation(packing("fcc"), (3, 3, 3), samples=2).at_force(10.0))
     assert moduli.anisotropy == pytest.approx(fcc.anisotropy, abs=0.02)
+
+
+@pytest.mark.parametrize("load", [{"force": 1e-300}, {"force": 1e-9}, {"overlap": 1e-30}])
+def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
+    ((kind, value),) = load.items()
+    chain = gp.DirectSimulation(packing("chain"), shape=(5,))
+    with pytest.raises(InputError, match=r"1e-08, the least that is simulated.*every medium is exact") as error:
+        getattr(chain, f"at_{kind}")(value)
+    assert "threshold" not in str(error.value)
+    # where it is simulated it is right down to that load
+    state = chain.at_force(1e-5)
+    assert state.overlap == pytest.approx(float(chain.packing.law.overlap(1e-5)), rel=1e-12)
+
+
+def test_a_chain_that_is_not_pressed_is_told_so_by_every_medium():
+    for medium in (gp.AveragedForce(packing("chain")), gp.DirectSimulation(packing("chain"), shape=(5,))):
+        with pytest.raises(InputError, match="overlap is zero"):
+            medium.at_overlap(0.0)
+        with pytest.raises(InputError, match="tensile"):
+            medium.at_overlap(-1e-7)
+
+
+@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (10**9,) * 3), ("triangular", (2**31, 2**31))])
+def test_a_shape_beyond_all_arrays_is_one_clear_error(lattice, shape):
+    with pytest.raises(InputError, match=r"shape is .* cells\. No memory holds more than 2\.81e\+14\. Give fewer"):
+        gp.DirectSimulation(packing(lattice), shape=shape)

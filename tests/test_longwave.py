@@ -467,3 +467,17 @@ def test_the_warnings_of_a_state_are_put_in_words_once():
     state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force([1.0, 1e4])
     assert gp.validity(state).warnings
     assert gp.moduli(state).warnings is gp.sound_velocities(state).warnings is gp.validity(state).warnings
+
+
+@pytest.mark.parametrize(
+    ("lattice", "strain"),
+    [
+        ("honeycomb", "(xx, yy, 2xy) = (0, 0, 1)"),
+        ("square", "(xx, yy, 2xy) = (0, 0, 1)"),
+        ("sc", "(xx, yy, zz, 2yz, 2xz, 2xy) = (0, 0, 0, 1, 0, 0)"),
+        ("bcc", "(xx, yy, zz, 2yz, 2xz, 2xy) = (1, -0.5, -0.5, 0, 0, 0)"),
+        ("diamond", "(xx, yy, zz, 2yz, 2xz, 2xy) = (0, 0, 0, 1, 0, 0)"),
+    ],
+)
+def test_of_several_strains_that_cost_nothing_a_plain_one_is_told(lattice, strain):
+    assert f"The strain {strain} costs no energy" in gp.ContactLattice.of(lattice, 0.0).mechanism

@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.modes import Modes
 from granphon.observables.pulses import PulseVelocities
@@ -324,3 +324,9 @@ def test_copies_and_pickles_are_equal_and_read_only():
     assert state != gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 3.0])
     assert state != 3
     assert len(repr(gp.Phonons(state[0]).bands(npoints=51))) < 1000
+
+
+def test_a_refusal_goes_on_with_what_is_no_sentence_of_its_own():
+    assert str(Refused("1", "a word", "the table is empty.")) == "found 1; allowed: a word; the table is empty."
+    assert str(Refused("1", "a word", "Did you mean 'one'?")) == "found 1; allowed: a word. Did you mean 'one'?"
+    assert str(Refused("1", "a word")) == "found 1; allowed: a word."

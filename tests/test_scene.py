@@ -209,7 +209,7 @@ def test_reading_a_scene_and_its_cost_simulate_nothing(monkeypatch):
 def test_a_load_that_samples_cannot_carry_is_named():
     text = SIMULATION.replace("force: 5 N", "overlap: -0.6 um") + "medium: {simulation: {shape: 8 8}}\n"
     scene = Scene.from_text(text, "loose.yaml")
-    told = r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry. .*carries no load"
+    told = r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry; .*carries no load"
     with pytest.raises(SceneError, match=told):
         scene.state()
     several = Scene.from_text(text.replace("-0.6 um", "[1 um, -0.6 um]"), "loose.yaml")
@@ -419,7 +419,7 @@ def test_reading_a_sweep_solves_no_list_of_diameters(monkeypatch):
 def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, last, first):
     text = LISTED.replace("\n    - 5 N\n    - 9 N\n", f" {load}\n")
     scene = Scene.from_text(text, "lot.yaml")
-    allowed = r"; allowed: a load that the balls can carry\. "
+    allowed = r"; allowed: a load that the balls can carry; "
     with pytest.raises(SceneError, match=rf"^lot\.yaml:4: {last}{allowed}afa, width = 1e-06 m: "):
         Scene.from_text(text.replace("ala", "afa"), "lot.yaml")
     where = rf"^lot\.yaml:4: ({last}|{first}){allowed}ema, width = 1e-06 m"

@@ -316,6 +316,28 @@ def test_axes_on_which_there_is_nothing_have_tick_labels(clock):
     assert labelled(ax)
 
 
+def test_a_study_of_which_nothing_can_be_measured_has_no_diagram(clock):
+    ran = measure(FakeStudy(clock, [("m", "1", 0.1, 1e-2)]), budget=100.0)
+    nothing = np.zeros(0)
+    left_out = MeasuredPoint("grid", "m", "none", nothing, nothing, failure="not measured: no reference")
+    both = replace(ran, points=(*ran.points, left_out))
+    assert both.studies == (*ran.studies, "grid")
+    assert [ax.get_title() for ax in tradeoff_figure(both).axes] == [ran.studies[0][0].upper() + ran.studies[0][1:]]
+    # alone it has one, which says that nothing was run
+    (ax,) = tradeoff_figure(replace(ran, points=(left_out,))).axes
+    assert "nothing was run" in {text.get_text() for text in ax.texts}
+
+
+def test_labels_stay_inside_their_axes(clock):
+    costs = [("m", "4 x 4 x 4", 0.1, 5e-3), ("m", "10 x 10 x 10", 0.3, 1e-4)]
+    (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes
+    ax.get_figure().draw_without_rendering()
+    frame = ax.get_window_extent()
+    labels = [text.get_window_extent() for text in ax.texts if "×" in text.get_text()]
+    assert len(labels) == 2
+    assert all(frame.x0 < one.x0 and one.x1 < frame.x1 and frame.y0 < one.y0 and one.y1 < frame.y1 for one in labels)
+
+
 def test_axes_of_points_that_lie_close_have_tick_labels(clock):
     costs = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
     (ax,) = tradeoff_figure(measure(FakeStudy(clock, costs), budget=100.0)).axes

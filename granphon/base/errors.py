@@ -59,7 +59,9 @@ class Refused(InputError):
     """
 
     def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
-        super().__init__(f"found {found}; allowed: {allowed}." + (f" {mend}" if mend else ""))
+        # what is no sentence of its own, such as the text of another error, goes on with this one
+        tail = f"; {mend}" if mend[:1].islower() else f". {mend}" if mend else "."
+        super().__init__(f"found {found}; allowed: {allowed}{tail}")
         self.found, self.allowed, self.mend, self.path = found, allowed, mend, path
 
     def __reduce__(self) -> tuple[type[Refused], tuple[object, ...]]:

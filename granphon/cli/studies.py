@@ -56,10 +56,10 @@ def fit_measurements(
     """Find the width of the distribution of diameters from measured sound velocities.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
-    fitted in ema, on a line and in space in afa, and several loads in the scene are left aside; a warning says so. Each
-    column of the table is headed by a name and a unit: 'force (N)', 'pressure (N/m)' or 'side_force (N)' (the scene then
-    gives balls_per_side); 'velocity (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma
-    (%)', 'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml,
+    fitted in ema, and several loads in the scene are left aside; a warning says so. Each column of the table is headed by
+    a name and a unit: 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or 'side_force (N)' (the scene then gives
+    balls_per_side); 'velocity (m/s)', or 'time (ms)' and 'distance (m)'; and, if known, 'sigma (m/s)' or 'sigma (%)',
+    'time_sigma (us)', 'frequency (kHz)'. Velocities with a frequency are those of pulses. The folder gets fit.yaml,
     fit.csv and fit.png.
 
     \b
@@ -91,11 +91,9 @@ def fit_measurements(
         raise InputError(
             message("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
         )
-    # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged: take "ema", or "afa"
-    # where there is no local field for "ema"
+    # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
-    averaged = "ema" if read.packing.structure.periods == 2 else "afa"
-    medium = averaged if replaced else read.media[0]
+    medium = "ema" if replaced else read.media[0]
     balls = read.load.balls_per_side
     measured = Measurements.read(
         data,
@@ -119,8 +117,7 @@ def fit_measurements(
 
         return fit_figure(found)
 
-    mend = "Name afa or ema in it" if averaged == "ema" else "Name afa in it; ema is for lattices in the plane"
-    notes = [f"{scene} has the medium ala, which knows no width: the fit takes {averaged}. {mend}"] * replaced
+    notes = [f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or ema in it"] * replaced
     if (count := len(read.load.values)) > 1:
         notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
     if direction is None and read.direction is None and not found.is_isotropic:

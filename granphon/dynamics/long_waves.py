@@ -173,8 +173,10 @@ class LongWaves(Compatibility):
             return ""
         values, right = jacobi_svd(self._relaxed_rows @ self._strains)
         if values[0] <= _SOFT * values[-1]:
-            pairs = _VOIGT[self.periods]
-            strain = right[:, 0] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
+            # where several strains cost nothing, so do their sums: shown is what they have of the one that is most theirs
+            pairs, soft = _VOIGT[self.periods], right[:, values <= _SOFT * values[-1]]
+            most = np.argmax(np.round(np.sum(soft**2, axis=1), 6))
+            strain = soft @ soft[most] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
             shown = ", ".join(f"{one:g}" for one in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
             names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
             why = "" if self.motions.rotate else "; without friction contacts resist compression only"

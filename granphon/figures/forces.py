@@ -66,8 +66,9 @@ def plot_forces(sample: Sample, ax: Axes | None = None) -> Axes:
     chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * forces, capstyle="round")
     ax.add_collection(chains, autolim=False)
     length, height = layer.size
-    below = 0.5 * layer.step
-    ax.set(xlim=(-0.25, length - 0.25), ylim=(-below, height - below), aspect="equal")
+    # half a row below the lowest, which is not at zero in every cell
+    bottom = float(np.min(sites[..., 1])) - 0.5 * layer.step
+    ax.set(xlim=(-0.25, length - 0.25), ylim=(bottom, bottom + height), aspect="equal")
     along, across = (
         ("$x/d$", "$y/d$") if len(sample.shape) < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
     )

@@ -38,6 +38,8 @@ _LARGEST = 1e280
 
 #: labels longer than this, in letters, do not stand side by side in a column
 _LONG_LABEL = 24
+#: rows of a legend for which a figure has room, and height that each further one adds, in inches
+_LEGEND_ROWS, _ROW_HEIGHT = 4, 0.16
 #: names that stand nearer than this one above the other, over the height of the axes, are written in one
 _APART = 0.06
 #: the velocities that a sweep may have, with their symbols
@@ -116,6 +118,12 @@ def _find_load(dataset: Dataset) -> str:
 def _is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
     """Return whether the medium at ``index`` is a simulation, by its label."""
     return str(dataset["medium"].values[index["medium"]]).partition("(")[0] == DirectSimulation.name
+
+
+def _drop_directions(dataset: Dataset, variable: str) -> Dataset:
+    """Return the sweep without its directions, if a variable is the same in all: its lines are those of the media."""
+    same = variable in dataset and "direction" not in dataset[variable].dims
+    return dataset.drop_dims("direction", errors="ignore") if same else dataset
 
 
 def _read_errors(dataset: Dataset, variable: str) -> Any:
@@ -231,7 +239,7 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
     their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
-    plot_sweep(dataset, ax, "exponent", x, legend=False)
+    plot_sweep(_drop_directions(dataset, "exponent"), ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
     for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
         ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
@@ -254,6 +262,8 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     """
     both = variable is None and "exponent" in dataset
     velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
+    if variable is not None or not velocities:
+        dataset = _drop_directions(dataset, variable or "normal_stiffness")
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN_WIDTH, 4.0 if both else 2.6), dpi=DPI, layout="constrained")
         ratios = [1.6, 1.0][: 1 + both]
@@ -273,6 +283,9 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
         longest = max(len(str(handle.get_label())) for handle in handles)
         columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
+        # a long legend does not take the room of the panels
+        more = max(0, -(-len(handles) // columns) - _LEGEND_ROWS) * _ROW_HEIGHT
+        figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
         figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title)
     return figure
 

@@ -42,6 +42,8 @@ _TIMES = 1e-3, 1e1
 _ERRORS = 1e-8, 1e0
 #: ratio of times, or of errors, from which on ticks are powers of ten: plain small numbers take much room
 _PLAIN = 100.0
+#: time of a point over that of the slowest one, from which on its label stands on the other side
+_NEAR_END = 0.3
 #: columns of a figure of several studies
 _COLUMNS = 2
 
@@ -59,6 +61,7 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
         raise InputError(message(f"there is no study {study!r}", mend="Use one of " + ", ".join(result.studies)))
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title=study[0].upper() + study[1:])
     methods = list(dict.fromkeys(point.method for point in points))
+    slowest = max((point.seconds for point in points if point.ran), default=0.0)
     for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
         ran = [point for point in points if point.method == method and point.ran]
         drawn, rest = [p for p in ran if p.error > 0.0], [p for p in ran if not p.error > 0.0]
@@ -78,9 +81,11 @@ def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
             if not point.resolved:
                 ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_MARKER, mew=0.9, zorder=3.0)
         for point in _choose_labelled(drawn) if len(drawn) > 1 else ():
+            # above a curve, which falls to the right; below it where the axes end
+            side, place = (-3.0, ("right", "top")) if point.seconds > _NEAR_END * slowest else (3.0, ("left", "bottom"))
             ax.annotate(
-                point.knob.replace(" x ", "×"), (point.seconds, point.error), (3.0, 3.0), textcoords="offset points",
-                fontsize=7.0, color=colour,
+                point.knob.replace(" x ", "×"), (point.seconds, point.error), (side, side), textcoords="offset points",
+                ha=place[0], va=place[1], fontsize=7.0, color=colour,
             )  # fmt: skip
     ax.margins(0.14)
     ran = [point for point in points if point.ran]
@@ -141,8 +146,12 @@ def _choose_labelled(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:
-    """Draw a figure with the diagrams of all studies, see :func:`plot_work_precision`; two side by side."""
-    studies = result.studies
+    """Draw a figure with the diagrams of all studies, see :func:`plot_work_precision`; two side by side.
+
+    A study of which nothing can be measured, as of a lattice that its reference does not know, has no diagram.
+    """
+    measurable = [study for study in result.studies if any(point.measurable for point in result.of(study))]
+    studies = measurable or result.studies
     columns = min(_COLUMNS, len(studies))
     rows = -(-len(studies) // columns)
     with matplotlib.rc_context(STYLE):

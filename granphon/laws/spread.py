@@ -334,7 +334,10 @@ class AveragedLaw(SpreadLaw):
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap."""
-        return self._evaluate_joined(overlap, np.ones_like, lambda part: np.asarray(self.shape.average(part, 0.0)))
+        return self._evaluate_joined(overlap, np.ones_like, self._count)
+
+    def _count(self, y: Array) -> Array:
+        return np.asarray(np.minimum(self.shape.average(y, 0.0), 1.0))  # weights sum to one but for rounding
 
 
 @lru_cache(maxsize=128)

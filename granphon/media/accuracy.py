@@ -78,7 +78,7 @@ class Accuracy:
         part = self._of(packing.structure)
         if part is None:
             known = ", ".join(self._parts)
-            return f"there are no errors for the {packing.structure.name} lattice; there are for {known}"
+            return f"none were measured on the {packing.structure.name} lattice; they were on {known}"
         if packing.structure.periods == 2 and packing.motions not in (None, IN_PLANE.name):
             return "the errors are those of balls that move in the plane alone"
         if packing.torsion or packing.bending:

@@ -336,9 +336,11 @@ def _sort_options(packing: Packing, load: Load) -> list[MediumChoice]:
 def expected_error(choice: MediumChoice, packing: Packing, load: Load) -> Array:
     """Return the expected relative error of a medium's velocities and frequencies, with the shape of the load.
 
-    It is +inf where the error is not known.
+    It is +inf where the error is not known, and zero where every medium is exact: for equal balls, and on a line.
     """
     settings = choice.settings
+    if not packing.spread_matters:
+        return np.zeros(load.shape)
     if choice.name not in accuracy().media() or settings.get("local_field") == "paper":
         return np.full(load.shape, np.inf)
     medium = choice.of(packing)

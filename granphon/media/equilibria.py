@@ -20,7 +20,7 @@ from granphon.array.stencils import Stencils
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
 
@@ -49,7 +49,9 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
     the excess of their diameter over the mean, m.
     """
     hertz = AveragedLattice(replace(packing, spread=None))
-    if load.kind != "overlap":
+    if packing.width and not packing.spread_matters:
+        _require_one_force(packing, float(np.min(hertz.at(load).force)))
+    elif load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:
             raise explain_too_small(least)
@@ -60,6 +62,15 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
             hertz.at(Load("overlap", np.max(load.array)))
         if np.min(load.array) <= -largest:
             raise explain_untouched(load, largest)
+
+
+def _require_one_force(packing: Packing, force: float) -> None:
+    """Raise an error for a contact force (N) on a line that is below f* = 1e-8; no threshold of rigidity is there."""
+    least = packing.width_units.reduced_force(force)
+    if least < THRESHOLD_FORCE:
+        what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
+        why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
+        raise InputError(message(what, why, "Raise the load, or take another medium"))
 
 
 def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:

@@ -29,6 +29,8 @@ MOST_SEED = 2**64 - 1
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: greatest number of balls along a side of a sample, far beyond what fits into memory
 _MOST_SIDE = 2**31
+#: greatest number of cells of a sample, far beyond what fits into memory
+_MOST_CELLS = 2**48
 #: greatest number of samples, far beyond what fits into memory
 _MOST_SAMPLES = 2**31
 #: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing; corners, edges and
@@ -187,4 +189,8 @@ def _read_shape(shape: Any, periods: int) -> tuple[int, ...]:
         names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
         count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
         raise InputError(message(f"shape is {brief(shape)}", mend=f"Give {count}, ({names})"))
-    return tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
+    cells = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
+    if math.prod(cells) > _MOST_CELLS:
+        what = f"shape is {cells}, which are {float(math.prod(cells)):.3g} cells"
+        raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
+    return cells

@@ -77,8 +77,8 @@ class Tally(NamedTuple):
         """Warning for the user, or None if the condition holds at every load."""
         if not self.failing:
             return None
-        at = "at 1 load" if self.failing == 1 else f"worst of {self.failing} loads"
-        where = "" if self.loads is None else f" ({at} out of {self.loads})"
+        fail = "fails" if self.failing == 1 else "fail"
+        where = "" if self.loads is None else f" (worst of {self.loads} loads, {self.failing} of which {fail})"
         excess = f"{self.worst / self.limit:.4g} times the limit of {self.limit:g}"
         if self.at_least:
             excess = f"below {self.limit:.4g}"

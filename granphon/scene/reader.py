@@ -81,23 +81,23 @@ class Origin:
         try:
             yield
         except InstabilityError:
-            with self.at("packing", "finite_overlap", before="found true; allowed: false where the lattice buckles. "):
+            with self.at("packing", "finite_overlap", before="found true; allowed: false where the lattice buckles; "):
                 raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
         """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may stand there."""
         by_default = self.document is not None and "medium" not in self.document.data
-        return self.at("medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}. ")
+        return self.at("medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; ")
 
     def at_load(self, kind: str, index: int, before: str = "") -> AbstractContextManager[None]:
         """Place errors of the block at the load number ``index`` of the kind ``kind``, with ``before`` in front."""
         path, given = self._place("load", kind, index)
-        return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry. {before}")
+        return self.at(*path, before=f"found {given}; allowed: a load that the balls can carry; {before}")
 
     def at_value(self, parameter: str, index: int) -> AbstractContextManager[None]:
         """Place errors of the block at the value number ``index`` of a swept parameter."""
         path, given = self._place("sweep", parameter, index)
-        return self.at(*path, before=f"found {given}; allowed: a value that the packing can have. ")
+        return self.at(*path, before=f"found {given}; allowed: a value that the packing can have; ")
 
     def _place(self, block: str, key: str, index: int) -> tuple[tuple[str | int, ...], str]:
         """Path and text of the value number ``index`` of a key.
@@ -148,7 +148,7 @@ class Origin:
         made = {**material, "diameter": given["diameter"]}
         key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
         block = "packing" if key == "diameter" else "material"
-        size = f"found {show(data[block][key])}; allowed: a ball that double precision can hold. "
+        size = f"found {show(data[block][key])}; allowed: a ball that double precision can hold; "
         with self.at(block, key, before=size):
             names = [name for name in ("diameter", "lattice", "friction") if name in given]
             packing = Packing(Material(**material), **{name: given[name] for name in names})
@@ -159,11 +159,11 @@ class Origin:
             allowed = (
                 "motions of this lattice" if name == "motions" else "up to 1e6, and 0 where no motion is resisted by it"
             )
-            with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}. "):
+            with self.at("packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}; "):
                 packing = replace(packing, **{name: given[name]})
         if "spread" not in given:
             return packing
         ((kind, value),) = data["packing"]["spread"].items()
-        found = f"found {show(value)}; allowed: diameters about the packing's, all above zero. "
+        found = f"found {show(value)}; allowed: diameters about the packing's, all above zero; "
         with self.at("packing", "spread", kind, before=found):
             return replace(packing, spread=given["spread"])

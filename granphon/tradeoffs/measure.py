@@ -25,7 +25,7 @@ from granphon.base.results import Result
 from granphon.base.tables import table_text
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.tradeoffs.questions import choose_studies
-from granphon.tradeoffs.study import SECONDS, Deadline, Point, Reference, Stopwatch, Study
+from granphon.tradeoffs.study import NOT_MEASURED, SECONDS, Deadline, Point, Reference, Stopwatch, Study
 
 __all__ = ["BETTER", "TRADEOFF_FILES", "MeasuredPoint", "TradeOff", "carry_out", "tradeoff"]
 
@@ -85,6 +85,11 @@ class MeasuredPoint(Result):
     def ran(self) -> bool:
         """Whether the point was run, with or without a reference to judge it by."""
         return self.seconds > 0.0
+
+    @property
+    def measurable(self) -> bool:
+        """Whether the point could be run, given time; not one of a method that stands in the list for its reason alone."""
+        return not self.failure.startswith(NOT_MEASURED)
 
     @property
     def error(self) -> float:

@@ -19,11 +19,13 @@ from granphon.base.errors import GranphonError
 from granphon.base.progress import Step
 from granphon.media.cost import Cost
 
-__all__ = ["EPSILON", "SECONDS", "Deadline", "Point", "Reference", "Stopwatch", "Study", "leave_out"]
+__all__ = ["EPSILON", "NOT_MEASURED", "SECONDS", "Deadline", "Point", "Reference", "Stopwatch", "Study", "leave_out"]
 
 Array = NDArray[np.float64]
 #: relative distance between neighbouring double-precision numbers at 1
 EPSILON = float(np.finfo(float).eps)
+#: how the failure of a point begins that stands for a method which is not measured
+NOT_MEASURED = "not measured"
 
 
 class Stopwatch:
@@ -89,7 +91,7 @@ def leave_out(method: str, why: str) -> Point:
     """Return a point that stands for a method which is not measured, and says ``why`` when it is run."""
 
     def prepare(run: int) -> Any:
-        raise GranphonError(f"not measured: {why}")
+        raise GranphonError(f"{NOT_MEASURED}: {why}")
 
     return Point(method, "none", prepare, lambda ready: ready)
 
