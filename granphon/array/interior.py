@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 #: largest number of steps
 _STEPS = 100
 #: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
-_CLOSE = 1e-11
+_CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
 _BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
@@ -51,7 +51,7 @@ _LEFT = 0.01
 _LEAST_PRODUCT, _LARGEST_PRODUCT = 0.1, 100.0
 #: error of a linear system, as a fraction of the factor by which mu is lowered; the largest error, and the least, which is
 #: that where mu is held
-_ACCURACY, _LARGEST_ERROR, _LEAST_ERROR = 0.5, 0.1, 0.01
+_ACCURACY, _LARGEST_ERROR, _LEAST_ERROR = 0.5, 0.1, 0.03
 #: f^(2/3) and s of a contact with h = 0 at the start, over the standard deviation of h: from the sites of the lattice, and
 #: from an equilibrium
 _WIDTH, _WIDTH_NEAR = 1.0, 0.03

@@ -35,7 +35,7 @@ _HOLDING = 1e-5
 #: factors in iterations with Green's function. In a plane, 64 x 64 to 512 x 512 balls, a factorisation costs 120 to 180
 _PATIENCE, _SOLUTION = 250, 3
 #: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
-_STALE = 18
+_STALE = 30
 
 
 class Preconditioners:
