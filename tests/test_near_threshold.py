@@ -12,9 +12,10 @@ from test_stencils import ETA, Explicit
 from granphon.array import equilibrium as module
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.equilibrium import Prescribed, equilibrate, find_linear_response
-from granphon.array.interior import split
+from granphon.array.interior import centre, split
 from granphon.array.preconditioners import Preconditioners, factorise_contacts
 from granphon.array.stencils import Motion, Stencils
+from granphon.balls.lattices import FCC
 
 
 def by_newton(x, load, **more):
@@ -122,6 +123,32 @@ def test_force_and_gap_of_every_overlap(width):
     np.testing.assert_allclose(closed - s, h, rtol=0.0, atol=1e-15 * (closed + s).max())
 
 
+def test_products_of_force_and_gap_are_brought_near_each_other():
+    rng = np.random.default_rng(0)
+    f, s = 10.0 ** rng.uniform(-8, 2, (2, 400))
+    mu = 1e-3
+    forces, gaps = centre(f, s, mu)
+    product = forces * gaps
+    assert np.all((product > 0.0999 * mu) & (product < 100.01 * mu))
+    kept = (f * s > 0.1 * mu) & (f * s < 100.0 * mu)
+    np.testing.assert_allclose(forces[kept], f[kept], rtol=1e-14)
+    np.testing.assert_allclose(gaps[kept], s[kept], rtol=1e-14)
+    # the larger of f^(2/3) and s stays: the contact is as closed or as open as before
+    is_open = f ** (2.0 / 3.0) < s
+    np.testing.assert_array_equal(gaps[is_open], s[is_open])
+    np.testing.assert_array_equal(forces[~is_open], f[~is_open])
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_steps_at_low_loads_in_space(seed):
+    # without centring 51 and 58 steps
+    x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))
+    x -= np.mean(x)
+    state = equilibrate(x, Prescribed(force=1e-4), Stencils(x.shape, lattice=FCC))
+    assert state.newton < 42
+    assert state.residual <= 1e-10
+
+
 # -- factors of the contacts that are closed ----------------------------------------------------------------------------
 
 
@@ -222,6 +249,30 @@ def test_factors_are_made_when_iterations_have_cost_as_much():
     assert many.choose(stiffness) is kept
     many.count(1)
     assert many.choose(stiffness) is not kept
+
+
+def test_factors_are_made_anew_where_iterations_grow():
+    stencils, stiffness = Stencils((16, 16)), opened((16, 16), 0.5)
+    some = Preconditioners(stencils)
+    kept = some.choose(stiffness, hard=True)
+    some.count(20)  # the first system with them: they cannot be had better
+    some.count(49)
+    assert some.choose(stiffness) is kept
+    some.count(50)
+    new = some.choose(stiffness)
+    assert new is not kept
+    assert some.choose(stiffness) is new
+
+
+def test_factors_are_made_for_each_system_where_stiffnesses_change_much():
+    stencils, stiffness = Stencils((16, 16)), opened((16, 16), 0.5)
+    each = Preconditioners(stencils)
+    kept = each.choose(stiffness, hard=True)
+    each.count(5)
+    each.count(90)
+    new = each.choose(stiffness)
+    assert new is not kept
+    assert each.choose(stiffness) is not new
 
 
 def test_stale_factors_still_serve():

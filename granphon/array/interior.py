@@ -26,7 +26,7 @@ from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 
-__all__ = ["approach", "split"]
+__all__ = ["approach", "centre", "split"]
 
 Array = NDArray[np.float64]
 #: largest number of steps
@@ -41,14 +41,17 @@ _LEAST_FORCE = 1e-10
 #: the better it goes
 _SPEED = 1.5
 #: least and largest of these factors
-_LEAST_FACTOR, _LARGEST_FACTOR = 1e-3, 0.2
+_LEAST_FACTOR, _LARGEST_FACTOR = 1e-2, 0.2
 #: mu is not lowered while the largest force left on a ball, over the mean force, is more than this many times the root of mu
 #: over the mean force to the power 5/3
-_TOO_FAR = 5.0
+_TOO_FAR = 10.0
 #: least fraction of its value that a step leaves of an f or s
 _LEFT = 0.01
-#: error of a linear system, as a fraction of the factor by which mu is lowered; the largest error, and that where mu is held
-_ACCURACY, _LARGEST_ERROR, _HELD_ERROR = 0.5, 0.1, 0.01
+#: least and largest product f s of a contact after a step, over mu: the smaller of f^(2/3) and s is moved until it is
+_LEAST_PRODUCT, _LARGEST_PRODUCT = 0.1, 100.0
+#: error of a linear system, as a fraction of the factor by which mu is lowered; the largest error, and the least, which is
+#: that where mu is held
+_ACCURACY, _LARGEST_ERROR, _LEAST_ERROR = 0.5, 0.1, 0.03
 #: f^(2/3) and s of a contact with h = 0 at the start, over the standard deviation of h: from the sites of the lattice, and
 #: from an equilibrium
 _WIDTH, _WIDTH_NEAR = 1.0, 0.03
@@ -97,17 +100,15 @@ def approach(
         push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
         motion, count = solve_by_conjugate_gradients(
             stencils, stiffness, Motion(stencils.forces(tension), push), inverses.choose(stiffness),
-            min(_ACCURACY * factor, _LARGEST_ERROR if factor < 1.0 else _HELD_ERROR), force is not None,
+            max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
         )  # fmt: skip
         inverses.count(count)
         change += motion.compression - stencils.deformations(Motion(motion.balls, 0.0))
         change *= stiffness
         widening = (mu - s * change) / f - s
-        # a whole step, but for those f and s that it would make too small; where mu is held a shorter step for all is safer
-        length = 1.0 if factor < 1.0 else min(1.0, (1.0 - _LEFT) * min(_reach(f, change), _reach(s, widening)))
-        f = np.maximum(f + length * change, _LEFT * f)
-        s = np.maximum(s + length * widening, _LEFT * s)
-        y, balls, taken = y + length * motion.compression, balls + length * motion.balls, taken + count
+        # a whole step, but for those f and s that it would make too small
+        f, s = centre(np.maximum(f + change, _LEFT * f), np.maximum(s + widening, _LEFT * s), mu)
+        y, balls, taken = y + motion.compression, balls + motion.balls, taken + count
         h = y + means - stencils.deformations(Motion(balls, 0.0))
     return None
 
@@ -120,7 +121,12 @@ def split(h: Array, width: float) -> tuple[Array, Array]:
     return closed * np.sqrt(closed), s
 
 
-def _reach(values: Array, changes: Array) -> float:
-    """Return the length of a step at which the first value reaches zero."""
-    falling = changes < 0.0
-    return float(np.min(values[falling] / -changes[falling], initial=math.inf))
+def centre(f: Array, s: Array, mu: float) -> tuple[Array, Array]:
+    """Return f and s of contacts, the smaller of f^(2/3) and s moved where their product is too far from ``mu``.
+
+    A step that leaves the products of some contacts far from the others' makes the next steps short or wrong.
+    """
+    product = f * s
+    wanted = np.clip(product, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
+    is_open = np.cbrt(f) ** 2 < s
+    return np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)

@@ -26,7 +26,7 @@ MOST_BALLS = (2**20, 2**18, 2**12)
 #: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1, 2, 3 periods
 _MOST_STIFF = (0.65, 0.65, 0.42)
 #: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
-_STIFF = 0.01
+_STIFF = 1e-3
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
@@ -34,6 +34,8 @@ _HOLDING = 1e-5
 #: iterations with Green's function after which, at most, the matrix is factorised; and the cost of an iteration with the
 #: factors in iterations with Green's function. In a plane, 64 x 64 to 512 x 512 balls, a factorisation costs 120 to 180
 _PATIENCE, _SOLUTION = 250, 3
+#: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
+_STALE = 30
 
 
 class Preconditioners:
@@ -47,17 +49,24 @@ class Preconditioners:
         self._stencils = stencils
         self._factors: Inverse | None = None
         self._spent = 0
+        self._first: int | None = None  # iterations of the first system with the factors
+        self._changing = False  # whether stiffnesses change so much that factors pay for each system anew
 
     def choose(self, stiffness: Array, hard: bool = False) -> Inverse:
         """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many iterations are sure to follow."""
-        if (hard or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
-            self._factors, self._spent = None, 0  # old factors are freed before new ones are made
+        if (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness):
+            self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
             self._factors = self._factorise(stiffness)
         return self._factors or self._stencils.preconditioner(stiffness)
 
     def count(self, iterations: int) -> None:
         """Count the iterations that the preconditioner chosen last has taken."""
         self._spent += iterations * (_SOLUTION if self._factors else 1)
+        if self._factors:
+            self._first = iterations if self._first is None else self._first
+            if iterations - self._first >= _STALE:
+                self._changing |= _SOLUTION * (iterations - self._first) >= _PATIENCE
+                self._spent = max(self._spent, _PATIENCE)
 
     @property
     def are_small(self) -> bool:
@@ -101,13 +110,13 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
     stiff = stiffness > _STIFF * mean
     kind, contact = np.nonzero(stiff)
-    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((balls, fields), _LEAST_DIAGONAL * mean)
+    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
     entries = []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
-            diagonal[:, field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
+            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
             here = np.flatnonzero(row[kind, field])
-            entries.append((row[kind[here], field], here, fields * ends[kind[here], contact[here]] + field))
+            entries.append((row[kind[here], field], here, balls * field + ends[kind[here], contact[here]]))
     values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     c = csr_array((values, (rows, columns)), shape=(kind.size, fields * balls))
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
@@ -122,9 +131,9 @@ def factorise_contacts(i: NDArray[np.intp], j: NDArray[np.intp], head: Array, ta
     )
 
     def apply(force: Array) -> Array:
-        scaled = scale * force.reshape(fields, -1).T.ravel()
+        scaled = scale * force.ravel()
         largest = float(np.max(np.abs(scaled))) or 1.0  # single precision has no numbers below 1e-38
         found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
-        return np.ascontiguousarray(found.reshape(-1, fields).T).reshape(force.shape)
+        return np.asarray(found.reshape(force.shape))
 
     return apply
