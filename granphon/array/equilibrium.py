@@ -235,13 +235,65 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
 def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
     """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
     common = max(overlap, 0.0)
-    change = np.maximum(differences + min(overlap, 0.0), -common)  # h_+ - y_+
-    closed = common + change
-    root = np.sqrt(closed)
+    change = differences + min(overlap, 0.0)
+    np.maximum(change, -common, out=change)  # h_+ - y_+
+    root = change + common
+    np.sqrt(root, out=root)
     if common == 0.0:
-        return closed * root, root
-    other = math.sqrt(common)
-    return change / (root + other) * (closed + root * other + common), root
+        return change * root, root
+    # y/(h^(1/2) + y^(1/2)) + h^(1/2) is the difference of the powers 3/2 over that of h and y
+    factor = root + math.sqrt(common)
+    np.divide(common, factor, out=factor)
+    factor += root
+    factor *= change
+    return factor, root
+
+
+class _State(NamedTuple):
+    """Balls on the way to equilibrium: what their place tells of the contacts, and how far they are from rest.
+
+    Attributes
+    ----------
+    overlap, balls : y and the displacements.
+    differences, root : h - y and h_+^(1/2) of the contacts.
+    rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
+    force, spread : mean and standard deviation of the contact forces.
+    left : largest force left on a ball.
+    """
+
+    overlap: float
+    balls: Array
+    differences: Array
+    root: Array
+    rest: Motion
+    force: float
+    spread: float
+    left: float
+
+    @classmethod
+    def find(cls, y: float, balls: Array, means: Array, load: Prescribed, stencils: Stencils) -> _State:
+        differences = means - stencils.deformations(Motion(balls, 0.0))
+        excess, root = np.empty_like(differences), np.empty_like(differences)
+        for rows in stencils.blocks(stencils.n_contacts):
+            excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
+        mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
+        force = common + mean
+        pull = stencils.forces(excess)
+        push = (load.force - common) - mean if load.overlap is None else 0.0
+        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
+        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
+        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
+        return cls(y, balls, differences, root, Motion(pull, excess.size * push), force, float(np.std(excess)), left)
+
+    def distance(self, least: float, stencils: Stencils) -> float:
+        """Return the force left over the scale that tolerances are of; forces no larger than ``least`` count as that."""
+        stiffness, push = 1.5 * float(np.mean(self.root)), self.rest.compression / self.root.size
+        scale = min(self.force, max(self.spread, stiffness * least))
+        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
+        moved = float(np.max(np.abs(self.balls))) if len(stencils.shape) == 1 else 0.0
+        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * stiffness
+        # the load itself is met to more digits: it is a number that the user gave
+        return max(0.0 if at_rest else self.left / scale, abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0)
 
 
 def equilibrate(
@@ -280,59 +332,52 @@ def equilibrate(
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
     y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
-    contacts, least = means.size, _LEAST_DIFFERENCE * float(np.std(means))
+    least = _LEAST_DIFFERENCE * float(np.std(means))
     inverses = Preconditioners(stencils)
     near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
+    here = _State.find(y, balls, means, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
-        differences = means - stencils.deformations(Motion(balls, 0.0))
-        excess, root = np.empty_like(differences), np.empty_like(differences)
-        for rows in stencils.blocks(stencils.n_contacts):
-            excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
-        mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
-        force = common + mean
-        pull = stencils.forces(excess)
-        push = (load.force - common) - mean if free else 0.0
-        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
-        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        scale = min(force, max(float(np.std(excess)), 1.5 * float(np.mean(root)) * least))
-        if not free and force < THRESHOLD_FORCE and not np.all(root):
+        if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
                 message(
-                    f"at an overlap of {y:.6g} widths this sample carries no load",
+                    f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
                     f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
                     "Press it together more",
                 )
             )
-        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
-        moved = float(np.max(np.abs(balls))) if len(stencils.shape) == 1 else 0.0
-        at_rest = left <= _MOVE_ROUNDING * math.ulp(moved) * 1.5 * float(np.mean(root))
-        # the load itself is met to more digits: it is a number that the user gave
-        distance = max(0.0 if at_rest else left / scale, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
+        distance = here.distance(least, stencils)
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=y, balls=_centre(balls, stencils), residual=left / force, newton=newton,
-                conjugate=steps, lattice=stencils.lattice,
+                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils), residual=here.left / here.force,
+                newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
-        stiffness = 1.5 * root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-        springs = stencils.rooms.fill(stiffness)
-        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
-        rest = Motion(pull, contacts * push)
-        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+        if begun:
+            stiffness = 1.5 * here.root
+            stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
+            step, taken = solve_by_conjugate_gradients(stencils, stiffness, here.rest, inverses.choose(stiffness), reduction, free)
+        else:
+            added = _ADDED_STIFFNESS * min(1.0, distance)
+            level = 1.5 * float(np.mean(here.root))
+            stiffness = (here.root * (1.5 / level)).astype(np.float32)
+            stiffness += added
+            size = float(np.max(np.abs(here.rest.balls))) or 1.0
+            springs = stencils.rooms.fill(stiffness)
+            inverse = stencils.preconditioner(stiffness, springs)
+            rest = Motion((here.rest.balls / size), here.rest.compression / size)
+            step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+            step = Motion(step.balls.astype(float) * (size / level), step.compression * (size / level))
         inverses.count(taken)
-        length = _step_length(y, differences, (excess, root), step, stencils, load if free else None)
-        y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
+        here, steps = _take_step(here, step, means, load, stencils), steps + taken
     raise ConvergenceError(
         message(
             f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-            f"At an overlap of {y:.6g} widths a force of {left / force:.2g} of the mean contact force is left on a ball",
+            f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force is left on a ball",
             "Raise the load, or take fewer balls",
         )
     )
@@ -356,32 +401,38 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     return np.asarray((fields - means).reshape(balls.shape))
 
 
-def _step_length(
-    y: float, differences: Array, here: tuple[Array, Array], step: Motion, stencils: Stencils, load: Prescribed | None
-) -> float:
-    """Find the length at which the slope of the energy along the step, negative at first, has a tenth of its first size.
+def _take_step(here: _State, step: Motion, means: Array, load: Prescribed, stencils: Stencils) -> _State:
+    """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size."""
 
-    ``here`` is what :func:`_compute_excess` gives before the step.
-    """
+    def go(length: float) -> _State:
+        return _State.find(
+            here.overlap + length * step.compression, here.balls + length * step.balls, means, load, stencils
+        )
+
+    def slope(state: _State) -> float:
+        return -dot(state.rest.balls, step.balls) - state.rest.compression * step.compression
+
+    there, first = go(1.0), slope(here)
+    if abs(slope(there)) <= 0.1 * abs(first):
+        return there
+    return go(_step_length(here, first, step, load if load.overlap is None else None, stencils))
+
+
+def _step_length(here: _State, first: float, step: Motion, load: Prescribed | None, stencils: Stencils) -> float:
+    """Find the length at which the slope of the energy along the step has at most a tenth of its ``first`` size."""
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
-    work = 0.0 if load is None else more * differences.size
 
     def slope(length: float) -> tuple[float, float]:
-        there, value, rise = y + length * more, 0.0, 0.0
+        there, value, rise = here.overlap + length * more, 0.0, 0.0
         for rows in stencils.blocks(stencils.n_contacts):
-            part = strain[:, rows]
-            if length:
-                excess, root = _compute_excess(there, differences[:, rows] - length * part)
-            else:
-                excess, root = here[0][:, rows], here[1][:, rows]
-            part = part - more
+            excess, root = _compute_excess(there, here.differences[:, rows] - length * strain[:, rows])
+            part = strain[:, rows] - more
             value -= dot(excess, part)
             rise += 1.5 * dot(root, part * part)
         if load is not None:
-            value += work * (max(there, 0.0) ** 1.5 - load.force)
+            value += more * strain.size * (max(there, 0.0) ** 1.5 - load.force)
         return value, rise
 
-    first = slope(0.0)[0]
     low, high, length = 0.0, math.inf, 1.0
     for _ in range(_LENGTH_TRIALS):
         value, rise = slope(length)

@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.green import ArrayRow, green_function
 from granphon.array.rooms import Rooms
@@ -33,6 +33,8 @@ _CACHED = 2**15
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
+#: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
+_UNEVEN = 0.25
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
 _INDEPENDENT = 0.1
 
@@ -136,9 +138,9 @@ class Stencils:
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
-    def padded(self) -> Array:
+    def padded(self, dtype: DTypeLike = float) -> Array:
         """Return rooms for a motion, to be filled by :meth:`Rooms.wrap`."""
-        return self.rooms.zeros(self.n_fields)
+        return self.rooms.zeros(self.n_fields, dtype)
 
     def blocks(self, arrays: int = 1) -> Iterator[slice]:
         """Yield slices of rows of balls, each small enough to stay in the processor's cache.
@@ -278,8 +280,11 @@ class Stencils:
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        mean = float(np.mean(stiffness[: self.n_contacts]))
-        local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
+        normal = stiffness[: self.n_contacts]
+        mean, local = float(np.mean(normal)), []
+        if float(np.std(normal)) > _UNEVEN * mean:
+            local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
+        green = [[entry.astype(stiffness.dtype, copy=False) for entry in line] for line in self._green]
         axes = tuple(range(1, len(self.shape) + 1))
         # with one ball in the cell Green's function is that of rotations times i
         turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
@@ -289,7 +294,7 @@ class Stencils:
             for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
-                new = [_sum_products([entry[rows] for entry in line], parts) for line in self._green]
+                new = [_sum_products([entry[rows] for entry in line], parts) for line in green]
                 for field, part in enumerate(new):
                     parts[field] = part
                 parts[turning] *= 1j
@@ -338,6 +343,7 @@ class Stencils:
             held += extra.reshape(-1, *(1,) * len(self.shape))
             for rows in self.blocks(len(pairs)):
                 _invert_symmetric(held[:, rows], len(fields))
+            held = held.astype(stiffness.dtype, copy=False)
             where = {pair: slot for slot, pair in enumerate(pairs)}
             out.append((fields, [[held[where[min(a, b), max(a, b)]] for b in fields] for a in fields]))
         return out
