@@ -53,7 +53,7 @@ def solve_by_conjugate_gradients(
                 message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
             )
         stencils.rooms.wrap(way)
-        change, pull, energy = stencils.product(springs, way, squeeze, out)
+        change, pull, energy = stencils.product(springs, way, squeeze if free else None, out)
         if energy <= 0.0:  # nothing but rounding is left
             break
         length = product / energy

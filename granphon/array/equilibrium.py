@@ -69,6 +69,8 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
+#: length of a step at which the linear equations of all others are solved in double precision
+_SPOILT_LENGTH = 0.3
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
@@ -240,8 +242,9 @@ def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
     root = change + common
     np.sqrt(root, out=root)
     if common == 0.0:
-        return change * root, root
-    # y/(h^(1/2) + y^(1/2)) + h^(1/2) is the difference of the powers 3/2 over that of h and y
+        change *= root
+        return change, root
+    # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
     factor = root + math.sqrt(common)
     np.divide(common, factor, out=factor)
     factor += root
@@ -255,43 +258,53 @@ class _State(NamedTuple):
     Attributes
     ----------
     overlap, balls : y and the displacements.
-    differences, root : h - y and h_+^(1/2) of the contacts.
     rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
     force, spread : mean and standard deviation of the contact forces.
+    level : mean stiffness of the contacts.
     left : largest force left on a ball.
     """
 
     overlap: float
     balls: Array
-    differences: Array
-    root: Array
     rest: Motion
     force: float
     spread: float
+    level: float
     left: float
 
     @classmethod
-    def find(cls, y: float, balls: Array, means: Array, load: Prescribed, stencils: Stencils) -> _State:
-        differences = means - stencils.deformations(Motion(balls, 0.0))
-        excess, root = np.empty_like(differences), np.empty_like(differences)
-        for rows in stencils.blocks(stencils.n_contacts):
-            excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
-        mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
+    def find(cls, y: float, balls: Array, means: Array, root: Array, load: Prescribed, stencils: Stencils) -> _State:
+        """Return the state, and write h_+^(1/2) of the contacts into ``root``; that and ``means`` are in rooms."""
+        inside, sums = stencils.rooms.inside.ravel(), np.zeros(3)
+        roots, middles = root.reshape(len(root), -1), means.reshape(len(means), -1)
+
+        def tension(kind: int, part: slice, elongation: Array) -> Array:
+            np.subtract(middles[kind, part], elongation, out=elongation)
+            excess, contact = _compute_excess(y, elongation)
+            excess *= inside[part]
+            contact *= inside[part]
+            roots[kind, part] = contact
+            sums[:] += np.sum(excess), dot(excess, excess), np.sum(contact)
+            return excess
+
+        pull = stencils.balance(balls, tension)
+        contacts, common = stencils.n_contacts * math.prod(stencils.shape), max(y, 0.0) ** 1.5
+        mean, square, stiffness = (sums * (1.0, 1.0, 1.5) / contacts).tolist()
         force = common + mean
-        pull = stencils.forces(excess)
         push = (load.force - common) - mean if load.overlap is None else 0.0
         # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
-        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
+        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * stiffness
         left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        return cls(y, balls, differences, root, Motion(pull, excess.size * push), force, float(np.std(excess)), left)
+        spread = math.sqrt(max(0.0, square - mean**2))
+        return cls(y, balls, Motion(pull, contacts * push), force, spread, stiffness, left)
 
     def distance(self, least: float, stencils: Stencils) -> float:
         """Return the force left over the scale that tolerances are of; forces no larger than ``least`` count as that."""
-        stiffness, push = 1.5 * float(np.mean(self.root)), self.rest.compression / self.root.size
-        scale = min(self.force, max(self.spread, stiffness * least))
+        push = self.rest.compression / (stencils.n_contacts * math.prod(stencils.shape))
+        scale = min(self.force, max(self.spread, self.level * least))
         # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
         moved = float(np.max(np.abs(self.balls))) if len(stencils.shape) == 1 else 0.0
-        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * stiffness
+        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * self.level
         # the load itself is met to more digits: it is a number that the user gave
         return max(0.0 if at_rest else self.left / scale, abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0)
 
@@ -339,9 +352,11 @@ def equilibrate(
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
-    here = _State.find(y, balls, means, load, stencils)
+    pairs = stencils.rooms.fill(means)
+    root, single = stencils.rooms.zeros(len(means), np.float32), not begun
+    here = _State.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
-        if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
+        if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
             raise InputError(
                 message(
                     f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
@@ -357,23 +372,19 @@ def equilibrate(
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
-        if begun:
-            stiffness = 1.5 * here.root
-            stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-            step, taken = solve_by_conjugate_gradients(stencils, stiffness, here.rest, inverses.choose(stiffness), reduction, free)
-        else:
-            added = _ADDED_STIFFNESS * min(1.0, distance)
-            level = 1.5 * float(np.mean(here.root))
-            stiffness = (here.root * (1.5 / level)).astype(np.float32)
-            stiffness += added
-            size = float(np.max(np.abs(here.rest.balls))) or 1.0
-            springs = stencils.rooms.fill(stiffness)
-            inverse = stencils.preconditioner(stiffness, springs)
-            rest = Motion((here.rest.balls / size), here.rest.compression / size)
-            step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
-            step = Motion(step.balls.astype(float) * (size / level), step.compression * (size / level))
+        springs = root if single else root.astype(float)
+        stiffness = springs[stencils.rooms.inner]
+        stiffness *= 1.5 / here.level
+        stiffness += _ADDED_STIFFNESS * min(1.0, distance)
+        inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
+        size = float(np.max(np.abs(here.rest.balls))) or 1.0
+        rest = Motion(here.rest.balls / size, here.rest.compression / size)
+        step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+        step = Motion(step.balls * (size / here.level), step.compression * (size / here.level))
         inverses.count(taken)
-        here, steps = _take_step(here, step, means, load, stencils), steps + taken
+        here, length = _take_step(here, step, pairs, root, load, stencils)
+        # where balls that nothing holds move far, single precision may spoil a step
+        steps, single = steps + taken, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
         message(
             f"the sample has not come to rest after {_NEWTON_STEPS} steps",
@@ -401,35 +412,41 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     return np.asarray((fields - means).reshape(balls.shape))
 
 
-def _take_step(here: _State, step: Motion, means: Array, load: Prescribed, stencils: Stencils) -> _State:
-    """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size."""
+def _take_step(
+    here: _State, step: Motion, means: Array, root: Array, load: Prescribed, stencils: Stencils
+) -> tuple[_State, float]:
+    """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
+
+    Returns the state there, and the length.
+    """
 
     def go(length: float) -> _State:
-        return _State.find(
-            here.overlap + length * step.compression, here.balls + length * step.balls, means, load, stencils
-        )
+        y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
+        return _State.find(y, balls, means, root, load, stencils)
 
     def slope(state: _State) -> float:
         return -dot(state.rest.balls, step.balls) - state.rest.compression * step.compression
 
     there, first = go(1.0), slope(here)
     if abs(slope(there)) <= 0.1 * abs(first):
-        return there
-    return go(_step_length(here, first, step, load if load.overlap is None else None, stencils))
+        return there, 1.0
+    length = _step_length(here, first, step, means[stencils.rooms.inner], load, stencils)
+    return go(length), length
 
 
-def _step_length(here: _State, first: float, step: Motion, load: Prescribed | None, stencils: Stencils) -> float:
+def _step_length(here: _State, first: float, step: Motion, means: Array, load: Prescribed, stencils: Stencils) -> float:
     """Find the length at which the slope of the energy along the step has at most a tenth of its ``first`` size."""
     strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
+    differences = means - stencils.deformations(Motion(here.balls, 0.0))
 
     def slope(length: float) -> tuple[float, float]:
         there, value, rise = here.overlap + length * more, 0.0, 0.0
         for rows in stencils.blocks(stencils.n_contacts):
-            excess, root = _compute_excess(there, here.differences[:, rows] - length * strain[:, rows])
+            excess, root = _compute_excess(there, differences[:, rows] - length * strain[:, rows])
             part = strain[:, rows] - more
             value -= dot(excess, part)
             rise += 1.5 * dot(root, part * part)
-        if load is not None:
+        if load.overlap is None:
             value += more * strain.size * (max(there, 0.0) ** 1.5 - load.force)
         return value, rise
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import pairwise
 from types import EllipsisType
 
@@ -50,6 +51,11 @@ class Rooms:
         rooms = self.zeros(len(values), values.dtype)
         rooms[self.inner] = values
         return rooms
+
+    @cached_property
+    def inside(self) -> Array:
+        """(P1, ..., Pp) one where balls are, and zero in the margins."""
+        return self.fill(np.ones((1, *self.shape)))[0]
 
     def wrap(self, rooms: Array) -> None:
         """Copy the balls to their images in the margins."""

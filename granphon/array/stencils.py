@@ -245,25 +245,46 @@ class Stencils:
         balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
         return np.asarray(np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape))
 
-    def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
+    def balance(self, balls: Array, tension: Callable[[int, slice, Array], Array]) -> Array:
+        """Return (fields, L1, ..., Lp) C^T f, for a tension f that depends on the deformations C u.
+
+        ``tension(kind, part, deformations)`` gives that of one kind in a part of the flattened room; in the margins it has to
+        be zero. The deformations are its own, to write on.
+        """
+        room = self.rooms.fill(balls)
+        self.rooms.wrap(room)
+        return self._balance(room, tension, np.zeros_like(room))
+
+    def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
+        flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
+        for first, end in self.rooms.spans(_CACHED):
+            part = slice(first, end)
+            for kind, row in enumerate(self._rows):
+                self._pull(row, tension(kind, part, self._deform(row, flat, first, end)), forces, first, end)
+        return self.rooms.fold(out)
+
+    def product(self, stiffness: Array, room: Array, compression: float | None, out: Array) -> tuple[Array, float, float]:
         """Apply C^T K C to a motion in a wrapped ``room``; ``stiffness`` is in rooms with margins of zeros.
 
-        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations; and that of K e^2 over all rows.
+        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations, unless the compression is None;
+        and that of K e^2 over all rows.
         """
         out[...] = 0.0
+        springs = stiffness.reshape(len(stiffness), -1)
         pull = energy = 0.0
-        springs, flat, forces = (rooms.reshape(len(rooms), -1) for rooms in (stiffness, room, out))
-        for first, end in self.rooms.spans(_CACHED):
-            for kind, row in enumerate(self._rows):
-                change = self._deform(row, flat, first, end)
-                if kind < self.n_contacts and compression:
-                    change -= compression
-                force = springs[kind, first:end] * change
-                energy += dot(force, change)
-                if kind < self.n_contacts:
-                    pull += float(np.sum(force))
-                self._pull(row, force, forces, first, end)
-        return self.rooms.fold(out), pull, energy
+
+        def tension(kind: int, part: slice, change: Array) -> Array:
+            nonlocal pull, energy
+            pressed = compression is not None and kind < self.n_contacts
+            if pressed and compression:
+                change -= compression
+            force = springs[kind, part] * change
+            energy += dot(force, change)
+            if pressed:
+                pull += float(np.sum(force))
+            return force
+
+        return self._balance(room, tension, out), pull, energy
 
     # -- solving ----------------------------------------------------------------------------------------------------
 
