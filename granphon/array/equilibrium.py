@@ -69,6 +69,10 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
+#: error of a linear system, as a fraction of that by which the step before came nearer to rest: where balls that nothing
+#: holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput.
+#: 17, 16 (1996), choose accuracies in this way)
+_PROGRESS = 0.3
 #: length of a step at which the linear equations of all others are solved in double precision
 _SPOILT_LENGTH = 0.3
 #: largest number of trials for the length of a step
@@ -354,6 +358,7 @@ def equilibrate(
         y, balls, begun, steps = found or (y, balls, begun, steps)
     pairs = stencils.rooms.fill(means)
     root, single = stencils.rooms.zeros(len(means), np.float32), not begun
+    before = math.inf
     here = _State.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
@@ -371,7 +376,7 @@ def equilibrate(
                 newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
+        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance, _PROGRESS * distance / before))
         springs = root if single else root.astype(float)
         stiffness = springs[stencils.rooms.inner]
         stiffness *= 1.5 / here.level
@@ -384,7 +389,7 @@ def equilibrate(
         inverses.count(taken)
         here, length = _take_step(here, step, pairs, root, load, stencils)
         # where balls that nothing holds move far, single precision may spoil a step
-        steps, single = steps + taken, single and length > _SPOILT_LENGTH
+        steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
         message(
             f"the sample has not come to rest after {_NEWTON_STEPS} steps",

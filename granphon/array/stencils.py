@@ -305,7 +305,8 @@ class Stencils:
         mean, local = float(np.mean(normal)), []
         if float(np.std(normal)) > _UNEVEN * mean:
             local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
-        green = [[entry.astype(stiffness.dtype, copy=False) for entry in line] for line in self._green]
+        precision = np.result_type(stiffness.dtype, 1.0 if self.n_balls == 1 else 1j)
+        green = [[entry.astype(precision, copy=False) for entry in line] for line in self._green]
         axes = tuple(range(1, len(self.shape) + 1))
         # with one ball in the cell Green's function is that of rotations times i
         turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
