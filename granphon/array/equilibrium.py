@@ -9,7 +9,7 @@ with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equi
 (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
 convex. Newton's method finds the minimum; where many contacts are open, an interior-point method
 (:mod:`granphon.array.interior`) first goes near it. Conjugate gradients solve the linear equations of each step, no more
-accurately than the step needs. The length of a step is chosen from the slope of the energy along it, never from the energy
+accurately than the step needs, in single precision as long as that serves; forces are always in double. The length of a step is chosen from the slope of the energy along it, never from the energy
 itself, a large sum in which rounding hides the changes.
 """
 
@@ -73,7 +73,7 @@ _LEAST_DIFFERENCE = 1e-4
 #: holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput.
 #: 17, 16 (1996), choose accuracies in this way)
 _PROGRESS = 0.3
-#: length of a step at which the linear equations of all others are solved in double precision
+#: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
@@ -356,9 +356,9 @@ def equilibrate(
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
-    pairs = stencils.rooms.fill(means)
-    root, single = stencils.rooms.zeros(len(means), np.float32), not begun
-    before = math.inf
+    pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
+    # linear equations need few digits, and single precision takes half of the time
+    single, before = not begun, math.inf
     here = _State.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
@@ -372,8 +372,8 @@ def equilibrate(
         distance = here.distance(least, stencils)
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils), residual=here.left / here.force,
-                newton=newton, conjugate=steps, lattice=stencils.lattice,
+                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils),
+                residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
         reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance, _PROGRESS * distance / before))
@@ -382,10 +382,12 @@ def equilibrate(
         stiffness *= 1.5 / here.level
         stiffness += _ADDED_STIFFNESS * min(1.0, distance)
         inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
-        size = float(np.max(np.abs(here.rest.balls))) or 1.0
+        # forces and stiffnesses near one: single precision has no numbers below 1e-38
+        size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
         rest = Motion(here.rest.balls / size, here.rest.compression / size)
         step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
-        step = Motion(step.balls * (size / here.level), step.compression * (size / here.level))
+        scale = size / here.level
+        step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
         here, length = _take_step(here, step, pairs, root, load, stencils)
         # where balls that nothing holds move far, single precision may spoil a step
@@ -393,7 +395,8 @@ def equilibrate(
     raise ConvergenceError(
         message(
             f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-            f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force is left on a ball",
+            f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force "
+            "is left on a ball",
             "Raise the load, or take fewer balls",
         )
     )

@@ -248,8 +248,8 @@ class Stencils:
     def balance(self, balls: Array, tension: Callable[[int, slice, Array], Array]) -> Array:
         """Return (fields, L1, ..., Lp) C^T f, for a tension f that depends on the deformations C u.
 
-        ``tension(kind, part, deformations)`` gives that of one kind in a part of the flattened room; in the margins it has to
-        be zero. The deformations are its own, to write on.
+        ``tension(kind, part, deformations)`` gives that of one kind in a part of the flattened room; in the margins it has
+        to be zero. The deformations are its own, to write on.
         """
         room = self.rooms.fill(balls)
         self.rooms.wrap(room)
@@ -297,7 +297,8 @@ class Stencils:
         """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
         The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is
-        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand.
+        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand. Where contacts are nearly alike, Green's
+        function alone is as good. The inverse is as precise as the stiffness, single or double.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
