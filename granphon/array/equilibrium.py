@@ -9,8 +9,9 @@ with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equi
 (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
 convex. Newton's method finds the minimum; where many contacts are open, an interior-point method
 (:mod:`granphon.array.interior`) first goes near it. Conjugate gradients solve the linear equations of each step, no more
-accurately than the step needs, in single precision as long as that serves; forces are always in double. The length of a step is chosen from the slope of the energy along it, never from the energy
-itself, a large sum in which rounding hides the changes.
+accurately than the step needs, in single precision as long as that serves; forces are found in double. The length of a step
+is chosen from the slope of the energy along it, never from the energy itself, a large sum in which rounding hides the
+changes.
 """
 
 from __future__ import annotations
