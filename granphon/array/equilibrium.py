@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.steps import Prescribed, Waypoint, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -55,13 +56,6 @@ _MOST_INTERIOR = 1.5e-2
 _DIRECT_FORCE = 1e-4
 #: largest number of conjugate-gradient steps for a linear response
 _RESPONSE_STEPS = 60_000
-#: fraction of a given load by which rounding may miss it
-_LOAD_ROUNDING = 1e-15
-#: force left on a ball that the rounding of displacements explains, in units of it times the stiffness
-_MOVE_ROUNDING = 16.0
-#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
-#: digits
-_LOAD_TOLERANCE = 1e-3
 #: fraction of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
 #: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
@@ -76,21 +70,12 @@ _LEAST_DIFFERENCE = 1e-4
 _PROGRESS = 0.3
 #: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
-#: largest number of trials for the length of a step
-_LENGTH_TRIALS = 30
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
 #: practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
 #: relative residual of linear responses: the relative error of a stiffness is its square times the condition number of the
 #: array
 _RESPONSE = 1e-7
-
-
-class Prescribed(NamedTuple):
-    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*."""
-
-    overlap: float | None = None
-    force: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,7 +150,7 @@ class Equilibrium(Result):
     @property
     def excess(self) -> Array:
         """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a subtraction."""
-        return _compute_excess(self.overlap, self.differences)[0]
+        return compute_excess(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
@@ -239,81 +224,6 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
-def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
-    common = max(overlap, 0.0)
-    change = differences + min(overlap, 0.0)
-    np.maximum(change, -common, out=change)  # h_+ - y_+
-    root = change + common
-    np.sqrt(root, out=root)
-    if common == 0.0:
-        change *= root
-        return change, root
-    # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
-    factor = root + math.sqrt(common)
-    np.divide(common, factor, out=factor)
-    factor += root
-    factor *= change
-    return factor, root
-
-
-class _State(NamedTuple):
-    """Balls on the way to equilibrium: what their place tells of the contacts, and how far they are from rest.
-
-    Attributes
-    ----------
-    overlap, balls : y and the displacements.
-    rest : force left on the balls and, at given load, what the contacts' forces lack to it in sum.
-    force, spread : mean and standard deviation of the contact forces.
-    level : mean stiffness of the contacts.
-    left : largest force left on a ball.
-    """
-
-    overlap: float
-    balls: Array
-    rest: Motion
-    force: float
-    spread: float
-    level: float
-    left: float
-
-    @classmethod
-    def find(cls, y: float, balls: Array, means: Array, root: Array, load: Prescribed, stencils: Stencils) -> _State:
-        """Return the state, and write h_+^(1/2) of the contacts into ``root``; that and ``means`` are in rooms."""
-        inside, sums = stencils.rooms.inside.ravel(), np.zeros(3)
-        roots, middles = root.reshape(len(root), -1), means.reshape(len(means), -1)
-
-        def tension(kind: int, part: slice, elongation: Array) -> Array:
-            np.subtract(middles[kind, part], elongation, out=elongation)
-            excess, contact = _compute_excess(y, elongation)
-            excess *= inside[part]
-            contact *= inside[part]
-            roots[kind, part] = contact
-            sums[:] += np.sum(excess), dot(excess, excess), np.sum(contact)
-            return excess
-
-        pull = stencils.balance(balls, tension)
-        contacts, common = stencils.n_contacts * math.prod(stencils.shape), max(y, 0.0) ** 1.5
-        mean, square, stiffness = (sums * (1.0, 1.0, 1.5) / contacts).tolist()
-        force = common + mean
-        push = (load.force - common) - mean if load.overlap is None else 0.0
-        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
-        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * stiffness
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        spread = math.sqrt(max(0.0, square - mean**2))
-        return cls(y, balls, Motion(pull, contacts * push), force, spread, stiffness, left)
-
-    def distance(self, least: float, stencils: Stencils) -> float:
-        """Return the force left over the scale that tolerances are of; forces no larger than ``least`` count as that."""
-        push = self.rest.compression / (stencils.n_contacts * math.prod(stencils.shape))
-        scale = min(self.force, max(self.spread, self.level * least))
-        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
-        moved = float(np.max(np.abs(self.balls))) if len(stencils.shape) == 1 else 0.0
-        at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * self.level
-        # the load itself is met to more digits: it is a number that the user gave
-        return max(0.0 if at_rest else self.left / scale, abs(push) / (_LOAD_TOLERANCE * self.force) if push else 0.0)
-
-
 def equilibrate(
     deviations: Array,
     load: Prescribed,
@@ -360,7 +270,7 @@ def equilibrate(
     pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
     # linear equations need few digits, and single precision takes half of the time
     single, before = not begun, math.inf
-    here = _State.find(y, balls, pairs, root, load, stencils)
+    here = Waypoint.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
             raise InputError(
@@ -390,7 +300,7 @@ def equilibrate(
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
-        here, length = _take_step(here, step, pairs, root, load, stencils)
+        here, length = take_step(here, step, pairs, root, load, stencils)
         # where balls that nothing holds move far, single precision may spoil a step
         steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
@@ -419,60 +329,6 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
     means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
     return np.asarray((fields - means).reshape(balls.shape))
-
-
-def _take_step(
-    here: _State, step: Motion, means: Array, root: Array, load: Prescribed, stencils: Stencils
-) -> tuple[_State, float]:
-    """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
-
-    Returns the state there, and the length.
-    """
-
-    def go(length: float) -> _State:
-        y, balls = here.overlap + length * step.compression, here.balls + length * step.balls
-        return _State.find(y, balls, means, root, load, stencils)
-
-    def slope(state: _State) -> float:
-        return -dot(state.rest.balls, step.balls) - state.rest.compression * step.compression
-
-    there, first = go(1.0), slope(here)
-    if abs(slope(there)) <= 0.1 * abs(first):
-        return there, 1.0
-    length = _step_length(here, first, step, means[stencils.rooms.inner], load, stencils)
-    return go(length), length
-
-
-def _step_length(here: _State, first: float, step: Motion, means: Array, load: Prescribed, stencils: Stencils) -> float:
-    """Find the length at which the slope of the energy along the step has at most a tenth of its ``first`` size."""
-    strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
-    differences = means - stencils.deformations(Motion(here.balls, 0.0))
-
-    def slope(length: float) -> tuple[float, float]:
-        there, value, rise = here.overlap + length * more, 0.0, 0.0
-        for rows in stencils.blocks(stencils.n_contacts):
-            excess, root = _compute_excess(there, differences[:, rows] - length * strain[:, rows])
-            part = strain[:, rows] - more
-            value -= dot(excess, part)
-            rise += 1.5 * dot(root, part * part)
-        if load.overlap is None:
-            value += more * strain.size * (max(there, 0.0) ** 1.5 - load.force)
-        return value, rise
-
-    low, high, length = 0.0, math.inf, 1.0
-    for _ in range(_LENGTH_TRIALS):
-        value, rise = slope(length)
-        if abs(value) <= 0.1 * abs(first):
-            break
-        if value < 0.0:
-            low = length
-        else:
-            high = length
-        length = length - value / rise if rise > 0.0 else math.inf
-        if not low < length < high:
-            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
 
 
 def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array]) -> list[Array]:
