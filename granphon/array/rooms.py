@@ -55,7 +55,8 @@ class Rooms:
     @cached_property
     def inside(self) -> Array:
         """(P1, ..., Pp) one where balls are, and zero in the margins."""
-        return self.fill(np.ones((1, *self.shape)))[0]
+        ones: Array = self.fill(np.ones((1, *self.shape)))[0]
+        return ones
 
     def wrap(self, rooms: Array) -> None:
         """Copy the balls to their images in the margins."""
