@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import granphon as gp
+from granphon.array import equilibrium as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils, dot
@@ -137,28 +138,41 @@ def test_energy_and_forces_are_those_of_the_array_ball_by_ball(lattice, eta, tor
 
 @every_standing
 @pytest.mark.parametrize("eta", [0.0, ETA], ids=["smooth", "rough"])
-def test_preconditioner_of_equal_contacts_holds_their_inverse(lattice, eta):
+@pytest.mark.parametrize("levels", [(0.7,), (0.175, 0.7)], ids=["equal", "unequal"])
+def test_preconditioner_holds_the_inverse_of_equal_contacts(lattice, eta, levels):
     shape = SMALL[lattice]
     stencils = Stencils(shape, eta, 1, lattice, 0.1 * eta, 0.02 * eta)
-    stiffness = stencils.weights(np.full((stencils.n_contacts, *shape), 0.7))
-    springs = stencils.rooms.fill(stiffness)
     size = stencils.n_fields * math.prod(shape)
     units = np.eye(size).reshape(size, stencils.n_fields, *shape)
 
-    def apply(balls):
-        room = stencils.rooms.fill(balls)
-        stencils.rooms.wrap(room)
-        return stencils.product(springs, room, 0.0, stencils.padded())[0].copy()
+    def matrix_of(contacts):
+        springs = stencils.rooms.fill(stencils.weights(contacts))
 
-    matrix = np.stack([apply(unit).ravel() for unit in units], axis=1)
-    precondition = stencils.preconditioner(stiffness)
-    found = np.stack([precondition(unit).ravel() for unit in units], axis=1)
+        def apply(balls):
+            room = stencils.rooms.fill(balls)
+            stencils.rooms.wrap(room)
+            return stencils.product(springs, room, 0.0, stencils.padded())[0].copy()
+
+        return np.stack([apply(unit).ravel() for unit in units], axis=1)
+
+    contacts = np.resize(levels, (stencils.n_contacts, *shape))
+    matrix = matrix_of(np.full_like(contacts, np.mean(contacts)))
+    both = []
+    for precision in (float, np.float32):
+        precondition = stencils.preconditioner(stencils.weights(contacts).astype(precision))
+        both.append(np.stack([precondition(unit.astype(precision)).ravel() for unit in units], axis=1))
+        assert both[-1].dtype == precision
+    found = both[0]
+    np.testing.assert_allclose(both[1], found, rtol=0.0, atol=1e-5 * np.max(np.abs(found)))
     np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
     # on what costs energy it is the inverse, plus that of each ball alone, whose eigenvalues are positive
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-9
     assert np.count_nonzero(~keep) == lattice.periods
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    if len(levels) == 1:  # that of each ball alone is left out
+        np.testing.assert_allclose(found, inverse, rtol=0.0, atol=1e-11)
+        return
     own = np.linalg.eigvalsh(found - inverse)
     assert own[0] > 0.02
     alone = np.zeros_like(matrix)  # each ball's own block, displacements and rotations apart
@@ -166,7 +180,7 @@ def test_preconditioner_of_equal_contacts_holds_their_inverse(lattice, eta):
     group = 2 * ball + np.tile(stencils.motions.is_rotation, lattice.n_balls)
     cell = np.tile(np.arange(math.prod(shape)), stencils.n_fields)
     same = (cell[:, None] == cell) & (np.repeat(group, math.prod(shape))[:, None] == np.repeat(group, math.prod(shape)))
-    alone[same] = np.linalg.inv(np.where(same, matrix, 0.0))[same]
+    alone[same] = np.linalg.inv(np.where(same, matrix_of(contacts), 0.0))[same]
     np.testing.assert_allclose(found - inverse, alone, rtol=0.0, atol=3e-5 * np.max(alone))
 
 
@@ -197,6 +211,28 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
     np.testing.assert_allclose(np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force)
     at_force = equilibrate(x, Prescribed(force=state.force), Stencils(shape, lattice=lattice))
     assert at_force.overlap == pytest.approx(overlap, rel=1e-9)
+
+
+def test_single_precision_serves_until_it_spoils_a_step(monkeypatch):
+    shape, solve, seen = (6, 6, 6), module.solve_by_conjugate_gradients, []
+
+    def spoil(stencils, stiffness, *arguments, **options):
+        step, taken = solve(stencils, stiffness, *arguments, **options)
+        seen.append(stiffness.dtype)
+        factor = 100.0 if len(seen) == 3 else 1.0
+        return Motion(factor * step.balls, factor * step.compression), taken
+
+    x = draw(FCC, shape)
+    for load in (Prescribed(overlap=0.3), Prescribed(force=0.2)):
+        plain = equilibrate(x, load, Stencils(shape, lattice=FCC))
+        with monkeypatch.context() as changed:
+            changed.setattr(module, "solve_by_conjugate_gradients", spoil)
+            seen.clear()
+            state = equilibrate(x, load, Stencils(shape, lattice=FCC))
+        assert seen[:3] == [np.float32] * 3
+        assert set(seen[3:]) == {np.dtype(float)}
+        assert state.residual <= 1e-10
+        np.testing.assert_allclose(state.forces, plain.forces, rtol=0.0, atol=3e-10 * state.force)
 
 
 @every_standing

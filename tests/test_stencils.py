@@ -126,6 +126,9 @@ def test_transpose_and_product(shape, eta, seed):
     assert dot(strain, tension) == pytest.approx(dot(balls, stencils.forces(tension)), abs=1e-13 * size)
     # in one go what takes four steps
     weights = stencils.weights(stiffness)
+    flat = stencils.rooms.fill(weights).reshape(stencils.n_rows, -1)
+    found = stencils.balance(balls, lambda kind, part, change: flat[kind, part] * change)
+    np.testing.assert_allclose(found, stencils.forces(weights * strain), rtol=0.0, atol=1e-13)
     room = stencils.rooms.fill(balls)
     stencils.rooms.wrap(room)
     springs = stencils.rooms.fill(weights)
@@ -193,11 +196,13 @@ def stiffness_matrix(stencils, stiffness):
 
 @every_eta
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 2), (3, 5), (6, 4)], ids=str)
-def test_preconditioner_of_equal_contacts_is_the_inverse_and_each_balls_own(shape, eta):
+@pytest.mark.parametrize("kinds", [(1.0, 1.0, 1.0), (0.4, 1.0, 1.6)], ids=["equal", "unequal"])
+def test_preconditioner_is_the_inverse_of_equal_contacts_and_each_balls_own(shape, eta, kinds):
+    # that of each ball is left out where contacts are alike
     stencils, level = Stencils(shape, eta), 0.7
-    stiffness = np.full((3, *shape), level)
+    stiffness = level * np.multiply.outer(kinds, np.ones(shape))
     found = matrix_of(stencils.preconditioner(stencils.weights(stiffness)), stencils)
-    full = stiffness_matrix(stencils, stiffness)
+    full = stiffness_matrix(stencils, np.full_like(stiffness, level))
     # of motions that cost energy the inverse; translations of the whole array are left alone
     size = math.prod(shape)
     values, vectors = np.linalg.eigh(full)
@@ -207,16 +212,17 @@ def test_preconditioner_of_equal_contacts_is_the_inverse_and_each_balls_own(shap
     # what a ball's six springs hold, in the coordinates of the stencils; each spring is lent 1e-5 of the mean
     normals = np.array(Explicit.normals)
     tangents = normals @ [[0.0, 1.0], [-1.0, 0.0]]
-    block = 2.0 * level * (1.0 + 1e-5) * (normals.T @ normals + eta * tangents.T @ tangents)
+    springs = 2.0 * level * (np.array(kinds) + 1e-5)[:, None]
+    block = normals.T @ (springs * normals) + eta * tangents.T @ (springs * tangents)
     to_cartesian = np.linalg.inv(stencils.basis)
     local = np.zeros_like(full)
     small = np.linalg.inv(to_cartesian.T @ block @ to_cartesian)
     for (a, b), value in np.ndenumerate(small):
         local[a * size + np.arange(size), b * size + np.arange(size)] = value
     if eta:
-        turn = 6.0 * level * eta * (1.0 + 1e-5) * 0.25
+        turn = np.sum(springs) * eta * 0.25
         local[2 * size + np.arange(size), 2 * size + np.arange(size)] = 1.0 / turn
-    np.testing.assert_allclose(found, inverse + local, rtol=0.0, atol=2e-12)
+    np.testing.assert_allclose(found, inverse + local * (len(set(kinds)) > 1), rtol=0.0, atol=2e-12)
 
 
 @every_eta
@@ -225,7 +231,7 @@ def test_preconditioner_of_equal_contacts_is_the_inverse_and_each_balls_own(shap
 def test_preconditioner_is_symmetric_and_positive(shape, eta, opened):
     stencils, rng = Stencils(shape, eta), rng_of(shape, int(10 * opened))
     stiffness = rng.uniform(0.1, 2.0, size=(3, *shape)) * (rng.uniform(size=(3, *shape)) >= opened)
-    stiffness[0, 0, 0] = 1.0
+    stiffness[0, 0, 0], stiffness[2, -1, -1] = 1.0, 0.1  # contacts that differ
     found = matrix_of(stencils.preconditioner(stencils.weights(stiffness)), stencils)
     assert np.max(np.abs(found - found.T)) <= 1e-14 * np.max(np.abs(found))
     assert np.linalg.eigvalsh(found)[0] > 1e-3

@@ -37,9 +37,9 @@ def solve_by_conjugate_gradients(
     """
     contacts = stencils.n_contacts * stiffness[0].size
     held = 1.0 / (contacts * float(np.mean(stiffness[: stencils.n_contacts]))) if free else 0.0
-    left, press = force.balls.copy(), force.compression
+    left, press = force.balls.astype(stiffness.dtype), force.compression
     balls, compression = np.zeros_like(left), 0.0
-    way, out = stencils.padded(), stencils.padded()
+    way, out = stencils.padded(left.dtype), stencils.padded(left.dtype)
     inner, springs = way[stencils.rooms.inner], stencils.rooms.fill(stiffness) if springs is None else springs
     better = precondition(left)
     product = first = dot(left, better) + held * press * press
@@ -53,7 +53,7 @@ def solve_by_conjugate_gradients(
                 message(f"the linear response of the sample is not found in {most} steps", mend="Raise the load")
             )
         stencils.rooms.wrap(way)
-        change, pull, energy = stencils.product(springs, way, squeeze, out)
+        change, pull, energy = stencils.product(springs, way, squeeze if free else None, out)
         if energy <= 0.0:  # nothing but rounding is left
             break
         length = product / energy

@@ -9,8 +9,9 @@ with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equi
 (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
 convex. Newton's method finds the minimum; where many contacts are open, an interior-point method
 (:mod:`granphon.array.interior`) first goes near it. Conjugate gradients solve the linear equations of each step, no more
-accurately than the step needs. The length of a step is chosen from the slope of the energy along it, never from the energy
-itself, a large sum in which rounding hides the changes.
+accurately than the step needs, in single precision as long as that serves; forces are found in double. The length of a step
+is chosen from the slope of the energy along it, never from the energy itself, a large sum in which rounding hides the
+changes.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.steps import Prescribed, Waypoint, compute_excess, take_step
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -54,13 +56,6 @@ _MOST_INTERIOR = 1.5e-2
 _DIRECT_FORCE = 1e-4
 #: largest number of conjugate-gradient steps for a linear response
 _RESPONSE_STEPS = 60_000
-#: fraction of a given load by which rounding may miss it
-_LOAD_ROUNDING = 1e-15
-#: force left on a ball that the rounding of displacements explains, in units of it times the stiffness
-_MOVE_ROUNDING = 16.0
-#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
-#: digits
-_LOAD_TOLERANCE = 1e-3
 #: fraction of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
 #: stiffness added to each contact in a step, as a fraction of the mean stiffness times the distance from equilibrium: where
@@ -69,21 +64,18 @@ _ADDED_STIFFNESS = 1e-2
 #: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
 #: force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
-#: largest number of trials for the length of a step
-_LENGTH_TRIALS = 30
+#: error of a linear system, as a fraction of that by which the step before came nearer to rest: where balls that nothing
+#: holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput.
+#: 17, 16 (1996), choose accuracies in this way)
+_PROGRESS = 0.3
+#: length of a step below which the linear equations of later ones are solved in double precision
+_SPOILT_LENGTH = 0.3
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
 #: practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
 #: relative residual of linear responses: the relative error of a stiffness is its square times the condition number of the
 #: array
 _RESPONSE = 1e-7
-
-
-class Prescribed(NamedTuple):
-    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*."""
-
-    overlap: float | None = None
-    force: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,7 +150,7 @@ class Equilibrium(Result):
     @property
     def excess(self) -> Array:
         """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a subtraction."""
-        return _compute_excess(self.overlap, self.differences)[0]
+        return compute_excess(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
@@ -232,18 +224,6 @@ def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
     return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
-def _compute_excess(overlap: float, differences: Array) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2) and h_+^(1/2) for h = y + difference."""
-    common = max(overlap, 0.0)
-    change = np.maximum(differences + min(overlap, 0.0), -common)  # h_+ - y_+
-    closed = common + change
-    root = np.sqrt(closed)
-    if common == 0.0:
-        return closed * root, root
-    other = math.sqrt(common)
-    return change / (root + other) * (closed + root * other + common), root
-
-
 def equilibrate(
     deviations: Array,
     load: Prescribed,
@@ -280,59 +260,54 @@ def equilibrate(
         y = load.overlap if load.overlap is not None else load.force ** (2.0 / 3.0)
         start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
     y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
-    contacts, least = means.size, _LEAST_DIFFERENCE * float(np.std(means))
+    least = _LEAST_DIFFERENCE * float(np.std(means))
     inverses = Preconditioners(stencils)
     near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
         found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
+    pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
+    # linear equations need few digits, and single precision takes half of the time
+    single, before = not begun, math.inf
+    here = Waypoint.find(y, balls, pairs, root, load, stencils)
     for newton in range(begun, _NEWTON_STEPS):
-        differences = means - stencils.deformations(Motion(balls, 0.0))
-        excess, root = np.empty_like(differences), np.empty_like(differences)
-        for rows in stencils.blocks(stencils.n_contacts):
-            excess[:, rows], root[:, rows] = _compute_excess(y, differences[:, rows])
-        mean, common = float(np.mean(excess)), max(y, 0.0) ** 1.5
-        force = common + mean
-        pull = stencils.forces(excess)
-        push = (load.force - common) - mean if free else 0.0
-        # near the rigidity threshold overlaps are so small that the spacing of doubles at y is too coarse to meet the load
-        push *= abs(push) > _LOAD_ROUNDING * force + math.ulp(y) * 1.5 * float(np.mean(root))
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(pull) ** 2, axis=0))))
-        scale = min(force, max(float(np.std(excess)), 1.5 * float(np.mean(root)) * least))
-        if not free and force < THRESHOLD_FORCE and not np.all(root):
+        if not free and here.force < THRESHOLD_FORCE and not np.all(root[stencils.rooms.inner]):
             raise InputError(
                 message(
-                    f"at an overlap of {y:.6g} widths this sample carries no load",
+                    f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
                     f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
                     "Press it together more",
                 )
             )
-        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
-        moved = float(np.max(np.abs(balls))) if len(stencils.shape) == 1 else 0.0
-        at_rest = left <= _MOVE_ROUNDING * math.ulp(moved) * 1.5 * float(np.mean(root))
-        # the load itself is met to more digits: it is a number that the user gave
-        distance = max(0.0 if at_rest else left / scale, abs(push) / (_LOAD_TOLERANCE * force) if push else 0.0)
+        distance = here.distance(least, stencils)
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=y, balls=_centre(balls, stencils), residual=left / force, newton=newton,
-                conjugate=steps, lattice=stencils.lattice,
+                deviations=deviations, overlap=here.overlap, balls=_centre(here.balls, stencils),
+                residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
             )  # fmt: skip
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance))
-        stiffness = 1.5 * root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * np.mean(stiffness)
-        springs = stencils.rooms.fill(stiffness)
+        reduction = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance, _PROGRESS * distance / before))
+        springs = root if single else root.astype(float)
+        stiffness = springs[stencils.rooms.inner]
+        stiffness *= 1.5 / here.level
+        stiffness += _ADDED_STIFFNESS * min(1.0, distance)
         inverse = inverses.choose(stiffness) if begun else stencils.preconditioner(stiffness, springs)
-        rest = Motion(pull, contacts * push)
+        # forces and stiffnesses near one: single precision has no numbers below 1e-38
+        size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
+        rest = Motion(here.rest.balls / size, here.rest.compression / size)
         step, taken = solve_by_conjugate_gradients(stencils, stiffness, rest, inverse, reduction, free, springs=springs)
+        scale = size / here.level
+        step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)
-        length = _step_length(y, differences, (excess, root), step, stencils, load if free else None)
-        y, balls, steps = y + length * step.compression, balls + length * step.balls, steps + taken
+        here, length = take_step(here, step, pairs, root, load, stencils)
+        # where balls that nothing holds move far, single precision may spoil a step
+        steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
         message(
             f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-            f"At an overlap of {y:.6g} widths a force of {left / force:.2g} of the mean contact force is left on a ball",
+            f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force "
+            "is left on a ball",
             "Raise the load, or take fewer balls",
         )
     )
@@ -354,48 +329,6 @@ def _centre(balls: Array, stencils: Stencils) -> Array:
     fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
     means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
     return np.asarray((fields - means).reshape(balls.shape))
-
-
-def _step_length(
-    y: float, differences: Array, here: tuple[Array, Array], step: Motion, stencils: Stencils, load: Prescribed | None
-) -> float:
-    """Find the length at which the slope of the energy along the step, negative at first, has a tenth of its first size.
-
-    ``here`` is what :func:`_compute_excess` gives before the step.
-    """
-    strain, more = stencils.deformations(Motion(step.balls, 0.0)), step.compression
-    work = 0.0 if load is None else more * differences.size
-
-    def slope(length: float) -> tuple[float, float]:
-        there, value, rise = y + length * more, 0.0, 0.0
-        for rows in stencils.blocks(stencils.n_contacts):
-            part = strain[:, rows]
-            if length:
-                excess, root = _compute_excess(there, differences[:, rows] - length * part)
-            else:
-                excess, root = here[0][:, rows], here[1][:, rows]
-            part = part - more
-            value -= dot(excess, part)
-            rise += 1.5 * dot(root, part * part)
-        if load is not None:
-            value += work * (max(there, 0.0) ** 1.5 - load.force)
-        return value, rise
-
-    first = slope(0.0)[0]
-    low, high, length = 0.0, math.inf, 1.0
-    for _ in range(_LENGTH_TRIALS):
-        value, rise = slope(length)
-        if abs(value) <= 0.1 * abs(first):
-            break
-        if value < 0.0:
-            low = length
-        else:
-            high = length
-        length = length - value / rise if rise > 0.0 else math.inf
-        if not low < length < high:
-            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
 
 
 def find_linear_response(stencils: Stencils, stiffness: Array, tensions: Iterable[Array]) -> list[Array]:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import pairwise
 from types import EllipsisType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 __all__ = ["Rooms"]
 
@@ -41,15 +42,21 @@ class Rooms:
         """Return the distance of a shift along the lattice in the flattened room."""
         return sum(step * stride for step, stride in zip(shift, self._strides, strict=True))
 
-    def zeros(self, count: int) -> Array:
+    def zeros(self, count: int, dtype: DTypeLike = float) -> Array:
         """Return ``count`` empty rooms, (count, P1, ..., Pp)."""
-        return np.zeros((count, *self.outer))
+        return np.zeros((count, *self.outer), dtype)
 
     def fill(self, values: Array) -> Array:
         """Return rooms that hold ``values`` (count, L1, ..., Lp), with margins of zeros."""
-        rooms = self.zeros(len(values))
+        rooms = self.zeros(len(values), values.dtype)
         rooms[self.inner] = values
         return rooms
+
+    @cached_property
+    def inside(self) -> Array:
+        """(P1, ..., Pp) one where balls are, and zero in the margins."""
+        ones: Array = self.fill(np.ones((1, *self.shape)))[0]
+        return ones
 
     def wrap(self, rooms: Array) -> None:
         """Copy the balls to their images in the margins."""

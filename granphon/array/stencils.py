@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.green import ArrayRow, green_function
 from granphon.array.rooms import Rooms
@@ -33,6 +33,8 @@ _CACHED = 2**15
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
 #: inverse
 _LEAST_LOCAL = 1e-5
+#: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
+_UNEVEN = 0.25
 #: least sine of the angle between a normal and those before it, for displacements to be projected on it
 _INDEPENDENT = 0.1
 
@@ -136,9 +138,9 @@ class Stencils:
 
     # -- C and its transpose ----------------------------------------------------------------------------------------
 
-    def padded(self) -> Array:
+    def padded(self, dtype: DTypeLike = float) -> Array:
         """Return rooms for a motion, to be filled by :meth:`Rooms.wrap`."""
-        return self.rooms.zeros(self.n_fields)
+        return self.rooms.zeros(self.n_fields, dtype)
 
     def blocks(self, arrays: int = 1) -> Iterator[slice]:
         """Yield slices of rows of balls, each small enough to stay in the processor's cache.
@@ -243,25 +245,46 @@ class Stencils:
         balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
         return np.asarray(np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape))
 
-    def product(self, stiffness: Array, room: Array, compression: float, out: Array) -> tuple[Array, float, float]:
+    def balance(self, balls: Array, tension: Callable[[int, slice, Array], Array]) -> Array:
+        """Return (fields, L1, ..., Lp) C^T f, for a tension f that depends on the deformations C u.
+
+        ``tension(kind, part, deformations)`` gives that of one kind in a part of the flattened room; in the margins it has
+        to be zero. The deformations are its own, to write on.
+        """
+        room = self.rooms.fill(balls)
+        self.rooms.wrap(room)
+        return self._balance(room, tension, np.zeros_like(room))
+
+    def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
+        flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
+        for first, end in self.rooms.spans(_CACHED):
+            part = slice(first, end)
+            for kind, row in enumerate(self._rows):
+                self._pull(row, tension(kind, part, self._deform(row, flat, first, end)), forces, first, end)
+        return self.rooms.fold(out)
+
+    def product(self, stiffness: Array, room: Array, compression: float | None, out: Array) -> tuple[Array, float, float]:
         """Apply C^T K C to a motion in a wrapped ``room``; ``stiffness`` is in rooms with margins of zeros.
 
-        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations; and that of K e^2 over all rows.
+        Returns the forces on balls, as a view of ``out``; the sum of K e over elongations, unless the compression is None;
+        and that of K e^2 over all rows.
         """
         out[...] = 0.0
+        springs = stiffness.reshape(len(stiffness), -1)
         pull = energy = 0.0
-        springs, flat, forces = (rooms.reshape(len(rooms), -1) for rooms in (stiffness, room, out))
-        for first, end in self.rooms.spans(_CACHED):
-            for kind, row in enumerate(self._rows):
-                change = self._deform(row, flat, first, end)
-                if kind < self.n_contacts and compression:
-                    change -= compression
-                force = springs[kind, first:end] * change
-                energy += dot(force, change)
-                if kind < self.n_contacts:
-                    pull += float(np.sum(force))
-                self._pull(row, force, forces, first, end)
-        return self.rooms.fold(out), pull, energy
+
+        def tension(kind: int, part: slice, change: Array) -> Array:
+            nonlocal pull, energy
+            pressed = compression is not None and kind < self.n_contacts
+            if pressed and compression:
+                change -= compression
+            force = springs[kind, part] * change
+            energy += dot(force, change)
+            if pressed:
+                pull += float(np.sum(force))
+            return force
+
+        return self._balance(room, tension, out), pull, energy
 
     # -- solving ----------------------------------------------------------------------------------------------------
 
@@ -274,12 +297,17 @@ class Stencils:
         """Return an approximate inverse of C^T K C: Green's function of the mean stiffness, plus each ball's own inverse.
 
         The first carries stress across the array; the second accounts for balls that are held weakly. ``stiffness`` is
-        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand.
+        (rows, L1, ..., Lp); ``springs`` is the same in rooms, if that is at hand. Where contacts are nearly alike, Green's
+        function alone is as good. The inverse is as precise as the stiffness, single or double.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        mean = float(np.mean(stiffness[: self.n_contacts]))
-        local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
+        normal = stiffness[: self.n_contacts]
+        mean, local = float(np.mean(normal)), []
+        if float(np.std(normal)) > _UNEVEN * mean:
+            local = self._invert_blocks(self.rooms.fill(stiffness) if springs is None else springs, _LEAST_LOCAL * mean)
+        precision = np.result_type(stiffness.dtype, 1.0 if self.n_balls == 1 else 1j)
+        green = [[entry.astype(precision, copy=False) for entry in line] for line in self._green]
         axes = tuple(range(1, len(self.shape) + 1))
         # with one ball in the cell Green's function is that of rotations times i
         turning = self.motions.turning if self.n_balls == 1 else slice(0, 0)
@@ -289,7 +317,7 @@ class Stencils:
             for rows in self.blocks(self.n_fields) if len(axes) > 1 else [slice(None)]:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
-                new = [_sum_products([entry[rows] for entry in line], parts) for line in self._green]
+                new = [_sum_products([entry[rows] for entry in line], parts) for line in green]
                 for field, part in enumerate(new):
                     parts[field] = part
                 parts[turning] *= 1j
@@ -338,6 +366,7 @@ class Stencils:
             held += extra.reshape(-1, *(1,) * len(self.shape))
             for rows in self.blocks(len(pairs)):
                 _invert_symmetric(held[:, rows], len(fields))
+            held = held.astype(stiffness.dtype, copy=False)
             where = {pair: slot for slot, pair in enumerate(pairs)}
             out.append((fields, [[held[where[min(a, b), max(a, b)]] for b in fields] for a in fields]))
         return out

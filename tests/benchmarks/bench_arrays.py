@@ -30,7 +30,7 @@ from granphon.balls.lattices import FCC
 
 Array = NDArray[np.float64]
 #: a*, times faster than Newton's method with scipy's conjugate gradients; where few iterations are needed the gain is less
-AGAINST = ((1.0, 4.5), (0.7, 5.0))
+AGAINST = ((1.0, 10.0), (0.7, 5.0))
 #: numbers of cells along each axis, whose iterations are compared
 SIDES = (16, 32, 64, 100)
 
