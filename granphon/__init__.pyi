@@ -27,6 +27,7 @@ from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
+from .networks.network import ContactNetwork as ContactNetwork
 from .observables.pulses import pulse_velocities as pulse_velocities
 from .observables.validity import validity as validity
 from .observables.velocities import local_exponent as local_exponent
@@ -42,5 +43,6 @@ from .scene.scene import Scene as Scene
 from .sweeps.archive import load_sweep as load_sweep
 from .sweeps.sweep import sweep as sweep
 from .tradeoffs.measure import tradeoff as tradeoff
+from .waves.waves import Waves as Waves
 
 __version__: str

@@ -1,0 +1,150 @@
+"""The dynamical matrix of a finite network as a linear operator.
+
+With the rows C of all contacts (:mod:`granphon.dynamics.rows`), the stiffnesses K and the masses M,
+
+    A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
+
+where the second term, B being displacements across contacts, is the prestress, if the network has it. The eigenvalues of D
+are squared angular frequencies, (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball
+that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator
+
+from granphon.base.errors import InputError, message
+from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.networks.network import ContactNetwork
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+__all__ = ["WaveOperator"]
+
+Array = NDArray[np.float64]
+
+
+class WaveOperator(LinearOperator):  # type: ignore[misc]
+    """D of a network, as sparse matrices, (rad/s)^2.
+
+    Attributes
+    ----------
+    network : the network.
+    motions : of each ball.
+    balls : (n_free,) indices of the balls that move.
+    """
+
+    def __init__(self, network: ContactNetwork) -> None:
+        self.network, self.motions = network, network.ball_motions
+        self.balls = np.flatnonzero(network.moving)
+        if not self.balls.size or not network.n_contacts:
+            raise InputError(message("no waves run in this network", "It has no ball that moves, or no contact"))
+        size = self.balls.size * self.motions.count
+        super().__init__(np.float64, (size, size))
+
+    @property
+    def size(self) -> int:
+        """Number of motions of all balls that move."""
+        return int(self.shape[0])
+
+    # -- vectors and values of balls ----------------------------------------------------------------------------------
+
+    def vector(self, values: ArrayLike) -> NDArray[Any]:
+        """Return the vector (size, ...) of values (n_free, motions, ...) of balls."""
+        values = np.asarray(values)
+        return values.reshape(self.size, *values.shape[2:])
+
+    def values(self, vector: ArrayLike) -> NDArray[Any]:
+        """Return the values (n_free, motions, ...) of balls in a vector (size, ...)."""
+        vector = np.asarray(vector)
+        return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
+
+    @cached_property
+    def is_rotation(self) -> NDArray[np.bool_]:
+        """(size,) whether each number of a vector belongs to a rotation."""
+        return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))))
+
+    # -- matrices -------------------------------------------------------------------------------------------------------
+
+    def _make_matrix(self, rows: list[Row], root: list[Array]) -> csr_array[Any]:
+        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size)."""
+        from scipy.sparse import coo_array
+
+        network, m, count = self.network, self.motions.count, self.network.n_contacts
+        place = np.full(network.n_balls, -1)
+        place[self.balls] = np.arange(self.balls.size)
+        lines, columns, entries = [], [], []
+        for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
+            for ball, coefficients, sign in ((network.j, row.head, 1.0), (network.i, row.tail, -1.0)):
+                moves = place[ball] >= 0
+                scale = (sign * weight / np.sqrt(network.masses[ball]))[moves, None]
+                line, motion = np.flatnonzero(moves)[:, None], np.arange(m)
+                lines.append(np.broadcast_to(kind * count + line, (line.size, m)).ravel())
+                columns.append((m * place[ball][moves, None] + motion).ravel())
+                entries.append((scale * coefficients[moves]).ravel())
+        where = np.concatenate(lines), np.concatenate(columns)
+        matrix = coo_array((np.concatenate(entries), where), shape=(len(rows) * count, self.size)).tocsr()
+        matrix.eliminate_zeros()
+        return matrix
+
+    @cached_property
+    def root(self) -> csr_array[Any]:
+        """A = K^1/2 C M^-1/2, (rows, size), rad/s."""
+        network = self.network
+        of_ball = np.sqrt(np.divide(network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving))
+        rows = contact_rows(
+            network.normal[:, : network.dimension], network.arm_i, network.arm_j, self.motions,
+            elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
+            roll=network.bending_stiffness, gyration_i=of_ball[network.i], gyration_j=of_ball[network.j],
+        )  # fmt: skip
+        if not rows:
+            raise InputError(message(f"the motions {self.motions.name!r} deform no contact of this network"))
+        return self._make_matrix(rows, [np.sqrt(row.stiffness) for row in rows])
+
+    @cached_property
+    def matrix(self) -> csr_array[Any]:
+        """D, (size, size), (rad/s)^2."""
+        found = (self.root.T.tocsr() @ self.root).tocsr()
+        if self.network.prestress:
+            network = self.network
+            pushed = np.sqrt(network.normal_force / np.linalg.norm(network.vector, axis=1))
+            rows = push_rows(network.normal[:, : network.dimension], self.motions)
+            across = self._make_matrix(rows, [pushed] * len(rows))
+            found = (found - across.T.tocsr() @ across).tocsr()
+        return found
+
+    @cached_property
+    def top(self) -> float:
+        """A bound of all angular frequencies, rad/s: by Gershgorin's discs of D."""
+        return math.sqrt(float(np.max(abs(self.matrix).sum(axis=1))))
+
+    @cached_property
+    def _step(self) -> csr_array[Any]:
+        """4 D / top^2 - 2: twice the matrix whose eigenvalues lie between -1 and 1, see :meth:`advance`."""
+        from scipy.sparse import eye_array
+
+        return (4.0 / self.top**2 * self.matrix - 2.0 * eye_array(self.size)).tocsr()
+
+    def advance(self, current: Array, previous: Array) -> Array:
+        """Return T_n+1 x from T_n x and T_n-1 x, Chebyshev polynomials of 2 D / top^2 - 1; ``previous`` may be overwritten.
+
+        In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
+        """
+        following: Array = self._step @ current
+        following -= previous
+        return following
+
+    def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.matrix @ x)
+
+    _matmat = _matvec
+
+    def _adjoint(self) -> WaveOperator:
+        return self

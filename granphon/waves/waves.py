@@ -1,0 +1,50 @@
+"""Waves in a finite network of contacts: the entry to densities of states, spectral functions, modes and pulses."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+from granphon.base.errors import InputError, brief, message
+from granphon.networks.network import ContactNetwork
+from granphon.waves.operator import WaveOperator
+
+__all__ = ["Waves"]
+
+
+class Waves:
+    """The waves of a network of contacts.
+
+    Parameters
+    ----------
+    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; or ``ase.Atoms`` with a
+        :class:`~granphon.phonons.calculator.HertzMindlin`.
+
+    Raises :class:`~granphon.base.errors.InputError` for something else.
+    """
+
+    def __init__(self, source: Any) -> None:
+        self.network = _find_network(source)
+
+    @cached_property
+    def operator(self) -> WaveOperator:
+        """D of the network as a linear operator, (rad/s)^2."""
+        return WaveOperator(self.network)
+
+
+def _find_network(source: Any) -> ContactNetwork:
+    """Return the network of a source, which is one, has one, or is Atoms whose calculator knows it."""
+    if isinstance(source, ContactNetwork):
+        return source
+    found = getattr(source, "network", None)
+    if isinstance(found, ContactNetwork):
+        return found
+    if hasattr(calculator := getattr(source, "calc", None), "contact_network"):
+        network: ContactNetwork = calculator.contact_network(source)
+        return network
+    raise InputError(
+        message(
+            f"there is no network of contacts in {brief(source)}",
+            mend="Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin",
+        )
+    )
