@@ -56,8 +56,8 @@ class ContactNetwork(Result):
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls rotate only if some
         contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
-    prestress : whether static forces act on displacements across contacts, with the stiffness -f/r, where r is the distance of
-        the centres.
+    prestress : whether static forces act on displacements across contacts, with the stiffness -f/r, where r is the
+        distance of the centres.
     lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
         cells, ball by ball of each cell; None for a network of another kind.
 
@@ -185,8 +185,8 @@ class ContactNetwork(Result):
     @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact resists them."""
-        springs = (np.any(getattr(self, name)) for name in _SPRINGS)
-        return select_motions(*map(float, springs), among=allowed_motions(self.dimension)[self.motions])
+        among = allowed_motions(self.dimension)[self.motions]
+        return select_motions(self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, among)
 
     @cached_property
     def vector(self) -> Array:
@@ -249,8 +249,8 @@ class ContactNetwork(Result):
         steps = cells[:, None] + self.shift  # (cells, n_c, 3) cell of ball j
         there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
         number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
-        balls = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        contacts = {
+        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
+        contacts: dict[str, Any] = {
             name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
             for name in ("normal", "normal_force", "normal_stiffness", *_SPRINGS, "arm_i", "arm_j")
         }
@@ -259,5 +259,5 @@ class ContactNetwork(Result):
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
             i=(n * np.arange(count)[:, None] + self.i).ravel(), j=(n * number + self.j).ravel(),
-            shift=wrapped.reshape(-1, 3), **contacts, shape=tuple(int(one) for one in shape) if self.lattice is not None else None,
+            shift=wrapped.reshape(-1, 3), shape=tuple(map(int, shape)) if self.lattice is not None else None, **contacts,
         )  # fmt: skip

@@ -1,7 +1,7 @@
 """Chebyshev polynomials of the dynamical matrix, which functions of the angular frequency are expanded in.
 
-The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An expansion in them resolves
-frequencies evenly down to zero, which one in polynomials of omega^2 alone, with a kernel made for omega^2, does not.
+The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An expansion in them, with
+a kernel made for omega, resolves frequencies evenly down to zero.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ __all__ = ["WaveOperator"]
 Array = NDArray[np.float64]
 
 
-class WaveOperator(LinearOperator):  # type: ignore[misc]
+class WaveOperator(LinearOperator[np.float64]):
     """D of a network, as sparse matrices, (rad/s)^2.
 
     Attributes
@@ -47,7 +47,7 @@ class WaveOperator(LinearOperator):  # type: ignore[misc]
         if not self.balls.size or not network.n_contacts:
             raise InputError(message("no waves run in this network", "It has no ball that moves, or no contact"))
         size = self.balls.size * self.motions.count
-        super().__init__(np.float64, (size, size))
+        super().__init__(np.float64, (size, size))  # type: ignore[call-arg]  # the stubs do not know this constructor
 
     @property
     def size(self) -> int:
@@ -90,7 +90,7 @@ class WaveOperator(LinearOperator):  # type: ignore[misc]
                 columns.append((m * place[ball][moves, None] + motion).ravel())
                 entries.append((scale * coefficients[moves]).ravel())
         where = np.concatenate(lines), np.concatenate(columns)
-        matrix = coo_array((np.concatenate(entries), where), shape=(len(rows) * count, self.size)).tocsr()
+        matrix: csr_array[Any] = coo_array((np.concatenate(entries), where), shape=(len(rows) * count, self.size)).tocsr()
         matrix.eliminate_zeros()
         return matrix
 
@@ -111,7 +111,7 @@ class WaveOperator(LinearOperator):  # type: ignore[misc]
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
-        found = (self.root.T.tocsr() @ self.root).tocsr()
+        found: csr_array[Any] = (self.root.T.tocsr() @ self.root).tocsr()
         if self.network.prestress:
             network = self.network
             pushed = np.sqrt(network.normal_force / np.linalg.norm(network.vector, axis=1))

@@ -39,8 +39,9 @@ def _find_network(source: Any) -> ContactNetwork:
     found = getattr(source, "network", None)
     if isinstance(found, ContactNetwork):
         return found
-    if hasattr(calculator := getattr(source, "calc", None), "contact_network"):
-        network: ContactNetwork = calculator.contact_network(source)
+    find = getattr(getattr(source, "calc", None), "contact_network", None)
+    if find is not None:
+        network: ContactNetwork = find(source)
         return network
     raise InputError(
         message(
