@@ -82,10 +82,11 @@ def _find_maximum(envelope: Array, threshold: float) -> float:
     split = int(np.searchsorted(low, place))
     first = min(place - 1, int(low[split - 1]) + 1 if split else 0)
     last = max(place + 1, int(low[split]) - 1 if split < low.size else envelope.size - 1)
-    reach = min(place - first, last - place)  # as far before the maximum as after it
-    shift = np.arange(-reach, reach + 1)
-    curve, slope, _ = np.polyfit(shift, np.log(envelope[place - reach : place + reach + 1]), 2)
-    return float(np.clip(place - 0.5 * slope / curve, place - reach, place + reach))
+    near = envelope[first : last + 1] / envelope[place]
+    # weights that vanish at the ends: no reading counts more or less when the next one is left out
+    weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
+    curve, slope, _ = np.polyfit(np.arange(first, last + 1) - place, near, 2, w=weight)
+    return float(np.clip(place - 0.5 * slope / curve, first, last))
 
 
 def _find_beginning(envelope: Array, threshold: float) -> float:

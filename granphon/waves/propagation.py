@@ -159,15 +159,15 @@ class Propagation:
     def _waves(self) -> _Exponentials:
         return self._find_nodes(self.order)
 
-    def _respond(self, times: Array, weights: Complex) -> Complex:
-        """Return responses (n_t, n) of all exponentials to the burst, times ``weights``."""
+    def _respond(self, times: Array, weights: Complex) -> Array:
+        """Return real responses (n_t, n) of all exponentials to the burst, times ``weights``."""
         rates, end = self._waves.rate, self.burst.duration
         during = times < end
         found = np.empty((times.size, rates.size), complex)
         found[during] = self.burst.drive(rates, times[during])
         if not np.all(during):
             found[~during] = np.exp(np.multiply.outer(times[~during] - end, rates)) * self._after
-        return np.asarray(found * weights)
+        return np.asarray(np.real(found * weights))
 
     @cached_property
     def _after(self) -> Complex:
@@ -220,7 +220,7 @@ class Propagation:
     def _coefficients(self, times: Array, weights: Complex) -> Array:
         """Return the coefficients (n_t, order) of responses at few times."""
         values = np.zeros((self.order, times.size))
-        np.add.at(values, self._waves.node, np.real(self._respond(times, weights)).T)
+        np.add.at(values, self._waves.node, self._respond(times, weights).T)
         found = dct(values.T, type=2, axis=1) / self.order
         found[:, 0] *= 0.5
         return np.asarray(found)

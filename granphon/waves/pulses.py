@@ -47,12 +47,12 @@ class Pulse(Result):
     sources, receivers : indices of the balls that are pushed, and of those of the receiving plane.
     samples : (n_r,) the number of the sample that each receiver belongs to; zeros for a single one.
     signals : (n_r, n_t) velocity of each receiver, m/s.
-    plane_distances : (n_p,) m, of further planes.
-    planes : (n_p, n_t) mean velocity on each of them, m/s.
-    frames : (n_f,) s.
-    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s.
     energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record, from the displacements
         and velocities of all balls; means over samples.
+    plane_distances : (n_p,) m, of further planes; None if there are none.
+    planes : (n_p, n_t) mean velocity on each of them, m/s.
+    frames : (n_f,) s; None if there are none.
+    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s.
     """
 
     units = {
@@ -61,7 +61,7 @@ class Pulse(Result):
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
-        "signals": "r t", "plane_distances": "p", "planes": "p t", "frames": "f", "velocities": "f n 3", "energies": "2",
+        "signals": "r t", "plane_distances": "p?", "planes": "p t?", "frames": "f?", "velocities": "f n 3?", "energies": "2",
     }  # fmt: skip
 
     frequency: float
@@ -76,11 +76,11 @@ class Pulse(Result):
     receivers: Index
     samples: Index
     signals: Array
-    plane_distances: Array
-    planes: Array
-    frames: Array
-    velocities: Array
     energies: Array
+    plane_distances: Array | None = None
+    planes: Array | None = None
+    frames: Array | None = None
+    velocities: Array | None = None
 
     @cached_property
     def coherent(self) -> Array:
@@ -110,7 +110,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, the damping over the critical one: amplitudes decay as exp(-2 pi zeta) a period."""
+        """zeta = pi tau times the frequency, over critical damping: amplitudes decay as exp(-2 pi zeta) a period."""
         return math.pi * self.damping * self.frequency
 
     @property
@@ -172,7 +172,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
-        if one.plane_distances.shape != first.plane_distances.shape:
+        if np.shape(one.plane_distances) != np.shape(first.plane_distances):
             unlike.append("plane_distances")
         if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
             unlike.append("distance")
@@ -186,17 +186,19 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses:
         samples.append(one.samples + last)
         last = int(np.max(samples[-1])) + 1
-    weights = np.array([one.samples.max() + 1 for one in pulses], float)
+    weights = [float(np.max(one.samples)) + 1.0 for one in pulses]
 
-    def mean(name: str) -> Array:
-        return np.average([np.asarray(getattr(one, name)) for one in pulses], axis=0, weights=weights)
+    def mean(name: str) -> Any:
+        values = [getattr(one, name) for one in pulses]
+        if values[0] is None:
+            return None
+        return np.average([one[:, :count] if name == "planes" else one for one in values], axis=0, weights=weights)
 
     return replace(
         first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        plane_distances=mean("plane_distances"), planes=np.average([one.planes[:, :count] for one in pulses], axis=0,
-        weights=weights), frames=np.zeros(0), velocities=np.zeros((0, 0, 3)), energies=mean("energies"),
+        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=None, velocities=None,
     )  # fmt: skip
 
 
@@ -260,16 +262,26 @@ def transmit(
     signals = walk.hear(moments, times)
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
-    fields = np.zeros((shown.size, network.n_balls, 3))
-    for field, state in zip(fields, moving[2:], strict=True):
-        seen = operator.values(state)[:, : e.size] / np.sqrt(course.network.masses[operator.balls, None])
-        field[operator.balls[:, None], list(operator.motions.translations)] = seen
-    return Pulse(
-        hertz, burst.cycles, along, push, tau, course.find_distance(start, groups[0]), times, burst(times), sources,
-        groups[0], np.zeros(len(groups[0]), int), parts[0],
-        np.array([course.find_distance(start, one) for one in groups[1:]]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]).reshape(-1, times.size), shown, fields, np.array(energies),
+    far = [course.find_distance(start, one) for one in groups]
+    found = Pulse(
+        hertz, burst.cycles, along, push, tau, far[0], times, burst(times), sources, groups[0],
+        np.zeros(len(groups[0]), int), parts[0], np.array(energies),
     )  # fmt: skip
+    if apart.size:
+        found = replace(
+            found, plane_distances=np.array(far[1:]), planes=np.array([np.mean(one, axis=0) for one in parts[1:]])
+        )
+    if shown.size:
+        found = replace(found, frames=shown, velocities=np.array([_spread(operator, one) for one in moving[2:]]))
+    return found
+
+
+def _spread(operator: WaveOperator, state: Array) -> Array:
+    """Return the velocities (n, 3) of all balls, m/s, of a mass-weighted vector of them."""
+    network, axes, balls = operator.network, operator.motions.translations, operator.balls
+    field = np.zeros((network.n_balls, 3))
+    field[balls[:, None], list(axes)] = operator.values(state)[:, : len(axes)] / np.sqrt(network.masses[balls, None])
+    return field
 
 
 def _read_vector(name: str, given: Any, dimension: int) -> Array:
