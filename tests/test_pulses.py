@@ -128,8 +128,8 @@ def test_signals_and_states_are_those_of_another_integrator(disordered, damping)
     few = np.arange(0, pulse.times.size, 10)
     when = np.concatenate([pulse.times[few], [burst.duration, *pulse.frames]])
     order = np.argsort(when)
-    found = solve_ivp(change, (0.0, pulse.times[-1]), np.zeros(2 * size), "DOP853" if damping < 1.0 else "Radau", when[order],
-                      rtol=1e-11 if damping < 1.0 else 1e-8, atol=1e-15 if damping < 1.0 else 1e-12)  # fmt: skip
+    method, rtol, atol = ("DOP853", 1e-11, 1e-15) if damping < 1.0 else ("Radau", 1e-8, 1e-12)  # the second one is stiff
+    found = solve_ivp(change, (0.0, pulse.times[-1]), np.zeros(2 * size), method, when[order], rtol=rtol, atol=atol)
     states = np.empty_like(found.y)
     states[:, order] = found.y
     tolerance = 1e-9 if damping < 1.0 else 1e-6
@@ -274,13 +274,13 @@ def test_bad_pulses_are_refused(disordered):
     waves = gp.Waves(disordered)
     with pytest.raises(UnreachableFrequencyError, match=rf"above the top of the network's modes, {2 * HERTZ:.6g} Hz"):
         gp.Waves(chain(40)).transmit(2.1 * HERTZ, (1,), 8 * D)
-    with pytest.raises(InputError, match="come back to themselves .* or a longer array"):
+    with pytest.raises(InputError, match=r"come back to themselves .* or a longer array"):
         waves.transmit(0.5 * HERTZ, (0, 1), 7.0 * D)
-    with pytest.raises(InputError, match=r"or the direction \(0.866025, 0.5\), with"):
+    with pytest.raises(InputError, match=r"or the direction .* or \(0.866025, 0.5\), with"):
         gp.Waves(ideal("triangular", (8, 3))).transmit(0.5 * HERTZ, (1, 0), 1.0 * D)
     with pytest.raises(InputError, match="do not close"):
         waves.transmit(0.5 * HERTZ, (0.3, 1), 2.0 * D)
-    with pytest.raises(InputError, match="nothing|no contact resists"):
+    with pytest.raises(InputError, match="no contact resists"):
         gp.Waves(ideal("square", (3, 12), 0.0)).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, polarisation="transverse")
     with pytest.raises(InputError, match="no transverse waves"):
         gp.Waves(chain(40)).transmit(0.5 * HERTZ, (1,), 8 * D, polarisation="transverse")
@@ -289,7 +289,7 @@ def test_bad_pulses_are_refused(disordered):
         with pytest.raises(InputError, match=next(iter(wrong))):
             waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, **wrong)
     with pytest.raises(ConvergenceError, match="does not arrive within the record"):
-        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, duration=0.1 / HERTZ).time_of_flight
+        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, duration=0.1 / HERTZ).arrival()
     with pytest.raises(InputError, match="not known"):
         waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
 
@@ -299,5 +299,5 @@ def test_network_that_is_not_joined_is_refused():
     cut = (whole.i == 3) | (whole.i == 30)
     names = [name for name, layout in whole.shapes.items() if layout.startswith("c")]
     parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
-    with pytest.raises(InputError, match="no contacts join the source .* 2 parts"):
+    with pytest.raises(InputError, match=r"no contacts join the source .* 2 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)

@@ -172,7 +172,7 @@ class Propagation:
     @cached_property
     def _after(self) -> Complex:
         """What the burst leaves in each exponential at its end."""
-        return self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0]
+        return np.asarray(self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0])
 
     # -- recursion ------------------------------------------------------------------------------------------------------
 

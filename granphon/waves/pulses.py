@@ -159,6 +159,10 @@ class Pulse(Result):
         return self.distance / self.time_of_flight
 
 
+def _count(values: Array | None) -> int:
+    return 0 if values is None else len(values)
+
+
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     """Return one pulse with the receivers of several, of as many samples: its coherent part is the mean over all of them.
 
@@ -172,7 +176,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
-        if np.shape(one.plane_distances) != np.shape(first.plane_distances):
+        if _count(one.planes) != _count(first.planes):
             unlike.append("plane_distances")
         if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
             unlike.append("distance")
@@ -198,7 +202,8 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=None, velocities=None,
+        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=None,
+        velocities=None,
     )  # fmt: skip
 
 
