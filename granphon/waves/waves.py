@@ -7,6 +7,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, brief, message
 from granphon.networks.network import ContactNetwork
+from granphon.waves.array_operator import make_operator
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["Waves"]
@@ -29,7 +30,7 @@ class Waves:
     @cached_property
     def operator(self) -> WaveOperator:
         """D of the network as a linear operator, (rad/s)^2."""
-        return WaveOperator(self.network)
+        return make_operator(self.network)
 
 
 def _find_network(source: Any) -> ContactNetwork:
