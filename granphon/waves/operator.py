@@ -93,9 +93,7 @@ class WaveOperator(LinearOperator[np.float64]):
                 lines.append(np.repeat(kind * count + line, m))
                 columns.append(self._places[ball[line]].ravel())
                 entries.append((scale * coefficients[line]).ravel())
-        size = max(len(rows) * count, self.size)
-        kind_of = np.int32 if size < np.iinfo(np.int32).max else np.int64
-        where = np.concatenate(lines).astype(kind_of), np.concatenate(columns).astype(kind_of)
+        where = np.concatenate(lines).astype(np.int32), np.concatenate(columns).astype(np.int32)
         shape = (len(rows) * count, self.size)
         matrix: csr_array[Any] = coo_array((np.concatenate(entries), where), shape=shape).tocsr()
         matrix.eliminate_zeros()
