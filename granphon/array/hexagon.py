@@ -124,7 +124,7 @@ class PressedHexagon(Result):
         distance = d * ((self.balls_per_side - 1) * math.sqrt(0.75) + 0.5) + self.retreats
         places = np.zeros((count + 6, 3))
         places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
-        normal = np.zeros((np.sum(live) + np.sum(leant), 3))
+        normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
         normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
         stiffness = 1.5 * np.concatenate(
             [
@@ -267,9 +267,10 @@ class Hexagon:
         # from a load that closes all contacts down to the wanted one, each equilibrium the start of the next
         closing = float(self.packing.law.force(4.0 * np.max(np.abs(self.deviations), initial=0.0)))
         least = closing * math.sqrt(3.0) * self.balls_per_side
-        loads, motion = [wanted], None
+        loads = [wanted]
         while loads[-1] < least:
             loads.append(loads[-1] / _FACTOR)
+        motion, residual = self._press(loads.pop(), None)
         for load in reversed(loads):
             motion, residual = self._press(load, motion)
         return self._describe(wanted, motion, residual)
