@@ -7,6 +7,7 @@ from typing import Any
 
 from granphon.base.errors import InputError, brief, message
 from granphon.networks.network import ContactNetwork
+from granphon.waves.dos import SpectralDensity, find_dos
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["Waves"]
@@ -30,6 +31,24 @@ class Waves:
     def operator(self) -> WaveOperator:
         """D of the network as a linear operator, (rad/s)^2."""
         return WaveOperator(self.network)
+
+    def dos(
+        self, resolution: float | None = None, vectors: int = 10, seed: int = 0, *, moments: int | None = None
+    ) -> SpectralDensity:
+        """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
+
+        Parameters
+        ----------
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        vectors : number of random vectors; the error falls as its root, and as that of the number of balls.
+        seed : from which the random vectors are drawn.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range,
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
+        nan. Memory is that of D and of about six vectors, whatever the numbers.
+        """
+        return find_dos(self.operator, resolution, moments, vectors, seed)
 
 
 def _find_network(source: Any) -> ContactNetwork:
