@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.sample import standard_error
 from granphon.base.arguments import whole_number
-from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.waves.kernel import Kernel
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
@@ -62,9 +62,7 @@ class SpectralDensity(Refinable["_Traces"], Result):
     def check(self) -> None:
         """Check the shapes, and that the points are those of the moments."""
         super().check()
-        kernel = Kernel.of(self.top, moments=self.moments)
-        if self.frequencies.size != kernel.count or not np.allclose(self.frequencies, kernel.frequencies, rtol=1e-9):
-            raise InputError(message(f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"))
+        Kernel.of(self.top, moments=self.moments).check_points(self.frequencies)
 
     @property
     def total(self) -> Array:
@@ -135,13 +133,11 @@ class _Traces:
         parts[:, : found.shape[1]] = kernel.densities(found / self._operator.balls.size)
         mean = parts.mean(axis=0)
         return SpectralDensity(
-            kernel.frequencies, mean[0], mean[1], _standard_error(parts.sum(axis=1)), _standard_error(parts[:, 0]),
-            _standard_error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
+            kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
+            _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
         )._with_work(self)  # fmt: skip
 
 
-def _standard_error(values: Array) -> Array:
+def _error(values: Array) -> Array:
     """Return the standard error of the mean over the first axis; nan if it has one entry."""
-    if len(values) < 2:
-        return np.full(values.shape[1:], math.nan)
-    return np.asarray(np.std(values, axis=0, ddof=1) / math.sqrt(len(values)))
+    return standard_error(values, axis=0) if len(values) > 1 else np.full(values.shape[1:], math.nan)

@@ -123,3 +123,11 @@ class Kernel:
         weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))
         weights[0] *= 0.5  # the point at zero stands for both sides
         return np.asarray(densities @ weights)
+
+    def check_points(self, frequencies: Array) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of a density."""
+        if frequencies.size != self.count or not np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0):
+            raise InputError(
+                message(f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz",
+                        mend="Compute the spectrum again")
+            )  # fmt: skip
