@@ -201,37 +201,37 @@ class ContactNetwork(Result):
     # -- where it comes from ----------------------------------------------------------------------------------------
 
     @classmethod
-    def of(cls, lattice: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
-        """Return the network of balls and contacts of one cell of ``lattice``, which is in reduced units.
+    def of(cls, crystal: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
+        """Return the network of balls and contacts of one cell of ``crystal``, which is in reduced units.
 
         Parameters
         ----------
-        lattice : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
+        crystal : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
         units : the scales d (m), k (N/m) and M (kg).
         normal_force : (n_c,) forces, k d.
         radii : (n,) d.
         more : further fields of the network.
         """
-        table, d, k = lattice.contacts, units.length, units.stiffness
-        p, dimension, count = lattice.periods, lattice.dimension, len(lattice.contacts)
+        table, d, k = crystal.contacts, units.length, units.stiffness
+        p, dimension, count = crystal.periods, crystal.dimension, len(crystal.contacts)
         cell, positions, normal, shift = (
             np.zeros((3, 3)),
-            np.zeros((lattice.n_balls, 3)),
+            np.zeros((crystal.n_balls, 3)),
             np.zeros((count, 3)),
             np.zeros((count, 3), int),
         )
-        cell[:p, :dimension] = d * lattice.cell
-        positions[:, :dimension] = d * lattice.positions
+        cell[:p, :dimension] = d * crystal.cell
+        positions[:, :dimension] = d * crystal.positions
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
-        masses = units.mass * lattice.masses
-        spring = k * lattice.stiffness
+        masses = units.mass * crystal.masses
+        spring = k * crystal.stiffness
         return cls(
-            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=d * np.broadcast_to(radii, lattice.n_balls),
-            masses=masses, inertias=masses * (d * lattice.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
+            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=d * np.broadcast_to(radii, crystal.n_balls),
+            masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
             normal_force=k * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
-            shear_stiffness=lattice.mindlin_ratio * spring, torsion_stiffness=lattice.torsion * d * d * spring,
-            bending_stiffness=lattice.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
-            **{"motions": lattice.named_motions.name, "dimension": dimension, "prestress": lattice.is_prestressed, **more},
+            shear_stiffness=crystal.mindlin_ratio * spring, torsion_stiffness=crystal.torsion * d * d * spring,
+            bending_stiffness=crystal.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
+            **{"motions": crystal.named_motions.name, "dimension": dimension, "prestress": crystal.is_prestressed, **more},
         )  # fmt: skip
 
     def repeat(self, shape: tuple[int, ...]) -> Self:
