@@ -149,13 +149,13 @@ class Course:
         if ends == "free":
             names = [name for name, layout in network.shapes.items() if layout.startswith("c")]
             kept = {name: getattr(network, name)[~cut] for name in names}
-            return replace(self, network=replace(network, lattice=None, shape=None, **kept), face=0.0)
+            return replace(self, network=replace(network, **kept), face=0.0)
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)
         masses[held] = math.inf
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[held])) - self.period
-        return replace(self, network=replace(network, masses=masses, lattice=None, shape=None), face=face)
+        return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, what: str) -> Index:
         """Return the balls that move within a quarter of a diameter of the ball nearest to ``place``.

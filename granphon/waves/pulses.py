@@ -15,6 +15,7 @@ from granphon.base.arguments import finite_array, not_negative, positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.networks.network import ContactNetwork
+from granphon.waves.array_operator import make_operator
 from granphon.waves.arrivals import find_arrivals, find_envelope
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
@@ -49,10 +50,10 @@ class Pulse(Result):
     signals : (n_r, n_t) velocity of each receiver, m/s.
     energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record, from the displacements
         and velocities of all balls; means over samples.
-    plane_distances : (n_p,) m, of further planes; None if there are none.
-    planes : (n_p, n_t) mean velocity on each of them, m/s.
-    frames : (n_f,) s; None if there are none.
-    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s.
+    plane_distances : (n_p,) m, of further planes, if there are any.
+    planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
+    frames : (n_f,) s, if there are any.
+    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
     """
 
     units = {
@@ -61,7 +62,7 @@ class Pulse(Result):
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
-        "signals": "r t", "plane_distances": "p?", "planes": "p t?", "frames": "f?", "velocities": "f n 3?", "energies": "2",
+        "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
     }  # fmt: skip
 
     frequency: float
@@ -77,10 +78,10 @@ class Pulse(Result):
     samples: Index
     signals: Array
     energies: Array
-    plane_distances: Array | None = None
-    planes: Array | None = None
-    frames: Array | None = None
-    velocities: Array | None = None
+    plane_distances: Array
+    planes: Array
+    frames: Array
+    velocities: Array
 
     @cached_property
     def coherent(self) -> Array:
@@ -159,10 +160,6 @@ class Pulse(Result):
         return self.distance / self.time_of_flight
 
 
-def _count(values: Array | None) -> int:
-    return 0 if values is None else len(values)
-
-
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     """Return one pulse with the receivers of several, of as many samples: its coherent part is the mean over all of them.
 
@@ -176,7 +173,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
-        if _count(one.planes) != _count(first.planes):
+        if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
         if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
             unlike.append("distance")
@@ -194,16 +191,14 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
 
     def mean(name: str) -> Any:
         values = [getattr(one, name) for one in pulses]
-        if values[0] is None:
-            return None
-        return np.average([one[:, :count] if name == "planes" else one for one in values], axis=0, weights=weights)
+        return np.average([one[..., :count] if name == "planes" else one for one in values], axis=0, weights=weights)
 
     return replace(
         first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=None,
-        velocities=None,
+        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
+        velocities=np.zeros(0),
     )  # fmt: skip
 
 
@@ -244,7 +239,7 @@ def transmit(
     groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
     _require_joined(course.network, sources, groups[0])
     if operator is None or operator.network is not course.network:
-        operator = WaveOperator(course.network)
+        operator = make_operator(course.network)
     _require_reachable(operator, hertz)
     if duration is None:
         duration = burst.duration + _LATE * farthest / _estimate_velocity(course.network, along, push)
@@ -268,17 +263,12 @@ def transmit(
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     far = [course.find_distance(start, one) for one in groups]
-    found = Pulse(
+    return Pulse(
         hertz, burst.cycles, along, push, tau, far[0], times, burst(times), sources, groups[0],
-        np.zeros(len(groups[0]), int), parts[0], np.array(energies),
+        np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
+        np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
+        np.array([_spread(operator, one) for one in moving[2:]]),
     )  # fmt: skip
-    if apart.size:
-        found = replace(
-            found, plane_distances=np.array(far[1:]), planes=np.array([np.mean(one, axis=0) for one in parts[1:]])
-        )
-    if shown.size:
-        found = replace(found, frames=shown, velocities=np.array([_spread(operator, one) for one in moving[2:]]))
-    return found
 
 
 def _spread(operator: WaveOperator, state: Array) -> Array:
@@ -367,8 +357,8 @@ def _require_reachable(operator: WaveOperator, hertz: float) -> None:
     from scipy.sparse.linalg import eigsh
 
     squared = (2.0 * np.pi * hertz) ** 2
-    if squared <= np.max(operator.matrix.diagonal()):  # no diagonal element is above the greatest eigenvalue
-        return
+    if squared <= 0.5 * operator.top**2 and not operator.network.prestress:
+        return  # a ball that moves alone has that frequency, and the highest mode is not below it
     if squared <= operator.top**2 and operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
         (top,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)
