@@ -16,6 +16,8 @@ METHODS = ("envelope", "first", "correlation")
 _HALF = 0.5
 #: the maximum is that of a parabola through the envelope where it has this part of the greatest
 _NEAR = 0.9
+#: a record ends, unless it is told otherwise, before what runs the other way round a periodic network comes
+_MEND = "Give a longer duration; in a periodic network fewer cycles, a longer array, or ends='free'"
 
 
 def find_envelope(signals: Array) -> Array:
@@ -69,7 +71,7 @@ def _find_top(envelope: Array) -> int:
             message(
                 "the pulse does not arrive within the record",
                 "The signal is greatest where the record ends" if np.any(envelope) else "The signal is zero",
-                "Give a longer duration, or a shorter distance",
+                _MEND,
             )
         )
     return int(high[0])
@@ -107,6 +109,6 @@ def _correlate(signal: Array, sent: Array) -> float:
     if not 0 < place < found.size - 1:
         raise ConvergenceError(
             message("the pulse does not arrive within the record", "The cross-correlation is greatest at one of its ends",
-                    "Give a longer duration, or a shorter distance")
+                    _MEND)
         )  # fmt: skip
     return _refine(found, place)

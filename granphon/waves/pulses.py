@@ -211,7 +211,7 @@ def transmit(
     polarisation: str | ArrayLike = "longitudinal",
     *,
     source: str | int | Sequence[int] = "plane",
-    ends: str = "periodic",
+    ends: str = "free",
     damping: float = 0.0,
     duration: float | None = None,
     planes: ArrayLike = (),
@@ -231,7 +231,9 @@ def transmit(
     apart = finite_array("planes", planes, "m", "above zero").ravel() if np.size(planes) else np.zeros(0)
     farthest = max(length, *apart) if apart.size else length
     course = Course.along(network, along)
-    course.require_period(2.0 * farthest if ends == "periodic" else farthest)
+    if ends == "periodic":
+        course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
+    course.require_period(farthest, "The pulse would meet itself")
     course = course.with_ends(ends)
     sources = _find_sources(course, source)
     at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
@@ -241,11 +243,14 @@ def transmit(
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
     _require_reachable(operator, hertz)
+    fastest = _estimate_velocity(course.network, along, push)
     if duration is None:
-        duration = burst.duration + _LATE * farthest / _estimate_velocity(course.network, along, push)
+        duration = burst.duration + _LATE * farthest / fastest
+        if ends == "periodic":  # what runs the other way round comes later
+            duration = min(duration, (course.period - length) / fastest)
     step = 1.0 / (_READINGS * hertz)
-    lasting = max(positive("duration", duration, "s"), burst.duration + 2.0 * step)
-    times: Array = step * np.arange(math.ceil(lasting / step) + 1, dtype=np.float64)
+    times: Array = step * np.arange(max(3, math.floor(positive("duration", duration, "s") / step) + 1), dtype=np.float64)
+    last = max(float(times[-1]), burst.duration)
     shown = finite_array("frames", frames, "s", "zero or above").ravel() if np.size(frames) else np.zeros(0)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
@@ -254,10 +259,10 @@ def transmit(
     moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
     ears = place[np.concatenate(groups)]
     root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
-    walk = Propagation(operator, operator.vector(moved), burst, float(max(times[-1], *shown, 0.0)), tau)
+    walk = Propagation(operator, operator.vector(moved), burst, max([last, *shown]), tau)
     moments, displaced, moving = walk.run(
         lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
-        np.concatenate([[burst.duration, times[-1]], shown]),
+        np.concatenate([[burst.duration, last], shown]),
     )
     signals = walk.hear(moments, times)
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))

@@ -56,7 +56,7 @@ def pulse(repeats: int) -> list[Row]:
     what = f"{SHAPE[1]}x{SHAPE[0]}, {PERIODS} periods of the top frequency"
 
     def send() -> Pulse:
-        return gp.Waves(network).transmit(HERTZ, (0, 1), 100 * height, duration=duration)
+        return gp.Waves(network).transmit(HERTZ, (0, 1), 100 * height, ends="periodic", duration=duration)
 
     found = send()
     seconds = alternate(min(repeats, 3), pulse=send)["pulse"]
@@ -88,7 +88,12 @@ def bandwidth(repeats: int) -> list[Row]:
         lasting = 40 / (omega[at] * HERTZ)
         shape = (1, int(200 + 1.5 * group * lasting / UNITS.length))
         found = gp.Waves(ContactNetwork.of(LATTICE, UNITS).repeat(shape)).transmit(
-            omega[at] * HERTZ, (0, 1), 60 * UNITS.length, 40, duration=lasting + 1.6 * 60 * UNITS.length / group
+            omega[at] * HERTZ,
+            (0, 1),
+            60 * UNITS.length,
+            40,
+            ends="periodic",
+            duration=lasting + 1.6 * 60 * UNITS.length / group,
         )
         of = f"ideal array, 40 cycles at {omega[at] / max(omega):.2g} of the top of the branch"
         rows.append(Row(f"{of}: velocity against the bands", abs(found.velocity / group - 1.0), "", 1e-3))
