@@ -82,6 +82,14 @@ class Pulse(Result):
     velocities: Array
     energies: Array
 
+    def __post_init__(self) -> None:
+        # plain data do not keep the shape of an array without numbers
+        if not self.planes.size:
+            object.__setattr__(self, "planes", np.zeros((len(self.plane_distances), self.times.size)))
+        if not self.velocities.size:
+            object.__setattr__(self, "velocities", np.zeros((len(self.frames), 0, 3)))
+        super().__post_init__()
+
     @cached_property
     def coherent(self) -> Array:
         """(n_t,) mean velocity of the receiving plane, over all samples, m/s."""
