@@ -124,7 +124,7 @@ def test_what_cannot_be_is_one_error_with_its_place(text, said):
 
 def test_frequency_above_the_top_is_an_error_and_nothing_is_written(tmp_path):
     scene = gp.Scene.from_text(ARRAY + "observe: [pulse]\npulse: {frequency: 900 kHz, distance: 40 mm}\n")
-    with pytest.raises(gp.GranphonError, match="kHz|Hz"):
+    with pytest.raises(gp.GranphonError, match=r"kHz|Hz"):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").glob("*.yaml"))
 

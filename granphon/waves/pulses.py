@@ -118,7 +118,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, the damping over the critical one: amplitudes decay as exp(-2 pi zeta) a period."""
+        """zeta = pi tau times the frequency, the damping over the critical one: a period leaves exp(-2 pi zeta)."""
         return math.pi * self.damping * self.frequency
 
     @property
