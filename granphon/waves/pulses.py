@@ -83,6 +83,14 @@ class Pulse(Result):
     frames: Array
     velocities: Array
 
+    def __post_init__(self) -> None:
+        # plain data do not keep the shape of an array without numbers
+        if not self.planes.size:
+            object.__setattr__(self, "planes", np.zeros((len(self.plane_distances), self.times.size)))
+        if not self.velocities.size:
+            object.__setattr__(self, "velocities", np.zeros((len(self.frames), 0, 3)))
+        super().__post_init__()
+
     @cached_property
     def coherent(self) -> Array:
         """(n_t,) mean velocity of the receiving plane, over all samples, m/s."""
@@ -111,7 +119,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, over critical damping: amplitudes decay as exp(-2 pi zeta) a period."""
+        """zeta = pi tau times the frequency, the damping over the critical one: a period leaves exp(-2 pi zeta)."""
         return math.pi * self.damping * self.frequency
 
     @property
