@@ -14,6 +14,7 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.viscous import ViscousPropagation
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -206,6 +207,45 @@ def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
     rest = later[2:] - factor * later[1:-1] + np.exp(-2.0 * decay * step) * later[:-2]
     assert np.max(np.abs(rest)) < 1e-12 * np.max(np.abs(heard))
     assert np.max(np.abs(later)) > 1e-6 * np.max(np.abs(heard))
+
+
+@pytest.mark.parametrize("taus", [(0.03, 0.2), (0.4, 0.0)])
+def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus):
+    more = {"cycles": 2, "ends": "periodic", "duration": 25.0 / OMEGA, "frames": [11.0 / OMEGA]}
+    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, damping=taus[0] / OMEGA, tangential_damping=taus[1] / OMEGA, **more)
+    operator = WaveOperator(disordered)
+    normal = WaveOperator(replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)).matrix
+    viscous = (taus[0] * normal + taus[1] * (operator.matrix - normal)) / OMEGA
+    push = np.zeros((disordered.n_balls, 3))
+    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
+    size = operator.size
+
+    def change(t, state):
+        x, v = state[:size], state[size:]
+        return np.concatenate([v, push.ravel() * burst(np.array(t)) - operator.matrix @ x - viscous @ v])
+
+    few = np.arange(0, pulse.times.size, 7)
+    when = np.concatenate([pulse.times[few], pulse.frames])
+    order = np.argsort(when)
+    found = solve_ivp(change, (0.0, np.max(when)), np.zeros(2 * size), "DOP853", when[order], rtol=1e-11, atol=1e-15)
+    states = np.empty_like(found.y)
+    states[:, order] = found.y
+    balls = states[size:].reshape(-1, 3, when.size)[:, 1] / np.sqrt(UNITS.mass)
+    largest = np.max(np.abs(pulse.signals))
+    np.testing.assert_allclose(pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest)
+    np.testing.assert_allclose(pulse.velocities[0, :, 1], balls[:, -1], atol=1e-9 * largest)
+
+
+def test_damping_in_spans_agrees_with_that_of_each_mode(disordered):
+    operator, burst, tau = WaveOperator(disordered), ToneBurst(0.5 * HERTZ, 3.0), 0.1 / OMEGA
+    push = np.zeros(operator.size)
+    push[:9] = 1.0
+    times, frames = np.arange(150) * 0.3 / OMEGA, np.array([burst.duration, 44.0 / OMEGA])
+    whole = Propagation(operator, push, burst, times[-1], tau).follow(lambda v: v[30:40], times, frames)
+    spans = ViscousPropagation(operator, push, burst, (tau, tau)).follow(lambda v: v[30:40], times, frames)
+    for one, other in zip(whole, spans, strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12 * np.max(np.abs(one)))
 
 
 # -- coherent, speckle, samples -----------------------------------------------------------------------------------------

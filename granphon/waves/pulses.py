@@ -20,6 +20,7 @@ from granphon.waves.arrivals import find_arrivals, find_envelope
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
 from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.viscous import ViscousPropagation
 
 __all__ = ["Pulse", "average_pulses", "transmit"]
 
@@ -41,7 +42,7 @@ class Pulse(Result):
     ----------
     frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the source; P = cycles/frequency.
     direction, polarisation : (3,) unit vectors.
-    damping : s, the viscosity of each contact over its stiffness.
+    damping, tangential_damping : s, the viscosity of each contact over its stiffness, in normal motion and in all other.
     distance : m, of the receiving plane from the source, along the direction.
     times : (n_t,) s, from the beginning of the burst.
     sent : (n_t,) force on each ball of the source, N.
@@ -57,8 +58,8 @@ class Pulse(Result):
     """
 
     units = {
-        "frequency": "Hz", "damping": "s", "distance": "m", "times": "s", "sent": "N", "signals": "m/s",
-        "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
+        "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
+        "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
@@ -70,6 +71,7 @@ class Pulse(Result):
     direction: Array
     polarisation: Array
     damping: float
+    tangential_damping: float
     distance: float
     times: Array
     sent: Array
@@ -119,7 +121,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, the damping over the critical one: a period leaves exp(-2 pi zeta)."""
+        """zeta = pi times the frequency and the :attr:`damping`: over the critical one; a period leaves exp(-2 pi zeta)."""
         return math.pi * self.damping * self.frequency
 
     @property
@@ -179,7 +181,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         raise InputError(message("there is no pulse to average"))
     first, count = pulses[0], min(one.times.size for one in pulses)
     for one in pulses[1:]:
-        same = ("frequency", "cycles", "direction", "polarisation", "damping")
+        same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
         if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
@@ -221,6 +223,7 @@ def transmit(
     source: str | int | Sequence[int] = "plane",
     ends: str = "free",
     damping: float = 0.0,
+    tangential_damping: float | None = None,
     duration: float | None = None,
     planes: ArrayLike = (),
     frames: ArrayLike = (),
@@ -229,6 +232,7 @@ def transmit(
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`."""
     hertz, length = positive("frequency", frequency, "Hz"), positive("distance", distance, "m")
     tau = not_negative("damping", damping, "s")
+    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
     burst = ToneBurst(hertz, positive("cycles", cycles))
     if burst.cycles < 1.0:
         raise InputError(message(f"cycles is {burst.cycles:g}", mend="Give 1 or more"))
@@ -267,17 +271,21 @@ def transmit(
     moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
     ears = place[np.concatenate(groups)]
     root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
-    walk = Propagation(operator, operator.vector(moved), burst, max([last, *shown]), tau)
-    moments, displaced, moving = walk.run(
+    forces = operator.vector(moved)
+    walk = (
+        Propagation(operator, forces, burst, max([last, *shown]), tau) if across == tau
+        else ViscousPropagation(operator, forces, burst, (tau, across))
+    )  # fmt: skip
+    signals, displaced, moving = walk.follow(
         lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
+        times,
         np.concatenate([[burst.duration, last], shown]),
     )
-    signals = walk.hear(moments, times)
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     far = [course.find_distance(start, one) for one in groups]
     return Pulse(
-        hertz, burst.cycles, along, push, tau, far[0], times, burst(times), sources, groups[0],
+        hertz, burst.cycles, along, push, tau, across, far[0], times, burst(times), sources, groups[0],
         np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
         np.array([_spread(operator, one) for one in moving[2:]]),

@@ -102,6 +102,7 @@ class Waves:
         source: str | int | Sequence[int] = "plane",
         ends: str = "free",
         damping: float = 0.0,
+        tangential_damping: float | None = None,
         duration: float | None = None,
         planes: ArrayLike = (),
         frames: ArrayLike = (),
@@ -127,8 +128,10 @@ class Waves:
         ends : "free": contacts across the plane before the first balls are cut; "walls": the balls before it are held;
             "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
             direction, such as one between walls of its own, is left as it is.
-        damping : s, the viscosity of each contact over its stiffness, the same of normal and tangential motion: a mode of
-            the angular frequency omega decays as exp(-damping omega^2 t/2).
+        damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
+            exp(-damping omega^2 t/2).
+        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
+            exchange energy, and the propagation takes twice as long or more.
         duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
             proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
             a longer duration the signal is right too, but it is not of one pulse.
@@ -145,7 +148,8 @@ class Waves:
         """
         return transmit(
             self.network, frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
-            duration=duration, planes=planes, frames=frames, operator=self.operator if ends == "periodic" else None,
+            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
+            operator=self.operator if ends == "periodic" else None,
         )  # fmt: skip
 
 
