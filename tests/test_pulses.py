@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import jv
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, InputError, UnreachableFrequencyError
+from granphon.balls.motions import allowed_motions
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
@@ -95,6 +96,29 @@ def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwid
         errors.append(abs(pulse.velocity / group - 1.0))
     assert errors[2] < 1e-4
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("name", "shape", "direction", "polarisation", "hertz"), [
+    ("fcc", (1, 1, 260), (1, 1, -1), "longitudinal", 0.9), ("square", (300, 1), (1, 0), "transverse", 0.5),
+    ("chain", (500,), (1,), "longitudinal", 1.2), ("kagome", (1, 150), (0, 1), "longitudinal", 0.5),
+])  # fmt: skip
+def test_envelope_travels_with_the_group_velocity_in_other_lattices(name, shape, direction, polarisation, hertz):
+    lattice = gp.ContactLattice.of(name, 0.0 if name == "chain" else 0.8)
+    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    along = np.array(direction) / np.linalg.norm(direction)
+    pulse = gp.Waves(network).transmit(
+        hertz * HERTZ, direction, 25.0 * D, 20, polarisation, ends="periodic", duration=40.0 / (hertz * HERTZ)
+    )
+    # of the branches at this frequency the one whose balls move along the polarisation
+    q = np.linspace(0.01, 3.0, 3000)
+    modes = lattice.modes(q[:, None] * along)
+    axes = list(lattice.motions.translations)
+    part = np.abs(np.einsum("i,qib->qb", pulse.polarisation[axes], modes.eigenvectors[:, : len(axes)])) ** 2
+    near = np.where(part > 0.3, np.abs(modes.frequencies - hertz), np.inf)
+    at = np.unravel_index(np.argmin(near), near.shape)
+    group = modes.group_velocities[at] @ along * D * OMEGA
+    assert pulse.velocity == pytest.approx(group, rel=3e-3)
 
 
 def test_long_waves_arrive_alike_by_all_three_readings():
@@ -280,6 +304,28 @@ def test_pulses_of_several_samples_have_one_coherent_part():
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
 
 
+def test_open_network_has_the_ends_that_it_has():
+    whole = chain(40)
+    kept = ~np.any(whole.shift, axis=1)
+    names = [name for name, layout in whole.shapes.items() if layout.startswith("c")]
+    fields = {name: getattr(whole, name)[kept] for name in names}
+    fields |= {"cell": np.zeros((3, 3)), "pbc": (False, False, False), "lattice": None, "shape": None}
+    opened = gp.Waves(replace(whole, **fields))
+    one = gp.Waves(whole).transmit(0.4 * HERTZ, (1,), 20.4 * D, 3)
+    other = opened.transmit(0.4 * HERTZ, (1,), 19.9 * D, 3, duration=one.times[-1])
+    assert one.receivers.tolist() == other.receivers.tolist() == [20]
+    np.testing.assert_allclose(other.signals, one.signals, atol=1e-12 * np.max(np.abs(one.signals)))
+    with pytest.raises(InputError, match="no place for walls"):
+        opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
+
+
+def test_network_that_would_buckle_is_refused():
+    network = ideal("triangular", (4, 12))
+    pushed = replace(network, normal_force=np.full(network.n_contacts, 0.9 * D * UNITS.stiffness), prestress=True)
+    with pytest.raises(InstabilityError, match="below zero"):
+        gp.Waves(pushed).transmit(0.5 * HERTZ, (0, 1), 4.0 * D)
+
+
 def test_frames_are_the_signals_at_their_times():
     pulse = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2)
     moments = pulse.times[[30, 80]]
@@ -344,6 +390,17 @@ def test_bad_pulses_are_refused(disordered):
         gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 90.0 * D, 1, duration=1.0 / HERTZ).arrival()
     with pytest.raises(InputError, match="not known"):
         waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
+
+
+def test_what_does_not_travel_has_no_time_of_flight():
+    # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
+    lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
+    network = ContactNetwork.of(lattice, UNITS).repeat((1, 60))
+    pulse = gp.Waves(network).transmit(
+        0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", ends="periodic", duration=40 / HERTZ
+    )
+    with pytest.raises(ConvergenceError, match="not after the burst"):
+        pulse.arrival()
 
 
 def test_network_that_is_not_joined_is_refused():

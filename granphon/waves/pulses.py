@@ -145,7 +145,7 @@ class Pulse(Result):
         Raises
         ------
         InputError : an unknown method, a threshold that is not between 0 and 1.
-        ConvergenceError : the record ends before the pulse has arrived, or the signal is zero.
+        ConvergenceError : the record ends before the pulse has arrived, the signal is zero, or not later than the burst.
         """
         return float(self._find_arrivals(self.coherent[None], method, threshold)[0])
 
