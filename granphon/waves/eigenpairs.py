@@ -49,7 +49,7 @@ UNSTABLE = message(
 
 
 class Eigenpairs(NamedTuple):
-    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one; the largest residual over top^2.
+    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one; largest ``residual``/top^2.
 
     ``zeros`` is the number of modes of the network that cost no energy; None if they were not counted.
     """
