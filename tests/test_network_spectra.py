@@ -251,13 +251,16 @@ def test_dos_of_a_large_array_is_that_of_its_bands():
     bands = gp.Phonons(state).dos(mesh=(96, 96), points=4000)
     kernel = Kernel(dos.top, 64)
     lines = kernel.moments_of(bands.frequencies)
+    inside = []
     for found, error, exact in (
         (dos.total, dos.error, bands.total), (dos.translational, dos.translational_error, bands.translational),
         (dos.rotational, dos.rotational_error, bands.rotational),
     ):  # fmt: skip
-        weights = exact * np.gradient(bands.frequencies)
-        expected = kernel.densities(weights @ lines)
-        assert np.mean(np.abs(found - expected) < student.ppf(0.995, 5) * error) > 0.95
+        expected = kernel.densities(exact * np.gradient(bands.frequencies) @ lines)
+        assert np.max(np.abs(found - expected)) < 0.1 * expected.max()
+        inside.append(np.mean(np.abs(found - expected) < student.ppf(0.995, 5) * error))
+    # of 99 %; neighbouring points are related
+    assert np.mean(inside) > 0.94
 
 
 def test_dos_without_rotations_has_none():
