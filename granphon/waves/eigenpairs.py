@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 ZERO = 1e-6
 #: most motions of a dense matrix
 _DENSE = 600
+#: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
+_LARGEST = 10_000
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
 _FACTORED = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: largest share of all modes that are found without all of them
@@ -162,6 +164,11 @@ class _Problem:
 def _find_dense(problem: _Problem, count: int, target: float) -> Eigenpairs:
     from scipy.linalg import eigh
 
+    if problem.live.size > _LARGEST:
+        raise InputError(
+            message(f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found",
+                    mend="Ask for fewer")
+        )  # fmt: skip
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     limit = (ZERO * problem.top) ** 2
     if squares[0] < -limit:
@@ -215,6 +222,8 @@ def _find_filtered(problem: _Problem, count: int, target: float) -> Eigenpairs:
         vectors, chosen = whole[problem.live], problem.choose(omega, count, target)
         zeros = int(np.sum(omega <= ZERO * top))
         if zeros + count + _SPARE > vectors.shape[1]:  # modes that cost nothing take the places of those that are wanted
+            if 2 * vectors.shape[1] * _SHARE > len(vectors):
+                return _find_dense(problem, count, target)
             more = np.random.default_rng(vectors.shape[1]).normal(size=vectors.shape)
             vectors = np.concatenate([vectors, more], axis=1)
             continue
