@@ -345,7 +345,8 @@ def _find_sources(course: Course, source: Any) -> Index:
     if isinstance(source, str):
         if source not in ("plane", "ball"):
             raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
-        plane = course.find_plane(0.0, "source")
+        # the first balls behind the beginning; the last ones of the period before may be as near to it
+        plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
         return plane if source == "plane" else plane[:1]
     balls, count = finite_array("source", source).ravel(), course.network.n_balls
     if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
