@@ -416,11 +416,11 @@ def test_network_that_is_not_joined_is_refused():
 @pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
 def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
-    state = gp.DirectSimulation(packing, shape=(6, 90), seed=seed).at_force(18.4)
+    state = gp.DirectSimulation(packing, shape=(6, 130), seed=seed).at_force(18.4)
     waves = gp.Waves(state.sample)
     pulse = waves.transmit(6500.0, (0, 1), 0.2, ends=ends)
     heights = waves.network.positions[:, 1]
     period = waves.network.cell[1, 1]
     ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
-    assert ahead == pytest.approx(pulse.distance, abs=0.51 * 8e-3)
+    assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
     assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)
