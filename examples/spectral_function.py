@@ -46,7 +46,7 @@ with matplotlib.rc_context(STYLE):
     figure, panels = plt.subplots(1, 2, figsize=(7.0, 3.3), dpi=300, layout="constrained")
     for (load, one), ax in zip(spectra.items(), panels, strict=True):
         plot_spectrum(one, ax)
-        ax.set_title(f"$f^*={load:g}$", fontsize=8, y=1.2)
+        ax.text(0.03, 0.93, f"$f^*={load:g}$", transform=ax.transAxes)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])
