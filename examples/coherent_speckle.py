@@ -5,15 +5,14 @@ What a ball of a disordered array hears of a pulse has two parts. The mean over 
 coherent wave, which travels with the sound velocity and fades. The rest differs from ball to ball: the speckle, which
 arrives later and stays.
 
-Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms of
-the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
+Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms
+of the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
 """
 
 import sys
 
 import matplotlib
 import matplotlib.pyplot as plt
-import numpy as np
 
 import granphon as gp
 from granphon.figures.pulses import plot_frame
