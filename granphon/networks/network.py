@@ -244,7 +244,7 @@ class ContactNetwork(Result):
     # -- where it comes from ----------------------------------------------------------------------------------------
 
     @classmethod
-    def of(cls, lattice: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
+    def of(cls, lattice: Compatibility, units: Units, /, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
         """Return the network of balls and contacts of one cell of ``lattice``, which is in reduced units.
 
         Parameters
@@ -269,14 +269,14 @@ class ContactNetwork(Result):
         masses = units.mass * lattice.masses
         spring = k * lattice.stiffness
         return cls(
-            cell=cell, positions=positions, radii=d * np.broadcast_to(radii, lattice.n_balls),
+            cell=cell, radii=d * np.broadcast_to(radii, lattice.n_balls),
             masses=masses, inertias=masses * (d * lattice.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
             normal_force=k * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
             shear_stiffness=lattice.mindlin_ratio * spring, torsion_stiffness=lattice.torsion * d * d * spring,
             bending_stiffness=lattice.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
             **{
                 "motions": lattice.named_motions.name, "dimension": dimension, "prestress": lattice.is_prestressed,
-                "pbc": (p > 0, p > 1, p > 2), **more,
+                "pbc": (p > 0, p > 1, p > 2), "positions": positions, **more,
             },
         )  # fmt: skip
 
