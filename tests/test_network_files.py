@@ -42,7 +42,9 @@ def lmp(request):
 # -- LAMMPS ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "dimension", "balls", "contacts", "loose"), [("disks", 2, 30, 64, 1), ("balls", 3, 36, 125, 1)])
+@pytest.mark.parametrize(
+    ("name", "dimension", "balls", "contacts", "loose"), [("disks", 2, 30, 64, 1), ("balls", 3, 36, 125, 1)]
+)
 def test_dumps_of_lammps(name, dimension, balls, contacts, loose):
     network = gp.ContactNetwork.from_lammps(*dumps(name), GLASS)
     whole = gp.ContactNetwork.from_lammps(*dumps(name), GLASS, keep_rattlers=True)

@@ -120,9 +120,7 @@ def _check_contacts(network: ContactNetwork) -> None:
     for name in ("i", "j"):
         values = getattr(network, name)
         there = (values >= 0) & (values < network.n_balls)
-        _require(
-            network, name, there, "contact", f"names a ball that is not there; balls are 0 to {network.n_balls - 1}"
-        )
+        _require(network, name, there, "contact", f"names a ball that is not there; balls are 0 to {network.n_balls - 1}")
     still = ~network.moving[network.i] & ~network.moving[network.j]
     _require(network, "i", ~still, "contact", "joins two bodies that do not move")
     moved = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)

@@ -56,9 +56,7 @@ class _Frame:
                 out[n] = float(cells[place])
             except (IndexError, ValueError):
                 found = brief(cells[place], 40) if len(cells) > place else "nothing"
-                raise InputError(
-                    message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")
-                ) from None
+                raise InputError(message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")) from None
         return out
 
 
@@ -160,7 +158,9 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
     frames = [frame for frame in _split_frames(str(path), read_bytes(path), kind) if step is None or frame.step == step]
     if not frames:
         steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path), kind)})
-        shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if len(steps) > 1 else f"{steps[0]} alone" if steps else "none"
+        shown = (
+            f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if len(steps) > 1 else f"{steps[0]} alone" if steps else "none"
+        )
         raise InputError(message(f"{path} has no time step {brief(step)}", f"It has {shown}"))
     return frames[-1]
 
@@ -204,7 +204,9 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
         else:  # such as TIME
             n += 1
     if frame is None:
-        raise InputError(message(f"{name} has no time step", mend="Is this a dump of LAMMPS, of style custom or local, as text?"))
+        raise InputError(
+            message(f"{name} has no time step", mend="Is this a dump of LAMMPS, of style custom or local, as text?")
+        )
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:

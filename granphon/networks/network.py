@@ -298,8 +298,7 @@ class ContactNetwork(Result):
         number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {
-            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
-            for name in _CONTACTS
+            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1))) for name in _CONTACTS
         }
         contacts = {name: values.reshape(-1, *np.shape(getattr(self, name))[1:]) for name, values in contacts.items()}
         return replace(

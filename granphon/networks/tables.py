@@ -95,7 +95,9 @@ class _Columns:
         if self._table is None:
             values = real_array(f"{name} of {self.name}", self._arrays[wanted])
             if values.ndim != 1:
-                raise InputError(message(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers"))
+                raise InputError(
+                    message(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
+                )
             return values
         if kind is None:
             if unit := self._table.unit(wanted):
@@ -218,7 +220,9 @@ def _read_contacts(table: _Columns) -> Contacts:
     i, j = table.whole("i"), table.whole("j")
     normal, steps = table.vectors("nx", "ny", "nz"), table.vectors("shift_1", "shift_2", "shift_3")
     shift = None if steps is None else read_whole_numbers(f"shift of {table.name}", _widen(steps))
-    springs = {name: table.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")}
+    springs = {
+        name: table.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
+    }
     return Contacts(table.name, i, j, shift, None, None if normal is None else _widen(normal), **springs)
 
 
