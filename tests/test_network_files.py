@@ -1,7 +1,6 @@
 """Networks from files: dumps of LAMMPS, against LAMMPS' own forces; tables of balls and contacts, read and written."""
 
 import ctypes
-import json
 import re
 from dataclasses import replace
 
@@ -10,7 +9,6 @@ import packings
 import pytest
 
 import granphon as gp
-from granphon.balls.hertz import HertzLaw
 from granphon.waves.operator import WaveOperator
 
 GLASS = packings.MATERIAL
@@ -181,3 +179,147 @@ def read(lmp, folder, **more):
     atoms, pairs = folder / "atoms.dump", folder / "pairs.dump"
     packings.write_dumps(lmp, atoms, pairs)
     return gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, keep_rattlers=True, **more)
+
+
+def test_boxes_units_and_places_of_dumps(tmp_path, lmp):
+    """What LAMMPS writes of one state: scaled and unwrapped places, the tilted box, a box of any vectors, other units."""
+    lmp.commands_string(f"""
+        compute ids all property/local patom1 patom2 cutoff radius
+        compute pair all pair/local force p10 p11 p12 cutoff radius
+        dump pairs all local 1 {tmp_path}/pairs.dump c_ids[1] c_ids[2] c_pair[1] c_pair[2] c_pair[3] c_pair[4]
+        dump_modify pairs format float %.16g
+        dump atoms all custom 1 {tmp_path}/atoms.dump id type x y z diameter
+        dump scaled all custom 1 {tmp_path}/scaled.dump id xs ys zs radius mass
+        dump unwrapped all custom 1 {tmp_path}/unwrapped.dump id xu yu zu radius mass
+        dump_modify atoms format float %.16g time yes
+        dump_modify scaled format float %.16g
+        dump_modify unwrapped format float %.16g
+        run 0
+        undump pairs
+        undump atoms
+        undump scaled
+        undump unwrapped
+        uncompute pair
+        uncompute ids""")
+    columns = ["i", "j", "force", "dx", "dy", "dz"]
+    networks = [
+        gp.ContactNetwork.from_lammps(tmp_path / f"{name}.dump", tmp_path / "pairs.dump", GLASS, columns=columns, friction=False)
+        for name in ("atoms", "scaled", "unwrapped")
+    ]
+    for network in networks[1:]:
+        order, other = np.argsort(networks[0].labels), np.argsort(network.labels)
+        for name in ("radii", "masses"):
+            np.testing.assert_allclose(getattr(network, name)[other], getattr(networks[0], name)[order], rtol=1e-12)
+        np.testing.assert_allclose(network.vector, networks[0].vector, atol=1e-15)
+    # the same numbers in centimetres, grams and dyn, and in scales of one's own
+    in_cgs = networks[0]
+    for units, scales in (("cgs", (1e-2, 1e-5)), (gp.Units(1e-3, 2.0, 3.0), (1e-3, 2e-3))):
+        found = gp.ContactNetwork.from_lammps(
+            tmp_path / "scaled.dump", tmp_path / "pairs.dump", columns=columns, units=units, normal_stiffness=7.0, friction=False
+        )
+        np.testing.assert_allclose(found.cell, scales[0] * in_cgs.cell)
+        np.testing.assert_allclose(found.normal_force, scales[1] * in_cgs.normal_force)
+        assert np.all(found.normal_stiffness == 7.0)
+
+
+def test_tilted_boxes(tmp_path):
+    """Four balls of a triangular lattice in a box with an angle of 60 degrees, as LAMMPS writes it."""
+    try:
+        running = packings.start()
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    spacing = 1.9e-3
+    running.commands_string(f"""
+        units si
+        dimension 2
+        boundary p p p
+        atom_style sphere
+        newton off
+        region cell prism 0 3.8e-3 0 {2.0 * spacing * 0.75**0.5!r} -1e-3 1e-3 1.9e-3 0 0
+        create_box 1 cell""")
+    places = [[k + 0.5 * l, l * 0.75**0.5, 0.0] for k in range(2) for l in range(2)]
+    running.create_atoms(4, [1, 2, 3, 4], [1] * 4, (spacing * np.ravel(places)).tolist())
+    running.commands_string(f"""
+        set group all diameter 2e-3 density 2500
+        pair_style granular
+        {packings.coefficients("linear_nohistory 0 0")}
+        comm_modify vel yes""")
+    packings.write_dumps(running, tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+    running.close()
+    assert "BOX BOUNDS xy xz yz" in (tmp_path / "atoms.dump").read_text()
+    network = gp.ContactNetwork.from_lammps(tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS)
+    assert (network.n_balls, network.n_contacts, network.left_out) == (4, 12, 0)
+    np.testing.assert_allclose(np.linalg.norm(network.vector, axis=1), spacing, rtol=1e-9)
+    np.testing.assert_allclose(network.cell, 3.8e-3 * np.array([[1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0], [0.0, 0.0, 0.0]]), atol=1e-12)
+
+
+def spoil(*changes):
+    """A change of the texts of both files: pairs of a pattern and what stands in its place, for atoms or for pairs."""
+
+    def spoiled(name, folder):
+        texts = [path.read_text() for path in dumps(name)]
+        for which, pattern, new in changes:
+            texts[which], count = re.subn(pattern, new, texts[which], count=1, flags=re.MULTILINE)
+            assert count
+        for name, text in zip(("atoms", "pairs"), texts, strict=True):
+            (folder / f"{name}.dump").write_text(text)
+        return folder / "atoms.dump", folder / "pairs.dump"
+
+    return spoiled
+
+
+BAD_DUMPS = {
+    "steps": (spoil((0, r"TIMESTEP\n\d+", "TIMESTEP\n7")), {}, "time step 7, and .* Balls and contacts must be of one step"),
+    "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
+    "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in others"),
+    "units given": (spoil(), {"units": "cgs"}, "its units are si, and units='cgs' is given"),
+    "unknown units": (spoil(), {"units": "feet"}, "units: found 'feet'; allowed: si, cgs, micro, nano"),
+    "ids": (spoil((1, "ENTRIES i j", "ENTRIES a b")), {}, "no column i and no column j. .* colname 1 i"),
+    "names": (spoil(), {"columns": ["i", "j"]}, "has 6: i, j, force"),
+    "radius": (spoil((0, "radius", "size")), {}, "no column radius.*radius mass"),
+    "id": (spoil((0, "ATOMS id", "ATOMS name")), {}, "no column id"),
+    "x": (spoil((0, " x y z", " a b c")), {}, "no columns x, y and z"),
+    "mass": (spoil((0, "mass", "size")), {"material": None, "normal_stiffness": 1.0}, "no column 'mass', and no material"),
+    "swapped": (lambda name, folder: dumps(name)[::-1], {}, "is a dump of entries, and a dump of atoms"),
+    "cut off": (spoil((1, r"\n[^\n]*\n\Z", "\n")), {}, "ends before its 64 entries do: 63 are there"),
+    "cell": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 much")), {}, r"pairs.dump:\d+: force: found 'much', where a number"),
+    "short line": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+).*", r"\1")), {}, r"pairs.dump:\d+: dx: found nothing"),
+    "ball": (spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>99")), {}, "contact 0, of balls 99 and .* not among those of"),
+    "part": (spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>1.5")), {}, "1.5 where a whole number"),
+    "twice": (spoil((0, r"^2 ", "1 ")), {}, "two balls with the id 1"),
+    "tension": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ )", r"\1-")), {}, "has the force -.* Forces that pull"),
+    "vector": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ \S+ )\S+", r"\g<1>0.1")), {}, "is not where its balls are"),
+    "boxes": (spoil((1, r"(BOUNDS.*\n\S+ )\S+", r"\g<1>0.1")), {}, "different boxes"),
+    "box": (spoil((0, r"(BOUNDS.*\n)\S+", r"\g<1>wide")), {}, "bounds of the box cannot be read"),
+    "general box": (spoil((0, "BOX BOUNDS", "BOX BOUNDS abc origin")), {}, "triclinic/general"),
+    "count": (spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\1many")), {}, "found 'many', where a whole number"),
+    "another file": (lambda name, folder: (dumps(name)[0], __file__), {}, "where a line 'ITEM: ...' is needed"),
+    "no file": (lambda name, folder: (folder / "no.dump", dumps(name)[1]), {}, "no such file"),
+    "material": (spoil(), {"material": "steel"}, "the material is 'steel'. Give a gp.Material"),
+    "no material": (spoil(), {"material": None}, "no normal_stiffness, shear_stiffness, and no material is given"),
+    "far": (spoil((0, r"^2 \S+", "2 0.00444")), {"columns": ["i", "j", "force", "a", "b", "c"]}, "not near each other"),
+    "dimension": (spoil((0, r"^(2 \S+ \S+) 0", r"\1 1e-4")), {"dimension": 2}, "is not where its balls are"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_DUMPS)
+def test_dumps_that_cannot_be_read(name, tmp_path):
+    """Each has one error, which says what is wrong and where."""
+    make, more, said = BAD_DUMPS[name]
+    with pytest.raises(gp.GranphonError, match=said) as error:
+        gp.ContactNetwork.from_lammps(*make("disks", tmp_path), **({"material": GLASS} | more))
+    assert "\n" not in str(error.value)
+
+
+def test_the_last_of_several_steps_is_read(tmp_path):
+    for which, path in zip(("atoms", "pairs"), dumps("disks"), strict=True):
+        text = path.read_text()
+        early = re.sub(r"TIMESTEP\n\d+", "TIMESTEP\n5", text)
+        late = re.sub(r"ITEM: UNITS\nsi\n", "", re.sub(r"TIMESTEP\n\d+", "TIMESTEP\n6", text))
+        (tmp_path / f"{which}.dump").write_text(early + late)
+    both = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    whole = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
+    assert gp.ContactNetwork.from_lammps(*both, GLASS) == whole
+    assert gp.ContactNetwork.from_lammps(*both, GLASS, step=5) == whole
+    with pytest.raises(gp.GranphonError, match="no time step 4. It has 5 to 6, 2 in all"):
+        gp.ContactNetwork.from_lammps(*both, GLASS, step=4)

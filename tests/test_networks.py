@@ -193,7 +193,7 @@ def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
     vector = places[j] - places[i]
     distance = np.linalg.norm(vector, axis=1)
     n, count = len(places), len(i)
-    fields = dict(
+    fields = dict(  # noqa: C408
         cell=np.zeros((3, 3)), pbc=(False,) * 3, positions=places, radii=np.ones(n), masses=np.ones(n),
         inertias=0.4 * np.ones(n), i=i, j=j, shift=np.zeros((count, 3), int), normal=vector / distance[:, None],
         normal_force=np.broadcast_to(force, count), normal_stiffness=np.ones(count), shear_stiffness=np.full(count, slip),
@@ -268,7 +268,7 @@ def test_rattlers_by_brute_force():
 def test_pieces():
     """Two triangles and a ball alone; a wall between the triangles does not join them, and belongs to both."""
     triangle = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 3.0**0.5]])
-    balls = [*triangle, *(triangle + [10.0, 0.0]), (4.0, 0.0), (30.0, 0.0)]
+    balls = [*triangle, *(triangle + np.array([10.0, 0.0])), (4.0, 0.0), (30.0, 0.0)]
     contacts = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (1, 6)]
     masses = [*np.ones(6), np.inf, 1.0]
     network = make(balls, contacts, slip=0.5, masses=masses)

@@ -54,7 +54,7 @@ class Balls:
 class Contacts:
     """What a source says of its contacts, in SI; None where it says nothing.
 
-    ``i`` and ``j`` are labels of balls. ``normal`` and ``vector``, from ball i to ball j, are (n_c, 3), ``shift`` is (n_c, 3).
+    ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j, and ``shift`` are (n_c, 3).
     """
 
     name: str
@@ -192,7 +192,7 @@ def _find_shifts(
     contacts: Contacts, positions: Array, radii: Array, cell: Array, pbc: NDArray[np.bool_], i: Index, j: Index,
     still: NDArray[np.bool_],
 ) -> Index:  # fmt: skip
-    """Return the whole cells (n_c, 3) by which each ball j is displaced: those given, those of the vectors, or the nearest."""
+    """Return the whole cells (n_c, 3) by which balls j are displaced: those given, those of the vectors, or the nearest."""
     if contacts.shift is not None:
         return contacts.shift
     axes = np.flatnonzero(pbc)

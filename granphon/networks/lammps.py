@@ -84,7 +84,7 @@ def read_dumps(
     if {"dx", "dy", "dz"} <= set(touching.names):  # LAMMPS gives the vector from j to i
         vector = -length * np.stack([touching.read(name) for name in ("dx", "dy", "dz")], axis=1)
     contacts = Contacts(
-        touching.name, *(_read_ids(touching, name) for name in ("i", "j")), vector=vector,
+        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"), vector=vector,
         normal_force=force * touching.read("force") if "force" in touching.names else None,
         normal_stiffness=None if normal_stiffness is None else np.full(
             count, positive("normal_stiffness", normal_stiffness, "N/m")
@@ -137,10 +137,9 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             break
     else:
         raise InputError(message(f"{frame.name} has no columns x, y and z", _say_columns(frame), _WRITE_ATOMS))
-    if missing := [name for name in ("id",) if name not in frame.names]:
-        raise InputError(message(f"{frame.name} has no column {missing[0]}", _say_columns(frame), _WRITE_ATOMS))
-    if "radius" not in frame.names and "diameter" not in frame.names:
-        raise InputError(message(f"{frame.name} has no column radius", _say_columns(frame), _WRITE_ATOMS))
+    for name, other in (("id", "id"), ("radius", "diameter")):
+        if name not in frame.names and other not in frame.names:
+            raise InputError(message(f"{frame.name} has no column {name}", _say_columns(frame), _WRITE_ATOMS))
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
     return Balls(frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"))
@@ -217,13 +216,15 @@ def _read_count(name: str, lines: list[str], n: int) -> int:
 
 
 def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
-    """Read the three lines of a box below its heading ``words``: orthogonal, tilted, or of any three vectors."""
+    """Read the three lines of a box below its heading ``words``: orthogonal or tilted."""
+    if words[:1] == ["abc"]:
+        why = "LAMMPS lists pairs in another frame, in which its box is tilted"
+        mend = "Leave out dump_modify triclinic/general"
+        raise InputError(message(f"{frame.name} has a box of three general vectors", why, mend))
     try:
         rows = np.array([[float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
         flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
-        if words[:2] == ["abc", "origin"]:
-            frame.cell, frame.origin = rows[:, :3], rows[:, 3]
-        elif words[:3] == ["xy", "xz", "yz"]:
+        if words[:3] == ["xy", "xz", "yz"]:
             xy, xz, yz = rows[:, 2]
             low = rows[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
             high = rows[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]

@@ -36,7 +36,8 @@ Index = NDArray[np.intp]
 #: fields with one number for each ball, and those of each contact
 _BALLS = ("radii", "masses", "inertias")
 _CONTACTS = (
-    "normal", "normal_force", "normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness", "arm_i", "arm_j",
+    "normal", "normal_force", "normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness", "arm_i",
+    "arm_j",
 )  # fmt: skip
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
@@ -78,7 +79,7 @@ class ContactNetwork(Result):
     ------
     InputError : arrays of different lengths, a contact that names a ball that is not there or that is listed twice, a force
         that pulls, a number that is not finite or out of range, a normal whose length is not one or that does not lead from
-        ball i to ball j, balls that are farther apart, or nearer, than the two arms by a quarter, a plane that contacts leave.
+        ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
     """
 
     units = {
@@ -183,8 +184,8 @@ class ContactNetwork(Result):
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
 
-        ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and one
-        more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it. Raises
+        ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
+        one more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it. Raises
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
@@ -366,10 +367,11 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
-        return read_tables(
+        network: Self = read_tables(
             cls, balls, contacts, columns or {}, material=material, cell=cell, pbc=pbc, dimension=dimension, motions=motions,
             friction=friction, prestress=prestress, keep_rattlers=keep_rattlers, held_by=held_by,
         )  # fmt: skip
+        return network
 
     @classmethod
     def from_lammps(
@@ -385,8 +387,8 @@ class ContactNetwork(Result):
         ----------
         dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
             mass if there is no material.
-        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive, default:
-            Hertz's at the overlap of the two balls) and dx, dy, dz, the vector from j to i, as p10, p11, p12 of
+        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
+            default: Hertz's at the overlap of the two balls) and dx, dy, dz, the vector from j to i, as p10, p11, p12 of
             ``compute pair/local`` (default: to the nearest image).
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units. By default what the dump
@@ -407,11 +409,12 @@ class ContactNetwork(Result):
         """
         from granphon.networks.lammps import read_dumps
 
-        return read_dumps(
+        network: Self = read_dumps(
             cls, dump, pairs, units, columns, step, material=material, normal_stiffness=normal_stiffness,
             shear_stiffness=shear_stiffness, dimension=dimension, motions=motions, friction=friction, prestress=prestress,
             keep_rattlers=keep_rattlers, held_by=held_by,
         )  # fmt: skip
+        return network
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.

@@ -24,9 +24,9 @@ def find_rattlers(network: ContactNetwork, held_by: int | None = None) -> Index:
     """Find the balls that carry no load: those with fewer contacts than can hold them, then those that these leave so.
 
     A contact counts if its force is above :data:`LEAST_LOAD` of the mean of all; if no contact of the network has a force,
-    all contacts count, as if their forces were equal. A ball is held by ``held_by`` contacts or more, by default by two where
-    contacts resist slip, and by one more than there are dimensions where they do not. Without slip stiffness a ball is
-    also held by two contacts or more whose forces are in balance, as along a straight row. A wall is no rattler.
+    all contacts count, as if their forces were equal. A ball is held by ``held_by`` contacts or more: by default by two
+    where contacts resist slip, and by one more than there are dimensions where they do not. By default, a ball that slips
+    is also held by two contacts or more whose forces are in balance, as along a straight row. A wall is no rattler.
     """
     force = network.normal_force
     pressed = force > 0.0
@@ -69,7 +69,7 @@ def find_rattlers(network: ContactNetwork, held_by: int | None = None) -> Index:
 
 
 def find_pieces(network: ContactNetwork) -> list[Index]:
-    """Find the sets of balls that contacts join, the largest first; a wall joins nothing, and is in each set that it touches."""
+    """Find the sets of balls that contacts join, the largest first; a wall joins none, and is in each that it touches."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -332,7 +332,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         return self._find_lattice(atoms, motions)[0]
 
     def contact_network(self, atoms: Atoms, motions: str | None = None) -> ContactNetwork:
-        """Return the balls of any cell and their closed contacts as a :class:`~granphon.networks.network.ContactNetwork`, SI.
+        """Return balls and closed contacts of any cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
 
         They are those of :meth:`contact_lattice`, with their forces, at the places of the balls in the reference state. The
         network repeats along the periods of the Atoms. With ``finite_overlap`` it has prestress. ``motions`` and errors are
