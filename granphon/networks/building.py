@@ -125,7 +125,7 @@ def build_network(
     vector = positions[j] + shift @ cell - positions[i]
     distance = np.linalg.norm(vector, axis=1)
     radii_i, radii_j = balls.radii[i], balls.radii[j]
-    overlap = radii_i + radii_j - distance
+    overlap = np.where(still, 0.0, radii_i + radii_j - distance)  # a wall may have any place
     far = ~still & ~(np.abs(overlap) <= _REACH * (radii_i + radii_j))
     said = f"whose radii add up to {_first(radii_i + radii_j, far):.6g} m, are {_first(distance, far):.6g} m apart"
     contacts.refuse(far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units")
@@ -138,8 +138,8 @@ def build_network(
         "shear_stiffness": shear,
         "torsion_stiffness": none if contacts.torsion_stiffness is None else contacts.torsion_stiffness,
         "bending_stiffness": none if contacts.bending_stiffness is None else contacts.bending_stiffness,
-        "arm_i": _find_arms(radii_i, overlap, still) if contacts.arm_i is None else contacts.arm_i,
-        "arm_j": _find_arms(radii_j, overlap, still) if contacts.arm_j is None else contacts.arm_j,
+        "arm_i": _find_arms(radii_i, overlap) if contacts.arm_i is None else contacts.arm_i,
+        "arm_j": _find_arms(radii_j, overlap) if contacts.arm_j is None else contacts.arm_j,
     }  # fmt: skip
     if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
         found = {name: values[force > 0.0] for name, values in found.items()}
@@ -151,10 +151,9 @@ def build_network(
     return network if require("keep_rattlers", truth, keep_rattlers) else network.without_rattlers(held_by)
 
 
-def _find_arms(radii: Array, overlap: Array, still: NDArray[np.bool_]) -> Array:
-    """Return the distances from centres to contacts: those to the middle of the overlap, or to the surface at a wall."""
-    at_wall = np.where(np.isfinite(radii), radii, 0.0)  # the arm of a flat wall does not matter, as it does not turn
-    return np.where(still, at_wall, radii - 0.5 * overlap)
+def _find_arms(radii: Array, overlap: Array) -> Array:
+    """Return the distances from the centres to the middle of the overlap."""
+    return np.where(np.isfinite(radii), radii, 0.0) - 0.5 * overlap  # the arm of a flat wall does not matter
 
 
 def _first(values: Array, bad: NDArray[np.bool_]) -> float:
@@ -199,7 +198,7 @@ def _find_shifts(
     shift = np.zeros((len(i), 3), np.intp)
     apart = positions[j] - positions[i]
     periods = cell[axes]
-    if axes.size and np.linalg.matrix_rank(periods) < axes.size:
+    if np.linalg.matrix_rank(periods) < axes.size:
         raise InputError(message("the periodic vectors of the cell are not independent of each other"))
     across = np.linalg.pinv(periods)
     touch = radii[i] + radii[j]
@@ -209,17 +208,17 @@ def _find_shifts(
         why = "Its vector does not lead from one to the other in this cell"
         contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
         return shift
+    if not axes.size:
+        return shift
     nearest = -np.rint(apart @ across).astype(np.intp)
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
     distance = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
-    if axes.size:
-        distance[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
+    distance[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
     order = np.argsort(distance, axis=1)
     shift[:, axes] = nearest + steps[order[:, 0]]
-    if axes.size:
-        second = np.take_along_axis(distance, order[:, 1:2], axis=1)[:, 0]
-        why = "The cell is so small that they touch at more than one place"
-        contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, "Give the shift of each contact")
+    second = np.take_along_axis(distance, order[:, 1:2], axis=1)[:, 0]
+    why = "The cell is so small that they touch at more than one place"
+    contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, "Give the shift of each contact")
     shift[still] = 0
     return shift
 

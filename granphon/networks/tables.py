@@ -139,9 +139,9 @@ class _Columns:
         if not there:
             return None
         self.require(*names[: names.index(there[-1]) + 1])
-        if self._table is not None and self._known[names[0]] is not None:
+        if self._table is not None:
             units = [self._table.unit(self._named.get(name, name)) for name in there]
-            if len(set(units)) > 1:
+            if len(set(units)) > 1 and all(units):
                 said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
                 raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
         self.require_equal(*there)
