@@ -4,6 +4,7 @@ Type checkers read this file. ``__init__.py`` reads it too, line by line, so eve
 """
 
 from .array.atoms import write_extxyz as write_extxyz
+from .array.hexagon import Hexagon as Hexagon
 from .array.sample import Sample as Sample
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured

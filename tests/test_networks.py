@@ -1,13 +1,14 @@
 """Networks of contacts, and the dynamical matrix of a network: against the bands of lattices and the matrices of arrays."""
 
-import dataclasses
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import granphon as gp
 from granphon.networks.network import ContactNetwork
+from granphon.waves.array_operator import ArrayOperator
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import WaveOperator
 
@@ -79,6 +80,54 @@ def test_polynomials_are_even_in_the_frequency():
     for order, found in zip(range(40), polynomials(operator, start), strict=False):
         expected = vectors @ (np.cos(2 * order * np.arccos(omega))[:, None] * (vectors.T @ start))
         np.testing.assert_allclose(found, expected, atol=1e-11)
+
+
+@pytest.mark.parametrize(("name", "motions", "shape"), LATTICES)
+def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
+    from granphon.balls.lattices import find_lattice
+    from granphon.balls.motions import allowed_motions
+
+    shape = tuple(max(3, one) for one in shape)
+    among = allowed_motions(find_lattice(name).dimension)[motions]
+    torsion, bending = (0.02, 0.03) if among.twist else (0.0, 0.0)
+    eta = 0.0 if motions == "longitudinal" else 0.8
+    lattice = gp.ContactLattice.of(name, eta, torsion=torsion, bending=bending, motions=among)
+    network = ContactNetwork.of(lattice, UNITS, lattice=find_lattice(name)).repeat(shape)
+    rng = np.random.default_rng(5)
+    open_ones = rng.random(network.n_contacts) < 0.2  # the rest of the springs differ
+    kept = {
+        field: getattr(network, field)[~open_ones]
+        for field in ("i", "j", "shift", "normal", "normal_force", "arm_i", "arm_j")
+    }
+    springs = {
+        field: (getattr(network, field) * rng.uniform(0.1, 1.0, network.n_contacts))[~open_ones]
+        for field in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+    }
+    network = replace(network, **kept, **springs)
+    stencils, sparse = gp.Waves(network).operator, WaveOperator(network)
+    assert isinstance(stencils, ArrayOperator)
+    x = rng.normal(size=(network.n_balls, network.ball_motions.count))
+    expected = sparse.matrix @ sparse.vector(x)
+    np.testing.assert_allclose(stencils.values(stencils @ stencils.vector(x)).ravel(), expected, atol=1e-13 * sparse.top**2)
+    np.testing.assert_allclose(
+        stencils.matrix @ stencils.vector(x), stencils @ stencils.vector(x), atol=1e-13 * sparse.top**2
+    )
+    assert stencils.top == pytest.approx(sparse.top, rel=1e-12)
+    two = rng.normal(size=(stencils.size, 2))
+    before = rng.normal(size=(stencils.size, 2))
+    expected = 4.0 / stencils.top**2 * (stencils.matrix @ two) - 2.0 * two - before
+    np.testing.assert_allclose(stencils.advance(two, before), expected, atol=1e-12)
+
+
+def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    network = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample.network
+    assert isinstance(gp.Waves(network).operator, ArrayOperator)
+    uneven = np.linspace(1.0, 1.1, network.n_contacts)
+    turned = {"i": network.j, "j": network.i, "shift": -network.shift, "normal": -network.normal}
+    masses = network.masses * np.linspace(1.0, 1.1, 48)
+    for change in ({"masses": masses}, {"prestress": True}, {"lattice": None}, {"arm_i": network.arm_i * uneven}, turned):
+        assert not isinstance(gp.Waves(replace(network, **change)).operator, ArrayOperator)
 
 
 # -- from states and Atoms ------------------------------------------------------------------------------------------
@@ -167,7 +216,7 @@ def test_networks_go_through_json():
     network = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS).repeat((3, 2))
     masses = network.masses.copy()
     masses[2] = np.inf
-    for one in (network, dataclasses.replace(network, masses=masses), network.select([5, 1, 0]), with_lattice((3, 2))):
+    for one in (network, replace(network, masses=masses), network.select([5, 1, 0]), with_lattice((3, 2))):
         again = ContactNetwork.from_dict(json.loads(json.dumps(one.to_dict())))
         assert again == one
         assert again.lattice == one.lattice
@@ -234,7 +283,7 @@ def test_balls_in_a_straight_row_are_held():
     assert not rows.rattlers.size
     square = gp.ContactLattice.of("square", 0.0)
     network = ContactNetwork.of(square, UNITS).repeat((3, 3))
-    one_row = dataclasses.replace(
+    one_row = replace(
         network, **{
             name: getattr(network, name)[np.abs(network.normal[:, 0]) > 0.5]
             for name, layout in network.shapes.items() if layout.split()[0] == "c"
@@ -383,7 +432,7 @@ def test_what_a_network_cannot_be(name):
     network = with_lattice((4, 3))
     wrong, said = BAD[name]
     with pytest.raises(gp.GranphonError, match=said) as error:
-        dataclasses.replace(network, **wrong(network))
+        replace(network, **wrong(network))
     assert "\n" not in str(error.value)
 
 
@@ -391,22 +440,18 @@ def test_what_a_network_may_be():
     """Left-handed cells, whole numbers as floats, lists, one ball, a wall that touches a ball twice."""
     network = with_lattice((4, 3))
     mirror = np.array([-1.0, 1.0, 1.0])
-    turned = dataclasses.replace(
+    turned = replace(
         network, cell=network.cell * mirror, positions=network.positions * mirror, normal=network.normal * mirror
     )
     np.testing.assert_allclose(
         dense_frequencies(turned), dense_frequencies(network), atol=1e-8 * dense_frequencies(network)[-1]
     )
-    listed = dataclasses.replace(
-        network, i=network.i.astype(float), masses=network.masses.tolist(), pbc=np.array(network.pbc)
-    )
+    listed = replace(network, i=network.i.astype(float), masses=network.masses.tolist(), pbc=np.array(network.pbc))
     assert listed == network
     alone = network.select([3])
     assert (alone.n_balls, alone.n_contacts, alone.coordination) == (1, 0, 0.0)
     with pytest.raises(gp.GranphonError, match="no ball"):
-        dataclasses.replace(
-            alone, **{name: getattr(alone, name)[:0] for name in ("positions", "radii", "masses", "inertias", "labels")}
-        )
+        replace(alone, **{name: getattr(alone, name)[:0] for name in ("positions", "radii", "masses", "inertias", "labels")})
     # a wall, which is one body, has two sides; its place and its arms do not matter
     corner = make(
         [(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF], normal=[[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],

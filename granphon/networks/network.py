@@ -185,8 +185,8 @@ class ContactNetwork(Result):
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
 
         ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
-        one more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it. Raises
-        :class:`~granphon.base.errors.InputError` if no ball is held.
+        one more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it.
+        Raises :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
         loose = self.rattlers if least is None else find_rattlers(self, least)
@@ -245,38 +245,38 @@ class ContactNetwork(Result):
     # -- where it comes from ----------------------------------------------------------------------------------------
 
     @classmethod
-    def of(cls, lattice: Compatibility, units: Units, /, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
-        """Return the network of balls and contacts of one cell of ``lattice``, which is in reduced units.
+    def of(cls, crystal: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
+        """Return the network of balls and contacts of one cell of ``crystal``, which is in reduced units.
 
         Parameters
         ----------
-        lattice : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
+        crystal : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
         units : the scales d (m), k (N/m) and M (kg).
         normal_force : (n_c,) forces, k d.
         radii : (n,) d.
         more : further fields of the network.
         """
-        table, d, k = lattice.contacts, units.length, units.stiffness
-        p, dimension, count = lattice.periods, lattice.dimension, len(lattice.contacts)
+        table, d, k = crystal.contacts, units.length, units.stiffness
+        p, dimension, count = crystal.periods, crystal.dimension, len(crystal.contacts)
         cell, positions, normal, shift = (
             np.zeros((3, 3)),
-            np.zeros((lattice.n_balls, 3)),
+            np.zeros((crystal.n_balls, 3)),
             np.zeros((count, 3)),
             np.zeros((count, 3), int),
         )
-        cell[:p, :dimension] = d * lattice.cell
-        positions[:, :dimension] = d * lattice.positions
+        cell[:p, :dimension] = d * crystal.cell
+        positions[:, :dimension] = d * crystal.positions
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
-        masses = units.mass * lattice.masses
-        spring = k * lattice.stiffness
+        masses = units.mass * crystal.masses
+        spring = k * crystal.stiffness
         return cls(
-            cell=cell, radii=d * np.broadcast_to(radii, lattice.n_balls),
-            masses=masses, inertias=masses * (d * lattice.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
+            cell=cell, radii=d * np.broadcast_to(radii, crystal.n_balls),
+            masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
             normal_force=k * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
-            shear_stiffness=lattice.mindlin_ratio * spring, torsion_stiffness=lattice.torsion * d * d * spring,
-            bending_stiffness=lattice.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
+            shear_stiffness=crystal.mindlin_ratio * spring, torsion_stiffness=crystal.torsion * d * d * spring,
+            bending_stiffness=crystal.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
             **{
-                "motions": lattice.named_motions.name, "dimension": dimension, "prestress": lattice.is_prestressed,
+                "motions": crystal.named_motions.name, "dimension": dimension, "prestress": crystal.is_prestressed,
                 "pbc": (p > 0, p > 1, p > 2), "positions": positions, **more,
             },
         )  # fmt: skip

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from granphon.base.errors import InputError, brief, message
 from granphon.networks.network import ContactNetwork
+from granphon.waves.array_operator import make_operator
+from granphon.waves.dos import SpectralDensity, find_dos
 from granphon.waves.operator import WaveOperator
+from granphon.waves.plane_waves import nearest_wavevectors
+from granphon.waves.pulses import Pulse, transmit
+from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
 
 __all__ = ["Waves"]
+
+Array = NDArray[np.float64]
 
 
 class Waves:
@@ -29,7 +40,111 @@ class Waves:
     @cached_property
     def operator(self) -> WaveOperator:
         """D of the network as a linear operator, (rad/s)^2."""
-        return WaveOperator(self.network)
+        return make_operator(self.network)
+
+    def dos(
+        self, resolution: float | None = None, vectors: int = 10, seed: int = 0, *, moments: int | None = None
+    ) -> SpectralDensity:
+        """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
+
+        Parameters
+        ----------
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        vectors : number of random vectors; the error falls as its root, and as that of the number of balls.
+        seed : from which the random vectors are drawn.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range,
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
+        nan. Memory is that of D and of about six vectors, whatever the numbers.
+        """
+        return find_dos(self.operator, resolution, moments, vectors, seed)
+
+    def spectral_function(
+        self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
+        direction: ArrayLike | None = None, moments: int | None = None,
+    ) -> SpectralFunction:  # fmt: skip
+        """Return A(q, f), the spectrum of plane waves, by the kernel polynomial method: the positions of balls give phases.
+
+        Parameters
+        ----------
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Along periods of the cell they must be those that it has;
+            :meth:`nearest_wavevectors` finds these.
+        polarisation : "longitudinal", along q; "transverse", across q; "rotational"; or numbers, one for each displacement,
+            or one for each motion of a ball. Where several directions are across q, or several axes of rotation are free,
+            the result is the mean over them; in the plane, waves across q move in the plane if balls can.
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        direction : (2,) or (3,): of a transverse wave, its part across q; of a rotational one, the axis; of a wave with
+            q = 0, which has none of its own, that of the displacements.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose message names the nearest
+        one, and for a polarisation in which balls do not move;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        return find_spectral_function(self.operator, q, polarisation, direction, resolution, moments)
+
+    def nearest_wavevectors(self, q: ArrayLike) -> Array:
+        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape.
+
+        Along axes without a period every q is one.
+        """
+        return nearest_wavevectors(self.network, q)
+
+    def transmit(
+        self,
+        frequency: float,
+        direction: ArrayLike,
+        distance: float,
+        cycles: float = 5.0,
+        polarisation: str | ArrayLike = "longitudinal",
+        *,
+        source: str | int | Sequence[int] = "plane",
+        ends: str = "periodic",
+        damping: float = 0.0,
+        duration: float | None = None,
+        planes: ArrayLike = (),
+        frames: ArrayLike = (),
+    ) -> Pulse:
+        """Send a pulse through the network, and hear it on a plane of balls.
+
+        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to
+        P = cycles/frequency. The dynamics are linear, and propagated to rounding: by an expansion in Chebyshev polynomials
+        whose coefficients that are left out add up to 1e-13.
+
+        Parameters
+        ----------
+        frequency : Hz, up to the top of the network's modes.
+        direction : (1,) to (3,) the direction in which the pulse travels, Cartesian.
+        distance : m, of the receiving plane: that of the balls nearest to it, which the result says. It counts from the
+            source; with ``ends``, from the end: the plane halfway between the first balls and those that were before them,
+            or the wall.
+        cycles : periods of the burst, 1 or more.
+        polarisation : "longitudinal"; "transverse", which in the plane of balls is across the direction, and in space along
+            the axis farthest from it; "out_of_plane"; or a vector (1,) to (3,) along which the source pushes. Signals are
+            velocities along it.
+        source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or several.
+        ends : "periodic": the network as it is, where the pulse runs both ways; "free": contacts across the plane before the
+            source are cut; "walls": the balls before it are held.
+        damping : s, the viscosity of each contact over its stiffness, the same of normal and tangential motion: a mode of
+            the angular frequency omega decays as exp(-damping omega^2 t/2).
+        duration : s, of the record; by default that of the burst and three times that of a wave in which balls move in
+            proportion, which is the fastest.
+        planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
+        frames : (n_f,) times at which the velocities of all balls are kept, s.
+
+        Raises
+        ------
+        InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
+            ends, before the distance); there are no balls there, or no contacts join them with the source; nothing resists
+            the polarisation; a number out of range.
+        UnreachableFrequencyError : the frequency is above all modes of the network.
+        InstabilityError : the prestress makes a squared frequency negative.
+        """
+        return transmit(
+            self.network, frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
+            duration=duration, planes=planes, frames=frames, operator=self.operator if ends == "periodic" else None,
+        )  # fmt: skip
 
 
 def _find_network(source: Any) -> ContactNetwork:
