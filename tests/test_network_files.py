@@ -402,6 +402,25 @@ def test_what_a_table_lacks_follows_from_the_rest(name, tmp_path):
     assert gp.ContactNetwork.from_table(*paths, material=GLASS, cell=cell, columns=columns) == read
 
 
+def test_tables_of_yade():
+    """A packing that YADE has pressed and relaxed, written by the script of the page on networks: Hertz's and Mindlin's law."""
+    balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
+    side = [0.005424017457709516] * 3
+    network = gp.ContactNetwork.from_table(balls, contacts, cell=side)
+    assert (network.n_balls, network.n_contacts, network.left_out, network.dimension) == (24, 88, 0, 3)
+    pull = np.zeros((24, 3))
+    np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
+    np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
+    assert np.max(np.abs(pull)) < 1e-12 * network.normal_force.mean()
+    # YADE's stiffnesses, masses, shifts and normals are those that follow from force, material and places
+    alone = {name: getattr(network, field) for name, field in (("i", "i"), ("j", "j"), ("normal_force", "normal_force"))}
+    places = dict(zip("xyz", network.positions.T, strict=True)) | {"radius": network.radii}
+    follows = gp.ContactNetwork.from_table(places, alone, material=GLASS, cell=side)
+    for name in ("masses", "inertias", "shift", "normal_stiffness", "shear_stiffness"):
+        np.testing.assert_allclose(getattr(follows, name), getattr(network, name), rtol=1e-13)
+    np.testing.assert_allclose(follows.normal, network.normal, atol=1e-14)
+
+
 def test_a_table_of_a_row_between_walls():
     """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a plane."""
     balls = {

@@ -229,19 +229,6 @@ class ContactNetwork(Result):
         found = find_pieces(self)
         return (self,) if len(found) == 1 else tuple(self.select(balls) for balls in found)
 
-    def require_one_piece(self, what: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the network falls apart; ``what`` needs that it does not."""
-        sizes = [len(balls) for balls in find_pieces(self)]
-        if len(sizes) > 1:
-            shown = ", ".join(map(str, sizes[:3])) + (", ..." if len(sizes) > 3 else "")
-            raise InputError(
-                message(
-                    f"the network falls into {len(sizes)} pieces that do not touch, of {shown} balls",
-                    f"{what} needs contacts that join all balls",
-                    "Take one of network.pieces(), or leave out balls that carry no load: network.without_rattlers()",
-                )
-            )
-
     # -- where it comes from ----------------------------------------------------------------------------------------
 
     @classmethod

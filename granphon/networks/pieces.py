@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
-__all__ = ["LEAST_LOAD", "find_pieces", "find_rattlers"]
+__all__ = ["LEAST_LOAD", "find_pieces", "find_rattlers", "number_pieces"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -68,19 +68,24 @@ def find_rattlers(network: ContactNetwork, held_by: int | None = None) -> Index:
     return np.flatnonzero(loose)
 
 
-def find_pieces(network: ContactNetwork) -> list[Index]:
-    """Find the sets of balls that contacts join, the largest first; a wall joins none, and is in each that it touches."""
+def number_pieces(network: ContactNetwork) -> Index:
+    """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    n, moving = network.n_balls, network.moving
-    both = moving[network.i] & moving[network.j]
+    both = network.moving[network.i] & network.moving[network.j]
     ends = network.i[both], network.j[both]
-    _, piece = connected_components(coo_array((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)
+    graph = coo_array((np.ones(len(ends[0])), ends), shape=(network.n_balls, network.n_balls))
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+
+def find_pieces(network: ContactNetwork) -> list[Index]:
+    """Find the sets of balls that contacts join, the largest first; a wall joins none, and is in each that it touches."""
+    moving, piece = network.moving, number_pieces(network)
     members = np.flatnonzero(moving)
     order = members[np.argsort(piece[members], kind="stable")]
     sets = np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if order.size else []
-    walls = ~both
+    walls = ~(moving[network.i] & moving[network.j])
     one = np.where(moving[network.i], network.i, network.j)[walls]
     wall = np.where(moving[network.i], network.j, network.i)[walls]
     if one.size:
