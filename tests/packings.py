@@ -1,6 +1,7 @@
 """Random packings of LAMMPS: balls of three sizes in a periodic box, relaxed without friction.
 
-``python tests/packings.py`` writes those of :data:`KEPT` into ``tests/packings``, for tests where LAMMPS is not installed.
+``python tests/packings.py`` writes those of :data:`KEPT` into ``examples/packings``, for pages, and for tests where LAMMPS is
+not installed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 import granphon as gp
 
-FOLDER = Path(__file__).parent / "packings"
+FOLDER = Path(__file__).parent.parent / "examples" / "packings"
 #: dimension, number of balls, filled part of the box, seed
 KEPT = {"disks": (2, 30, 0.86, 4), "balls": (3, 36, 0.65, 1)}
 #: of the balls in these packings

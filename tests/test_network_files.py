@@ -403,7 +403,7 @@ def test_what_a_table_lacks_follows_from_the_rest(name, tmp_path):
 
 
 def test_tables_of_yade():
-    """A packing that YADE has pressed and relaxed, written by the script of the page on networks: Hertz's and Mindlin's law."""
+    """A packing that YADE has pressed and relaxed, by the script of the page on networks; its law: Hertz and Mindlin."""
     balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
     side = [0.005424017457709516] * 3
     network = gp.ContactNetwork.from_table(balls, contacts, cell=side)
