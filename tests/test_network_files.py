@@ -103,6 +103,7 @@ def test_vectors_and_forces_of_a_dump_may_be_missing(name, tmp_path):
     np.testing.assert_allclose(again.normal_force[strong[kept]], whole.normal_force[strong], rtol=1e-4)
 
 
+@pytest.mark.claim("network-lammps")
 def test_lammps_responds_as_the_network_without_friction(lmp, tmp_path):
     network = read(lmp, tmp_path, friction=False, prestress=True)
     count, dimension = network.n_balls, network.dimension
@@ -128,6 +129,7 @@ def test_lammps_responds_as_the_network_without_friction(lmp, tmp_path):
     )
 
 
+@pytest.mark.claim("network-lammps")
 def test_lammps_responds_as_the_network_with_friction(lmp, tmp_path):
     """LAMMPS adds up slip along the way: one step of time at a velocity is a displacement.
 
@@ -354,6 +356,7 @@ def network_of(kind):
     return replace(network, masses=masses, lattice=None, shape=None)
 
 
+@pytest.mark.claim("api-network-tables")
 @pytest.mark.parametrize("kind", ["packing", "sample", "wall"])
 def test_tables_are_read_as_they_were_written(kind, tmp_path):
     network = network_of(kind)

@@ -9,7 +9,7 @@ import pytest
 import granphon as gp
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
-from granphon.waves.array_operator import ArrayOperator
+from granphon.waves.array_operator import ArrayOperator, find_kinds, make_operator
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import WaveOperator
 
@@ -105,8 +105,9 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
         for field in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
     }
     network = replace(network, **kept, **springs)
-    stencils, sparse = gp.Waves(network).operator, WaveOperator(network)
-    assert isinstance(stencils, ArrayOperator)
+    kinds = find_kinds(network)
+    assert kinds is not None
+    stencils, sparse = ArrayOperator(network, kinds), WaveOperator(network)
     x = rng.normal(size=(network.n_balls, network.ball_motions.count))
     expected = sparse.matrix @ sparse.vector(x)
     np.testing.assert_allclose(stencils.values(stencils @ stencils.vector(x)).ravel(), expected, atol=1e-13 * sparse.top**2)
@@ -123,12 +124,20 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
 def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
     network = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample.network
-    assert isinstance(gp.Waves(network).operator, ArrayOperator)
+    assert find_kinds(network) is not None
     uneven = np.linspace(1.0, 1.1, network.n_contacts)
     turned = {"i": network.j, "j": network.i, "shift": -network.shift, "normal": -network.normal}
     masses = network.masses * np.linspace(1.0, 1.1, 48)
     for change in ({"masses": masses}, {"prestress": True}, {"lattice": None}, {"arm_i": network.arm_i * uneven}, turned):
-        assert not isinstance(gp.Waves(replace(network, **change)).operator, ArrayOperator)
+        assert find_kinds(replace(network, **change)) is None
+
+
+def test_only_large_arrays_go_without_a_matrix():
+    from granphon.balls.lattices import TRIANGULAR
+
+    one = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS, lattice=TRIANGULAR)
+    assert type(make_operator(one.repeat((9, 10)))) is WaveOperator
+    assert isinstance(make_operator(one.repeat((60, 50))), ArrayOperator)
 
 
 # -- from states and Atoms ------------------------------------------------------------------------------------------

@@ -98,6 +98,8 @@ def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0)
     from matplotlib.animation import FuncAnimation
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    if not len(pulse.frames):
+        raise InputError(message("the pulse has no frames", mend="Give transmit the times of frames"))
     with matplotlib.rc_context(STYLE):
         figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")
         FigureCanvasAgg(figure)

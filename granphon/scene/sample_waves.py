@@ -15,7 +15,6 @@ from granphon.base.errors import InputError, message
 from granphon.base.progress import Progress, Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import read_text
 from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState
 from granphon.waves.dos import SpectralDensity
@@ -94,7 +93,7 @@ WAVE_RESULTS: dict[str, type[Result]] = {"sample_dos": SpectralDensity, "spectru
 def read_waves(path: Path) -> Any:
     """Read the result in a file of :attr:`granphon.scene.result_files.WAVE_FILES` that ends in ".json"."""
     try:
-        data = json.loads(read_text(path))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
         raise InputError(message(f"{path} is not JSON", mend="Run the scene again")) from None
     return WAVE_RESULTS[path.stem].from_dict(data)

@@ -29,13 +29,15 @@ _PART = 2**13
 _LONG = 4
 #: relative difference of numbers that are equal but for rounding
 _ALIKE = 1e-12
+#: number of balls below which a sparse matrix is faster
+_LEAST_BALLS = 2500
 #: relative difference of multiples of a number that rounding explains
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def make_operator(network: ContactNetwork) -> WaveOperator:
     """Return D of a network: by stencils if it is a large enough array of equal masses, else by a sparse matrix."""
-    kinds = find_kinds(network)
+    kinds = find_kinds(network) if network.n_balls >= _LEAST_BALLS else None
     return WaveOperator(network) if kinds is None else ArrayOperator(network, kinds)
 
 

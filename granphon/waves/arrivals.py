@@ -16,6 +16,8 @@ METHODS = ("envelope", "first", "correlation")
 _HALF = 0.5
 #: the maximum is that of a parabola through the envelope where it has this part of the greatest
 _NEAR = 0.9
+#: a record ends, unless it is told otherwise, before what runs the other way round a periodic network comes
+_MEND = "Give a longer duration; in a periodic network fewer cycles, a longer array, or ends='free'"
 
 
 def find_envelope(signals: Array) -> Array:
@@ -69,7 +71,7 @@ def _find_top(envelope: Array) -> int:
             message(
                 "the pulse does not arrive within the record",
                 "The signal is greatest where the record ends" if np.any(envelope) else "The signal is zero",
-                "Give a longer duration, or a shorter distance",
+                _MEND,
             )
         )
     return int(high[0])
@@ -82,10 +84,11 @@ def _find_maximum(envelope: Array, threshold: float) -> float:
     split = int(np.searchsorted(low, place))
     first = min(place - 1, int(low[split - 1]) + 1 if split else 0)
     last = max(place + 1, int(low[split]) - 1 if split < low.size else envelope.size - 1)
-    reach = min(place - first, last - place)  # as far before the maximum as after it
-    shift = np.arange(-reach, reach + 1)
-    curve, slope, _ = np.polyfit(shift, np.log(envelope[place - reach : place + reach + 1]), 2)
-    return float(np.clip(place - 0.5 * slope / curve, place - reach, place + reach))
+    near = envelope[first : last + 1] / envelope[place]
+    # weights that vanish at the ends: no reading counts more or less when the next one is left out
+    weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
+    curve, slope, _ = np.polyfit(np.arange(first, last + 1) - place, near, 2, w=weight)
+    return float(np.clip(place - 0.5 * slope / curve, first, last))
 
 
 def _find_beginning(envelope: Array, threshold: float) -> float:
@@ -106,6 +109,6 @@ def _correlate(signal: Array, sent: Array) -> float:
     if not 0 < place < found.size - 1:
         raise ConvergenceError(
             message("the pulse does not arrive within the record", "The cross-correlation is greatest at one of its ends",
-                    "Give a longer duration, or a shorter distance")
+                    _MEND)
         )  # fmt: skip
     return _refine(found, place)

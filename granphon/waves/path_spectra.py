@@ -109,9 +109,10 @@ def find_path_spectra(
     legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    found: list[tuple[float, Array]] = []
+    found: dict[tuple[int, ...], tuple[float, Array]] = {}  # by the whole numbers of waves along the periods
     fine, bands = [], []
-    d = waves.network.dimension
+    network = waves.network
+    d, periods = network.dimension, network.cell[list(network.pbc)]
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
         along = (end - start) / length
         wanted = np.zeros((count, d))
@@ -120,15 +121,16 @@ def find_path_spectra(
         for q in nearest:
             place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
             off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
-            if np.any(q) and off <= 0.5 * length / (count - 1) and not any(np.array_equal(q, known) for _, known in found):
-                found.append((place, q))
+            number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
+            if any(number) and off <= 0.5 * length / (count - 1):
+                found.setdefault(number, (place, q))
         steps = np.linspace(0.0, 1.0, _BAND_POINTS)
         fine.append(begin + length * steps)
         bands.append(lattice.frequencies((start + steps[:, None] * (end - start)) * scales.length) * scales.frequency)
     if not found:
         what = "the array has no wave vector on the path but Gamma"
         raise InputError(message(what, mend="Take a larger array, or a path through the middle of the zone"))
-    distances, q = np.array([place for place, _ in found]), np.array([one for _, one in found])
+    distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
     spectra = tuple(waves.spectral_function(q, name, resolution) for name in polarisations)
     return PathSpectra(starts, _join(path, labels), distances, spectra, np.concatenate(fine), np.concatenate(bands))
 

@@ -19,7 +19,7 @@ __all__ = ["ENDS", "Course"]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: what stands at the two ends of a network
-ENDS = ("periodic", "free", "walls")
+ENDS = ("free", "walls", "periodic")
 #: relative length below which the part of a period along a direction is zero but for rounding
 _FLAT = 1e-9
 #: balls of one plane are this part of the mean diameter away from it, at most
@@ -90,7 +90,7 @@ class Course:
         last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
         return float(near[last] - 0.5 * gaps[last])
 
-    def require_period(self, least: float) -> None:
+    def require_period(self, least: float, why: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if planes across it meet themselves before ``least``."""
         if self.period >= least * (1.0 - _FLAT):
             return
@@ -101,7 +101,7 @@ class Course:
         raise InputError(
             message(
                 f"planes across ({shown}) {closes} in this periodic network",
-                f"The pulse that runs the other way round would come first: {least:.6g} m are needed",
+                f"{why}: {least:.6g} m are needed",
                 f"Take a shorter distance, a longer array, or the direction {offer}" if better
                 else "Take a shorter distance, or a longer array",
             )
@@ -121,7 +121,7 @@ class Course:
                 if size >= least:
                     found.append((float(vector @ self.direction) * size, (size * vector).tolist(), size))
         best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
-        return [([x + 0.0 for x in one[: self.network.dimension]], size) for _, one, size in best]
+        return [([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size) for _, one, size in best]
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -135,13 +135,13 @@ class Course:
 
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with ``ends``, see :data:`ENDS`."""
-        if ends == "periodic":
+        if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):
             raise InputError(
                 message(
-                    f"ends={ends!r}: the network is open along this direction",
-                    "Ends are made where a period is cut",
+                    "there is no place for walls: the network has no period along this direction",
+                    "Walls are made where a period is cut",
                     "Leave ends out: the network then has the ends that it has",
                 )
             )
@@ -149,13 +149,13 @@ class Course:
         if ends == "free":
             names = [name for name, layout in network.shapes.items() if layout.startswith("c")]
             kept = {name: getattr(network, name)[~cut] for name in names}
-            return replace(self, network=replace(network, lattice=None, shape=None, **kept), face=0.0)
+            return replace(self, network=replace(network, **kept), face=0.0)
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)
         masses[held] = math.inf
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[held])) - self.period
-        return replace(self, network=replace(network, masses=masses, lattice=None, shape=None), face=face)
+        return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, what: str) -> Index:
         """Return the balls that move within a quarter of a diameter of the ball nearest to ``place``.

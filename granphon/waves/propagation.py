@@ -32,6 +32,8 @@ TOLERANCE = 1e-13
 _BLOCK = 4_000_000
 #: relative difference of the two decay rates of a mode below which both are parted, as their quotient has no digits
 _CRITICAL = 1e-10
+#: distance of a rate from that of a wave, times the length of the burst, below which the two are near
+_NEAR = 1e-2
 #: relative growth of a polynomial's norm, which is never above that of its start, beyond rounding
 _GROWTH = 1e-6
 
@@ -72,15 +74,21 @@ class ToneBurst:
 
     def drive(self, rates: Complex, times: Array) -> Complex:
         """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is above P."""
-        found = np.zeros((times.size, rates.size), complex)
-        for amplitude, omega in zip(*self._waves, strict=True):
-            for weight, wave in ((amplitude / 2j, 1j * omega), (-np.conj(amplitude) / 2j, -1j * omega)):
-                # exp(wave t) times the integral of exp((rate - wave) u) from 0 to t; no real part of a rate is above zero
-                apart = rates - wave
-                grown = np.expm1(np.multiply.outer(times, apart))
-                near = np.abs(apart) * self.duration < 1e-200
-                whole = np.where(near, times[:, None], grown / np.where(near, 1.0, apart))
-                found += (weight * np.exp(wave * times))[:, None] * whole
+        amplitudes, omegas = self._waves
+        weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
+        waves = 1j * np.concatenate([omegas, -omegas])
+        apart = rates[:, None] - waves
+        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their difference is taken with care
+        near = np.min(np.abs(apart), axis=1) * self.duration < _NEAR
+        part = weights / apart[~near]
+        turned = np.exp(np.multiply.outer(times, waves))
+        found = np.empty((times.size, rates.size), complex)
+        found[:, ~near] = np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
+        for column in np.flatnonzero(near):
+            gap = apart[column]
+            still = gap == 0.0
+            grown = np.expm1(np.multiply.outer(times, gap)) / np.where(still, 1.0, gap)
+            found[:, column] = (turned * np.where(still, times[:, None], grown)) @ weights
         return found
 
 
@@ -159,20 +167,20 @@ class Propagation:
     def _waves(self) -> _Exponentials:
         return self._find_nodes(self.order)
 
-    def _respond(self, times: Array, weights: Complex) -> Complex:
-        """Return responses (n_t, n) of all exponentials to the burst, times ``weights``."""
+    def _respond(self, times: Array, weights: Complex) -> Array:
+        """Return real responses (n_t, n) of all exponentials to the burst, times ``weights``."""
         rates, end = self._waves.rate, self.burst.duration
         during = times < end
         found = np.empty((times.size, rates.size), complex)
         found[during] = self.burst.drive(rates, times[during])
         if not np.all(during):
             found[~during] = np.exp(np.multiply.outer(times[~during] - end, rates)) * self._after
-        return np.asarray(found * weights)
+        return np.asarray(np.real(found * weights))
 
     @cached_property
     def _after(self) -> Complex:
         """What the burst leaves in each exponential at its end."""
-        return self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0]
+        return np.asarray(self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0])
 
     # -- recursion ------------------------------------------------------------------------------------------------------
 
@@ -220,7 +228,7 @@ class Propagation:
     def _coefficients(self, times: Array, weights: Complex) -> Array:
         """Return the coefficients (n_t, order) of responses at few times."""
         values = np.zeros((self.order, times.size))
-        np.add.at(values, self._waves.node, np.real(self._respond(times, weights)).T)
+        np.add.at(values, self._waves.node, self._respond(times, weights).T)
         found = dct(values.T, type=2, axis=1) / self.order
         found[:, 0] *= 0.5
         return np.asarray(found)

@@ -16,6 +16,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief, m
 from granphon.base.results import Result, read_only
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
+from granphon.waves.array_operator import make_operator
 from granphon.waves.arrivals import find_arrivals, find_envelope
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
@@ -48,12 +49,12 @@ class Pulse(Result):
     sources, receivers : indices of the balls that are pushed, and of those of the receiving plane.
     samples : (n_r,) the number of the sample that each receiver belongs to; zeros for a single one.
     signals : (n_r, n_t) velocity of each receiver, m/s.
-    plane_distances : (n_p,) m, of further planes.
-    planes : (n_p, n_t) mean velocity on each of them, m/s.
-    frames : (n_f,) s.
-    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s.
     energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record, from the displacements
         and velocities of all balls; means over samples.
+    plane_distances : (n_p,) m, of further planes, if there are any.
+    planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
+    frames : (n_f,) s, if there are any.
+    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
     """
 
     units = {
@@ -62,7 +63,7 @@ class Pulse(Result):
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
-        "signals": "r t", "plane_distances": "p", "planes": "p t", "frames": "f", "velocities": "f n 3", "energies": "2",
+        "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
     }  # fmt: skip
 
     frequency: float
@@ -77,11 +78,19 @@ class Pulse(Result):
     receivers: Index
     samples: Index
     signals: Array
+    energies: Array
     plane_distances: Array
     planes: Array
     frames: Array
     velocities: Array
-    energies: Array
+
+    def __post_init__(self) -> None:
+        # plain data do not keep the shape of an array without numbers
+        if not self.planes.size:
+            object.__setattr__(self, "planes", np.zeros((len(self.plane_distances), self.times.size)))
+        if not self.velocities.size:
+            object.__setattr__(self, "velocities", np.zeros((len(self.frames), 0, 3)))
+        super().__post_init__()
 
     @cached_property
     def coherent(self) -> Array:
@@ -111,7 +120,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, the damping over the critical one: amplitudes decay as exp(-2 pi zeta) a period."""
+        """zeta = pi tau times the frequency, the damping over the critical one: a period leaves exp(-2 pi zeta)."""
         return math.pi * self.damping * self.frequency
 
     @property
@@ -173,7 +182,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
-        if one.plane_distances.shape != first.plane_distances.shape:
+        if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
         if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
             unlike.append("distance")
@@ -187,17 +196,18 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     for one in pulses:
         samples.append(one.samples + last)
         last = int(np.max(samples[-1])) + 1
-    weights = np.array([one.samples.max() + 1 for one in pulses], float)
+    weights = [float(np.max(one.samples)) + 1.0 for one in pulses]
 
-    def mean(name: str) -> Array:
-        return np.average([np.asarray(getattr(one, name)) for one in pulses], axis=0, weights=weights)
+    def mean(name: str) -> Any:
+        values = [getattr(one, name) for one in pulses]
+        return np.average([one[..., :count] if name == "planes" else one for one in values], axis=0, weights=weights)
 
     return replace(
         first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        plane_distances=mean("plane_distances"), planes=np.average([one.planes[:, :count] for one in pulses], axis=0,
-        weights=weights), frames=np.zeros(0), velocities=np.zeros((0, 0, 3)), energies=mean("energies"),
+        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
+        velocities=np.zeros(0),
     )  # fmt: skip
 
 
@@ -210,7 +220,7 @@ def transmit(
     polarisation: str | ArrayLike = "longitudinal",
     *,
     source: str | int | Sequence[int] = "plane",
-    ends: str = "periodic",
+    ends: str = "free",
     damping: float = 0.0,
     duration: float | None = None,
     planes: ArrayLike = (),
@@ -230,7 +240,9 @@ def transmit(
     apart = finite_array("planes", planes, "m", "above zero").ravel() if np.size(planes) else np.zeros(0)
     farthest = max(length, *apart) if apart.size else length
     course = Course.along(network, along)
-    course.require_period(2.0 * farthest if ends == "periodic" else farthest)
+    if ends == "periodic":
+        course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
+    course.require_period(farthest, "The pulse would meet itself")
     course = course.with_ends(ends)
     sources = _find_sources(course, source)
     at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
@@ -238,13 +250,16 @@ def transmit(
     groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
     _require_joined(course.network, sources, groups[0])
     if operator is None or operator.network is not course.network:
-        operator = WaveOperator(course.network)
+        operator = make_operator(course.network)
     _require_reachable(operator, hertz)
+    fastest = _estimate_velocity(course.network, along, push)
     if duration is None:
-        duration = burst.duration + _LATE * farthest / _estimate_velocity(course.network, along, push)
+        duration = burst.duration + _LATE * farthest / fastest
+        if ends == "periodic":  # what runs the other way round comes later
+            duration = min(duration, (course.period - length) / fastest)
     step = 1.0 / (_READINGS * hertz)
-    lasting = max(positive("duration", duration, "s"), burst.duration + 2.0 * step)
-    times: Array = step * np.arange(math.ceil(lasting / step) + 1, dtype=np.float64)
+    times: Array = step * np.arange(max(3, math.floor(positive("duration", duration, "s") / step) + 1), dtype=np.float64)
+    last = max(float(times[-1]), burst.duration)
     shown = finite_array("frames", frames, "s", "zero or above").ravel() if np.size(frames) else np.zeros(0)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
@@ -253,24 +268,29 @@ def transmit(
     moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
     ears = place[np.concatenate(groups)]
     root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
-    walk = Propagation(operator, operator.vector(moved), burst, float(max(times[-1], *shown, 0.0)), tau)
+    walk = Propagation(operator, operator.vector(moved), burst, max([last, *shown]), tau)
     moments, displaced, moving = walk.run(
         lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
-        np.concatenate([[burst.duration, times[-1]], shown]),
+        np.concatenate([[burst.duration, last], shown]),
     )
     signals = walk.hear(moments, times)
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
-    fields = np.zeros((shown.size, network.n_balls, 3))
-    for field, state in zip(fields, moving[2:], strict=True):
-        seen = operator.values(state)[:, : e.size] / np.sqrt(course.network.masses[operator.balls, None])
-        field[operator.balls[:, None], list(operator.motions.translations)] = seen
+    far = [course.find_distance(start, one) for one in groups]
     return Pulse(
-        hertz, burst.cycles, along, push, tau, course.find_distance(start, groups[0]), times, burst(times), sources,
-        groups[0], np.zeros(len(groups[0]), int), parts[0],
-        np.array([course.find_distance(start, one) for one in groups[1:]]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]).reshape(-1, times.size), shown, fields, np.array(energies),
+        hertz, burst.cycles, along, push, tau, far[0], times, burst(times), sources, groups[0],
+        np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
+        np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
+        np.array([_spread(operator, one) for one in moving[2:]]),
     )  # fmt: skip
+
+
+def _spread(operator: WaveOperator, state: Array) -> Array:
+    """Return the velocities (n, 3) of all balls, m/s, of a mass-weighted vector of them."""
+    network, axes, balls = operator.network, operator.motions.translations, operator.balls
+    field = np.zeros((network.n_balls, 3))
+    field[balls[:, None], list(axes)] = operator.values(state)[:, : len(axes)] / np.sqrt(network.masses[balls, None])
+    return field
 
 
 def _read_vector(name: str, given: Any, dimension: int) -> Array:
@@ -345,8 +365,8 @@ def _require_reachable(operator: WaveOperator, hertz: float) -> None:
     from scipy.sparse.linalg import eigsh
 
     squared = (2.0 * np.pi * hertz) ** 2
-    if squared <= np.max(operator.matrix.diagonal()):  # no diagonal element is above the greatest eigenvalue
-        return
+    if squared <= 0.5 * operator.top**2 and not operator.network.prestress:
+        return  # a ball that moves alone has that frequency, and the highest mode is not below it
     if squared <= operator.top**2 and operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
         (top,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)

@@ -100,7 +100,7 @@ class Waves:
         polarisation: str | ArrayLike = "longitudinal",
         *,
         source: str | int | Sequence[int] = "plane",
-        ends: str = "periodic",
+        ends: str = "free",
         damping: float = 0.0,
         duration: float | None = None,
         planes: ArrayLike = (),
@@ -117,19 +117,21 @@ class Waves:
         frequency : Hz, up to the top of the network's modes.
         direction : (1,) to (3,) the direction in which the pulse travels, Cartesian.
         distance : m, of the receiving plane: that of the balls nearest to it, which the result says. It counts from the
-            source; with ``ends``, from the end: the plane halfway between the first balls and those that were before them,
-            or the wall.
+            source; if that is a plane at an end, from the end: the plane halfway between the first balls and those that were
+            before them, or the balls of the wall.
         cycles : periods of the burst, 1 or more.
         polarisation : "longitudinal"; "transverse", which in the plane of balls is across the direction, and in space along
             the axis farthest from it; "out_of_plane"; or a vector (1,) to (3,) along which the source pushes. Signals are
             velocities along it.
         source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or several.
-        ends : "periodic": the network as it is, where the pulse runs both ways; "free": contacts across the plane before the
-            source are cut; "walls": the balls before it are held.
+        ends : "free": contacts across the plane before the first balls are cut; "walls": the balls before it are held;
+            "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
+            direction, such as one between walls of its own, is left as it is.
         damping : s, the viscosity of each contact over its stiffness, the same of normal and tangential motion: a mode of
             the angular frequency omega decays as exp(-damping omega^2 t/2).
-        duration : s, of the record; by default that of the burst and three times that of a wave in which balls move in
-            proportion, which is the fastest.
+        duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
+            proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
+            a longer duration the signal is right too, but it is not of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
