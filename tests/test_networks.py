@@ -210,6 +210,11 @@ def test_what_has_no_network_is_one_error():
         gp.Waves(state)
     with pytest.raises(gp.GranphonError, match="2 loads"):
         ContactNetwork.from_state(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]), shape=(3, 3))
+    simulated = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3).at_force(2.0)
+    with pytest.raises(gp.GranphonError, match=r"of 1 simulated samples.* state.samples\[0\].network"):
+        ContactNetwork.from_state(simulated, shape=(6, 8))
+    with pytest.raises(gp.GranphonError, match=r"gp.Waves\(state.samples\[0\]\)"):
+        gp.Waves(simulated)
     with pytest.raises(gp.GranphonError, match="not a state"):
         ContactNetwork.from_state("a state", shape=(3, 3))
     with pytest.raises(gp.GranphonError, match="shape: found"):
@@ -343,6 +348,35 @@ def test_pieces():
         gp.Waves(network).transmit(0.1, (1.0, 0.0), 10.0, source=0)
     with pytest.raises(gp.GranphonError, match="no waves run"):
         gp.Waves(pieces[2]).operator  # noqa: B018
+
+
+def test_walls_and_prestress():
+    """A ball that is held from both sides is pushed sideways by fixed balls, with -f/r each, and not by flat walls."""
+    for radius, sideways in ((1.0, -2.0 * 0.3 / 2.0), (np.inf, 0.0)):
+        network = make(
+            [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0)], [(0, 1), (2, 0)], 0.3, masses=[1.0, np.inf, np.inf], prestress=True,
+            radii=[1.0, radius, radius],
+        )  # fmt: skip
+        np.testing.assert_allclose(WaveOperator(network).matrix.toarray(), np.diag([2.0, sideways]), atol=1e-15)
+
+
+def test_turning_a_cluster_as_a_whole_costs_nothing():
+    """Balls of any sizes, in any contacts: displacements and rotations of a rigid body deform no contact."""
+    rng = np.random.default_rng(4)
+    places = rng.uniform(0.0, 6.0, (30, 3))
+    pairs = np.argwhere(np.triu(np.linalg.norm(places[:, None] - places, axis=-1) < 2.4, 1))
+    distance = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+    part = rng.uniform(0.3, 0.7, len(pairs))
+    network = make(
+        places, pairs, slip=0.7, dimension=3, masses=rng.uniform(0.5, 2.0, 30), inertias=rng.uniform(0.1, 0.5, 30),
+        arm_i=part * distance, arm_j=(1.0 - part) * distance, torsion_stiffness=np.full(len(pairs), 0.1),
+        bending_stiffness=np.full(len(pairs), 0.2),
+    )  # fmt: skip
+    operator = WaveOperator(network)
+    for omega, drift in zip(np.eye(3), rng.normal(size=(3, 3)), strict=True):
+        motion = np.column_stack([drift + np.cross(omega, places), np.tile(omega, (30, 1))])
+        motion *= np.sqrt(np.column_stack([network.masses] * 3 + [network.inertias] * 3))
+        np.testing.assert_allclose(operator @ operator.vector(motion), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("balls", [[0, 0], [-1], [9], [0.5], "01", [[0, 1]], [], [True, False]])

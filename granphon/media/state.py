@@ -360,8 +360,11 @@ class ContactState(Result):
         """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice at this load, as a network of contacts.
 
         With finite overlap it has the spacing a and prestress. Raises :class:`~granphon.base.errors.InputError` for several
-        loads, and for another number of periods.
+        loads, for another number of periods, and for a state of samples, which have networks of their own.
         """
+        if self.samples:
+            what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
+            raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = contact_lattice(self), self.packing.structure, self.scales
         ones = (1,) * structure.periods
         return ContactNetwork.of(lattice, units, self.force / units.force, lattice=structure, shape=ones).repeat(shape)

@@ -169,6 +169,12 @@ class ContactNetwork(Result):
         """(n_c, 3) from the centre of ball i to that of ball j, m."""
         return read_only(self.positions[self.j] + self.shift @ self.cell - self.positions[self.i])
 
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distance of the centres, m; infinite at a flat wall, a body of infinite radius, whose place does not matter."""
+        flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
+        return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
+
     @property
     def coordination(self) -> float:
         """Mean number of contacts of a ball."""

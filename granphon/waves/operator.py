@@ -125,7 +125,7 @@ class WaveOperator(LinearOperator[np.float64]):
         network = self.network
         rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
         if rows:  # balls that move along a line alone make none
-            pushed = np.sqrt(network.normal_force / np.linalg.norm(network.vector, axis=1))
+            pushed = np.sqrt(network.normal_force / network.distance)
             across = self._make_matrix(rows, [pushed] * len(rows))
             found = (found - across.T.tocsr() @ across).tocsr()
         return found
