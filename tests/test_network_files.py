@@ -527,3 +527,59 @@ def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
         gp.ContactNetwork.from_table(path, {"i": [], "j": []}, material=GLASS)
     with pytest.raises(gp.GranphonError, match="contacts is 3"):
         gp.ContactNetwork.from_table({"x": [0.0], "radius": [1.0]}, 3, material=GLASS)
+
+
+WORDS = [
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e400",
+    "1e-320",
+    "1e308",
+    "9" * 30,
+    "1.5",
+    "abc",
+    "ITEM: ATOMS",
+    "\0",
+    "é",
+    "\n",
+    ",",
+]
+
+
+def damage(text, rng):
+    """A text with a word replaced, its end cut off, or a line left out or repeated."""
+    words = list(re.finditer(r"[^\s,]+", text))
+    found, what = words[rng.integers(len(words) if rng.random() < 0.5 else min(60, len(words)))], rng.integers(6)
+    if what < 3:
+        return text[: found.start()] + WORDS[rng.integers(len(WORDS))] + text[found.end() :]
+    if what == 3:
+        return text[: found.start()]
+    lines = text.split("\n")
+    place = rng.integers(len(lines))
+    lines[place : place + 1] = [lines[rng.integers(len(lines))]] * (2 * (int(what) - 4))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    network_of("wall").write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    kept = [dumps("disks"), dumps("balls"), (tmp_path / "balls.csv", tmp_path / "contacts.csv")]
+    wrong = 0
+    for count in range(60):
+        texts = [path.read_text() for path in kept[count % 3]]
+        which = rng.integers(2)
+        texts[which] = damage(texts[which], rng)
+        for name, text in zip("ab", texts, strict=True):
+            (tmp_path / name).write_text(text, encoding="utf-8")
+        read = gp.ContactNetwork.from_table if count % 3 == 2 else gp.ContactNetwork.from_lammps
+        try:
+            network = read(tmp_path / "a", tmp_path / "b", material=GLASS, prestress=True)
+            assert np.isfinite(gp.Waves(network).operator.top)
+        except gp.GranphonError as error:
+            assert "\n" not in str(error)
+            wrong += 1
+    assert wrong > 30

@@ -19,6 +19,7 @@ from granphon.balls.motions import allowed_motions
 from granphon.base.arguments import real_array, whole_number
 from granphon.base.errors import InputError, brief, message
 from granphon.base.validation import require, truth
+from granphon.networks.checks import LARGEST, MOST_STEPS
 
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
@@ -49,6 +50,19 @@ class Balls:
     inertias: Array | None = None
     labels: Index | None = None
 
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a place or radius with which one cannot reckon."""
+        placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
+        still = np.zeros(len(placed), bool) if self.masses is None else np.isinf(self.masses)
+        sized = (self.radii > 0.0) & ((self.radii < LARGEST) | (still & np.isinf(self.radii)))
+        for fine, name in ((placed, "place"), (sized, "radius")):
+            if not np.all(fine):
+                ball = int(np.argmin(fine))
+                value = self.positions[ball].tolist() if name == "place" else float(self.radii[ball])
+                number = ball if self.labels is None else int(self.labels[ball])
+                why = "Only a body that does not move may have a radius of inf" if value == math.inf else ""
+                raise InputError(message(f"{self.name}: ball {number} has the {name} {value} m", why))
+
 
 @dataclass(frozen=True)
 class Contacts:
@@ -70,6 +84,13 @@ class Contacts:
     bending_stiffness: Array | None = None
     arm_i: Array | None = None
     arm_j: Array | None = None
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a vector or shift with which one cannot reckon."""
+        if self.vector is not None:
+            self.refuse(~np.all(np.abs(self.vector) < LARGEST, axis=1), "has a vector that is not finite, or too large")
+        if self.shift is not None:
+            self.refuse(~np.all(np.abs(self.shift) <= MOST_STEPS, axis=1), f"has a shift of more than {MOST_STEPS} cells")
 
     def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
@@ -93,9 +114,10 @@ def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
         full[: len(given), : given.shape[1]] = given
         periodic[: len(given)] = np.any(given != 0.0, axis=1)
     if pbc is not None:
-        said = [require("pbc", truth, one) for one in (pbc.tolist() if isinstance(pbc, np.ndarray) else pbc)]
-        if len(said) > 3 or (any(said) and cell is None):
+        plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+        if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
             raise InputError(message(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"))
+        said = [require("pbc", truth, one) for one in plain]
         periodic[:] = [*said, *[False] * (3 - len(said))]
     return full, periodic
 
@@ -109,6 +131,10 @@ def build_network(
     if material is not None and not isinstance(material, Material):
         raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
     friction = require("friction", truth, friction)
+    balls.check()
+    contacts.check()
+    if not np.all(np.abs(cell) < LARGEST):
+        raise InputError(message(f"the cell is {cell.tolist()} m"))
     width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
     positions[:, :width] = balls.positions
     if dimension is None:
@@ -203,14 +229,14 @@ def _find_shifts(
     across = np.linalg.pinv(periods)
     touch = radii[i] + radii[j]
     if contacts.vector is not None:
-        shift[:, axes] = np.rint((contacts.vector - apart) @ across)
+        shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
         off = np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1) > _ROUNDED * touch
         why = "Its vector does not lead from one to the other in this cell"
         contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
         return shift
     if not axes.size:
         return shift
-    nearest = -np.rint(apart @ across).astype(np.intp)
+    nearest = -_round_steps(apart @ across)
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
     distance = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
     distance[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
@@ -221,6 +247,13 @@ def _find_shifts(
     contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, "Give the shift of each contact")
     shift[still] = 0
     return shift
+
+
+def _round_steps(steps: Array) -> Index:
+    """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells from each other."""
+    if np.any(~(np.abs(steps) <= MOST_STEPS)):
+        raise InputError(message(f"balls that touch are more than {MOST_STEPS} cells apart", mend="Compare cell and places"))
+    return np.asarray(np.rint(steps), np.intp)
 
 
 def _find_springs(

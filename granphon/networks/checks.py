@@ -16,7 +16,7 @@ from granphon.base.validation import require, truth
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
-__all__ = ["check_network", "read_periodic", "read_whole_numbers"]
+__all__ = ["LARGEST", "MOST_STEPS", "check_network", "read_periodic", "read_whole_numbers"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -26,8 +26,10 @@ _UNIT = 1e-6
 _STRAY = 0.25
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: greatest squared frequency of a single contact, (rad/s)^2, and the inverse of the least one
-_LARGEST = 1e250
+#: greatest number in SI, and the inverse of the least one: products of a few of them stay within the range of floats
+LARGEST = 1e60
+#: greatest number of cells between two balls
+MOST_STEPS = 1_000_000_000
 _SPRINGS = ("shear_stiffness", "torsion_stiffness", "bending_stiffness")
 
 
@@ -86,14 +88,14 @@ def _require(network: ContactNetwork, name: str, fine: Any, what: str, wrong: st
 
 
 def _check_balls(network: ContactNetwork) -> None:
-    finite = np.all(np.isfinite(network.positions), axis=1)
-    _require(network, "positions", finite, "ball", "is at a place that is not finite")
+    finite = np.all(np.abs(network.positions) < LARGEST, axis=1)
+    _require(network, "positions", finite, "ball", f"is at a place that is not finite, or above {LARGEST:g} m")
     for name in ("radii", "masses", "inertias"):
         values = getattr(network, name)
         _require(network, name, values > 0.0, "ball", f"has {name} that are not above zero")
         if name != "masses":
             _require(
-                network, name, np.isfinite(values) | ~network.moving, "ball", f"has {name} that are not finite, but moves",
+                network, name, (values < LARGEST) | ~network.moving, "ball", f"has {name} that are not finite, but moves",
                 "A body that does not move has an infinite mass",
             )  # fmt: skip
     if network.labels is not None and np.unique(network.labels).size != network.n_balls:
@@ -104,7 +106,7 @@ def _check_cell(network: ContactNetwork) -> None:
     periods = network.cell[list(network.pbc)]
     for axis in np.flatnonzero(network.pbc):
         vector = network.cell[axis]
-        if not (np.all(np.isfinite(vector)) and np.any(vector)):
+        if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
             raise InputError(message(f"vector {axis} of the cell is {vector.tolist()} m, and periodic"))
         if axis >= network.dimension or np.any(vector[network.dimension :]):
             where = "the line" if network.dimension == 1 else "the plane"
@@ -125,9 +127,11 @@ def _check_contacts(network: ContactNetwork) -> None:
     _require(network, "i", ~still, "contact", "joins two bodies that do not move")
     moved = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
     _require(network, "shift", ~moved, "contact", "crosses a side of the cell that is not periodic")
+    near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
+    _require(network, "shift", near, "contact", f"has a shift of more than {MOST_STEPS} cells")
     alone = (network.i == network.j) & ~np.any(network.shift, axis=1)
     _require(network, "i", ~alone, "contact", "joins a ball with itself")
-    size = np.linalg.norm(network.normal, axis=1)
+    size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)  # squares of larger numbers might overflow
     _require(network, "normal", np.abs(size - 1.0) <= _UNIT, "contact", "has a normal whose length is not one")
     for name, low in [("normal_force", False), ("normal_stiffness", True), *[(one, False) for one in _SPRINGS]]:
         values = getattr(network, name)
@@ -136,7 +140,8 @@ def _check_contacts(network: ContactNetwork) -> None:
         what = "above zero" if low else "zero or above"
         _require(network, name, inside, "contact", f"has a {name} that is not {what}{pulls}")
     for name in ("arm_i", "arm_j"):
-        _require(network, name, np.isfinite(getattr(network, name)), "contact", f"has an {name} that is not finite")
+        fine = np.abs(getattr(network, name)) < LARGEST
+        _require(network, name, fine, "contact", f"has an {name} that is not finite, or above {LARGEST:g} m")
 
 
 def _check_directions(network: ContactNetwork) -> None:
@@ -191,15 +196,15 @@ def _check_once(network: ContactNetwork) -> None:
 
 
 def _check_range(network: ContactNetwork) -> None:
-    """Check that squared frequencies are within the range of floats."""
-    masses = network.masses[network.moving]
-    if not (masses.size and network.n_contacts):
-        return
-    least = float(np.min(network.normal_stiffness)) / float(np.max(masses))
-    largest = float(np.max(network.normal_stiffness)) / float(np.min(masses))
-    if not 1.0 / _LARGEST < least <= largest < _LARGEST:
-        what = f"stiffness over mass is from {least:.3g} to {largest:.3g} 1/s^2 in this network"
-        raise InputError(message(what, "Double precision does not hold that", "Give SI units: N/m and kg"))
+    """Check that numbers are of a size whose products stay within the range of floats."""
+    said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+    for name in ("radii", "masses", "inertias"):
+        values = getattr(network, name)
+        fine = ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~network.moving
+        _require(network, name, fine, "ball", f"has {name} {said}")
+    _require(network, "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, "contact", f"has a stiffness {said}")
+    for name in ("normal_force", "normal_stiffness", *_SPRINGS):
+        _require(network, name, getattr(network, name) <= LARGEST, "contact", f"has a {name} {said}")
 
 
 def _check_order(network: ContactNetwork) -> None:

@@ -189,7 +189,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
         elif title.startswith("BOX BOUNDS") and frame is not None:
             _read_box(frame, title.removeprefix("BOX BOUNDS").split(), lines, n)
             n += 3
-        elif title.split()[0] in ("ATOMS", "ENTRIES") and frame is not None:
+        elif title.split()[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
             listed, *names = title.split()
             if listed != kind:
                 want = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"

@@ -171,7 +171,7 @@ class ContactNetwork(Result):
 
     @cached_property
     def distance(self) -> Array:
-        """(n_c,) distance of the centres, m; infinite at a flat wall, a body of infinite radius, whose place does not matter."""
+        """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
         flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
         return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
 
