@@ -466,7 +466,6 @@ BAD = {
     "cells": (lambda _: {"shape": (4, 4)}, "have 16 balls, and the network has 12"),
     "numbers of cells": (lambda _: {"shape": (12,)}, "triangular lattice"),
     "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
-    "two walls": (lambda n: {"masses": np.full(n.n_balls, INF)}, "contact 0 .* joins two bodies that do not move"),
 }  # fmt: skip
 
 

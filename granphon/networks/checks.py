@@ -123,8 +123,6 @@ def _check_contacts(network: ContactNetwork) -> None:
         values = getattr(network, name)
         there = (values >= 0) & (values < network.n_balls)
         _require(network, name, there, "contact", f"names a ball that is not there; balls are 0 to {network.n_balls - 1}")
-    still = ~network.moving[network.i] & ~network.moving[network.j]
-    _require(network, "i", ~still, "contact", "joins two bodies that do not move")
     moved = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
     _require(network, "shift", ~moved, "contact", "crosses a side of the cell that is not periodic")
     near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
