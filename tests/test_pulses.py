@@ -8,12 +8,14 @@ from scipy.integrate import solve_ivp
 from scipy.special import jv
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, InputError, UnreachableFrequencyError
+from granphon.balls.motions import allowed_motions
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.viscous import ViscousPropagation
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -94,6 +96,29 @@ def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwid
         errors.append(abs(pulse.velocity / group - 1.0))
     assert errors[2] < 1e-4
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("name", "shape", "direction", "polarisation", "hertz"), [
+    ("fcc", (1, 1, 260), (1, 1, -1), "longitudinal", 0.9), ("square", (300, 1), (1, 0), "transverse", 0.5),
+    ("chain", (500,), (1,), "longitudinal", 1.2), ("kagome", (1, 150), (0, 1), "longitudinal", 0.5),
+])  # fmt: skip
+def test_envelope_travels_with_the_group_velocity_in_other_lattices(name, shape, direction, polarisation, hertz):
+    lattice = gp.ContactLattice.of(name, 0.0 if name == "chain" else 0.8)
+    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    along = np.array(direction) / np.linalg.norm(direction)
+    pulse = gp.Waves(network).transmit(
+        hertz * HERTZ, direction, 25.0 * D, 20, polarisation, ends="periodic", duration=40.0 / (hertz * HERTZ)
+    )
+    # of the branches at this frequency the one whose balls move along the polarisation
+    q = np.linspace(0.01, 3.0, 3000)
+    modes = lattice.modes(q[:, None] * along)
+    axes = list(lattice.motions.translations)
+    part = np.abs(np.einsum("i,qib->qb", pulse.polarisation[axes], modes.eigenvectors[:, : len(axes)])) ** 2
+    near = np.where(part > 0.3, np.abs(modes.frequencies - hertz), np.inf)
+    at = np.unravel_index(np.argmin(near), near.shape)
+    group = modes.group_velocities[at] @ along * D * OMEGA
+    assert pulse.velocity == pytest.approx(group, rel=3e-3)
 
 
 def test_long_waves_arrive_alike_by_all_three_readings():
@@ -208,6 +233,45 @@ def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
     assert np.max(np.abs(later)) > 1e-6 * np.max(np.abs(heard))
 
 
+@pytest.mark.parametrize("taus", [(0.03, 0.2), (0.4, 0.0)])
+def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus):
+    more = {"cycles": 2, "ends": "periodic", "duration": 25.0 / OMEGA, "frames": [11.0 / OMEGA]}
+    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, damping=taus[0] / OMEGA, tangential_damping=taus[1] / OMEGA, **more)
+    operator = WaveOperator(disordered)
+    normal = WaveOperator(replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)).matrix
+    viscous = (taus[0] * normal + taus[1] * (operator.matrix - normal)) / OMEGA
+    push = np.zeros((disordered.n_balls, 3))
+    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
+    size = operator.size
+
+    def change(t, state):
+        x, v = state[:size], state[size:]
+        return np.concatenate([v, push.ravel() * burst(np.array(t)) - operator.matrix @ x - viscous @ v])
+
+    few = np.arange(0, pulse.times.size, 7)
+    when = np.concatenate([pulse.times[few], pulse.frames])
+    order = np.argsort(when)
+    found = solve_ivp(change, (0.0, np.max(when)), np.zeros(2 * size), "DOP853", when[order], rtol=1e-11, atol=1e-15)
+    states = np.empty_like(found.y)
+    states[:, order] = found.y
+    balls = states[size:].reshape(-1, 3, when.size)[:, 1] / np.sqrt(UNITS.mass)
+    largest = np.max(np.abs(pulse.signals))
+    np.testing.assert_allclose(pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest)
+    np.testing.assert_allclose(pulse.velocities[0, :, 1], balls[:, -1], atol=1e-9 * largest)
+
+
+def test_damping_in_spans_agrees_with_that_of_each_mode(disordered):
+    operator, burst, tau = WaveOperator(disordered), ToneBurst(0.5 * HERTZ, 3.0), 0.1 / OMEGA
+    push = np.zeros(operator.size)
+    push[:9] = 1.0
+    times, frames = np.arange(150) * 0.3 / OMEGA, np.array([burst.duration, 44.0 / OMEGA])
+    whole = Propagation(operator, push, burst, times[-1], tau).follow(lambda v: v[30:40], times, frames)
+    spans = ViscousPropagation(operator, push, burst, (tau, tau)).follow(lambda v: v[30:40], times, frames)
+    for one, other in zip(whole, spans, strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12 * np.max(np.abs(one)))
+
+
 # -- coherent, speckle, samples -----------------------------------------------------------------------------------------
 
 
@@ -238,6 +302,28 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
     with pytest.raises(InputError, match="pulses differ in frequency"):
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
+
+
+def test_open_network_has_the_ends_that_it_has():
+    whole = chain(40)
+    kept = ~np.any(whole.shift, axis=1)
+    names = [name for name, layout in whole.shapes.items() if layout.startswith("c")]
+    fields = {name: getattr(whole, name)[kept] for name in names}
+    fields |= {"cell": np.zeros((3, 3)), "pbc": (False, False, False), "lattice": None, "shape": None}
+    opened = gp.Waves(replace(whole, **fields))
+    one = gp.Waves(whole).transmit(0.4 * HERTZ, (1,), 20.4 * D, 3)
+    other = opened.transmit(0.4 * HERTZ, (1,), 19.9 * D, 3, duration=one.times[-1])
+    assert one.receivers.tolist() == other.receivers.tolist() == [20]
+    np.testing.assert_allclose(other.signals, one.signals, atol=1e-12 * np.max(np.abs(one.signals)))
+    with pytest.raises(InputError, match="no place for walls"):
+        opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
+
+
+def test_network_that_would_buckle_is_refused():
+    network = ideal("triangular", (4, 12))
+    pushed = replace(network, normal_force=np.full(network.n_contacts, 0.9 * D * UNITS.stiffness), prestress=True)
+    with pytest.raises(InstabilityError, match="below zero"):
+        gp.Waves(pushed).transmit(0.5 * HERTZ, (0, 1), 4.0 * D)
 
 
 def test_frames_are_the_signals_at_their_times():
@@ -306,6 +392,17 @@ def test_bad_pulses_are_refused(disordered):
         waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
 
 
+def test_what_does_not_travel_has_no_time_of_flight():
+    # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
+    lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
+    network = ContactNetwork.of(lattice, UNITS).repeat((1, 60))
+    pulse = gp.Waves(network).transmit(
+        0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", ends="periodic", duration=40 / HERTZ
+    )
+    with pytest.raises(ConvergenceError, match="not after the burst"):
+        pulse.arrival()
+
+
 def test_network_that_is_not_joined_is_refused():
     whole = chain(40)
     cut = (whole.i == 3) | (whole.i == 30)
@@ -313,3 +410,17 @@ def test_network_that_is_not_joined_is_refused():
     parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
     with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
+def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(6, 130), seed=seed).at_force(18.4)
+    waves = gp.Waves(state.sample)
+    pulse = waves.transmit(6500.0, (0, 1), 0.2, ends=ends)
+    heights = waves.network.positions[:, 1]
+    period = waves.network.cell[1, 1]
+    ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
+    assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
+    assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)

@@ -42,17 +42,25 @@ def find_arrivals(times: Array, signals: Array, sent: Array, method: str, thresh
     Raises
     ------
     InputError : an unknown method.
-    ConvergenceError : a signal has not reached its maximum within the record, or is zero.
+    ConvergenceError : a signal has not reached its maximum within the record, is zero, or does not come after the burst.
     """
     if method not in METHODS:
         raise InputError(message(f"the time of flight by {brief(method)} is not known", mend=f"Use {', '.join(METHODS)}"))
-    step = float(times[1] - times[0])
     if method == "correlation":
-        return np.asarray(step * np.array([_correlate(one, sent) for one in signals]))
-    find = _find_maximum if method == "envelope" else _find_beginning
-    envelopes = find_envelope(np.vstack([sent, signals]))
-    start, *arrived = (find(one, threshold) for one in envelopes)
-    return np.asarray(step * (np.array(arrived) - start))
+        found = np.array([_correlate(one, sent) for one in signals])
+    else:
+        find = _find_maximum if method == "envelope" else _find_beginning
+        start, *arrived = (find(one, threshold) for one in find_envelope(np.vstack([sent, signals])))
+        found = np.array(arrived) - start
+    if np.any(found <= 0.0):
+        raise ConvergenceError(
+            message(
+                "the signal comes not after the burst",
+                "What is heard has not travelled: no waves of this frequency and polarisation do, or the plane is too near",
+                "Use another frequency, or a longer distance",
+            )
+        )
+    return np.asarray(float(times[1] - times[0]) * found)
 
 
 def _refine(values: Array, place: int) -> float:

@@ -102,8 +102,10 @@ def find_dos(
 
 def _random_signs(operator: WaveOperator, seed: int, number: int, rotations: bool) -> Array:
     """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
-    signs = np.random.default_rng([seed, number]).integers(0, 2, operator.size, dtype=np.int8)
-    return np.where(operator.is_rotation == rotations, 2.0 * signs - 1.0, 0.0)
+    shape = operator.balls.size, operator.motions.count
+    signs = 2.0 * np.random.default_rng([seed, number]).integers(0, 2, shape, dtype=np.int8) - 1.0
+    signs[:, operator.motions.is_rotation != rotations] = 0.0
+    return np.asarray(operator.vector(signs))
 
 
 class _Traces:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.waves.chebyshev import polynomials
+from granphon.waves.eigenpairs import UNSTABLE
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["Moments", "Refinable", "keeps_vectors"]
@@ -81,13 +82,7 @@ class Moments:
 
     def _require_bounded(self, moment: float) -> None:
         if not abs(moment) <= (1.0 + _ROUNDING) * self._found[0]:
-            raise InstabilityError(
-                message(
-                    "the network is not stable: a squared frequency is below zero",
-                    "Its static forces exceed what its springs hold, so that it would buckle",
-                    "Bring it to rest first, or leave the static forces out (prestress=False)",
-                )
-            )
+            raise InstabilityError(UNSTABLE)
 
 
 class Refinable(ABC, Generic[Work]):

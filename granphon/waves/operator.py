@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["WaveOperator"]
 
 Array = NDArray[np.float64]
+#: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
+_MARGIN = 1.01
 
 
 class WaveOperator(LinearOperator[np.float64]):
@@ -132,7 +134,7 @@ class WaveOperator(LinearOperator[np.float64]):
 
     @cached_property
     def top(self) -> float:
-        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves alone.
+        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves alone, and a margin.
 
         The energy of a contact is at most twice what it would be if its two balls moved one at a time. Prestress lowers D.
         """
@@ -144,7 +146,7 @@ class WaveOperator(LinearOperator[np.float64]):
                     if np.any(weights := row.stiffness * part[:, a] * part[:, b]):
                         own[a, b] += np.bincount(ball, weights, network.n_balls)
         blocks = own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
-        return math.sqrt(2.0 * float(np.max(np.linalg.eigvalsh(blocks))))
+        return _MARGIN * math.sqrt(2.0 * float(np.max(np.linalg.eigvalsh(blocks))))
 
     @cached_property
     def _step(self) -> csr_array[Any]:

@@ -60,13 +60,13 @@ class ToneBurst:
 
     def __call__(self, times: Array) -> Array:
         """The burst at times, s."""
-        amplitudes, omegas = self._waves
+        amplitudes, omegas = self.waves
         inside = (times > 0.0) & (times < self.duration)
         waves = np.imag(np.exp(1j * np.multiply.outer(np.where(inside, times, 0.0), omegas)) @ amplitudes)
         return np.where(inside, waves, 0.0)
 
     @property
-    def _waves(self) -> tuple[Complex, Array]:
+    def waves(self) -> tuple[Complex, Array]:
         """Amplitudes and angular frequencies of the waves exp(i omega t) whose imaginary parts add up to the burst."""
         omega, side = 2.0 * np.pi * self.frequency, 2.0 * np.pi / self.duration
         start = np.exp(-0.5j * omega * self.duration)
@@ -74,7 +74,7 @@ class ToneBurst:
 
     def drive(self, rates: Complex, times: Array) -> Complex:
         """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is above P."""
-        amplitudes, omegas = self._waves
+        amplitudes, omegas = self.waves
         weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
         waves = 1j * np.concatenate([omegas, -omegas])
         apart = rates[:, None] - waves
@@ -183,6 +183,25 @@ class Propagation:
         return np.asarray(self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0])
 
     # -- recursion ------------------------------------------------------------------------------------------------------
+
+    def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
+        """Return what receivers hear, and the motions of all balls.
+
+        Parameters
+        ----------
+        listen : takes the velocities (size,), and returns the numbers (n_r,) of receivers: linear.
+        times : (n_t,) even times from zero, s.
+        frames : (n_f,) times at which the motions of all balls are wanted, s.
+
+        Returns
+        -------
+        signals : (n_r, n_t) at the ``times``.
+        displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        moments, displaced, moving = self.run(listen, frames)
+        return self.hear(moments, times), displaced, moving
 
     def run(self, listen: Callable[[Array], Array], frames: Array) -> tuple[Array, Array, Array]:
         """Do the recursion, once.

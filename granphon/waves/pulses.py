@@ -21,6 +21,7 @@ from granphon.waves.arrivals import find_arrivals, find_envelope
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import ENDS, Course
 from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.viscous import ViscousPropagation
 
 __all__ = ["Pulse", "average_pulses", "transmit"]
 
@@ -30,6 +31,8 @@ Index = NDArray[np.intp]
 _READINGS = 24
 #: the record lasts this many times as long as a wave takes if balls move in proportion to a plane wave of great length
 _LATE = 3.0
+#: part of the squared bound of frequencies that a ball reaches which moves alone, and so the highest mode: nearly a half
+_SURE = 0.45
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
 
@@ -42,7 +45,7 @@ class Pulse(Result):
     ----------
     frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the source; P = cycles/frequency.
     direction, polarisation : (3,) unit vectors.
-    damping : s, the viscosity of each contact over its stiffness.
+    damping, tangential_damping : s, the viscosity of each contact over its stiffness, in normal motion and in all other.
     distance : m, of the receiving plane from the source, along the direction.
     times : (n_t,) s, from the beginning of the burst.
     sent : (n_t,) force on each ball of the source, N.
@@ -58,8 +61,8 @@ class Pulse(Result):
     """
 
     units = {
-        "frequency": "Hz", "damping": "s", "distance": "m", "times": "s", "sent": "N", "signals": "m/s",
-        "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
+        "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
+        "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
     }  # fmt: skip
     shapes = {
         "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
@@ -71,6 +74,7 @@ class Pulse(Result):
     direction: Array
     polarisation: Array
     damping: float
+    tangential_damping: float
     distance: float
     times: Array
     sent: Array
@@ -120,7 +124,7 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi tau times the frequency, the damping over the critical one: a period leaves exp(-2 pi zeta)."""
+        """zeta = pi times the frequency and the :attr:`damping`: over the critical one; a period leaves exp(-2 pi zeta)."""
         return math.pi * self.damping * self.frequency
 
     @property
@@ -144,7 +148,7 @@ class Pulse(Result):
         Raises
         ------
         InputError : an unknown method, a threshold that is not between 0 and 1.
-        ConvergenceError : the record ends before the pulse has arrived, or the signal is zero.
+        ConvergenceError : the record ends before the pulse has arrived, the signal is zero, or not later than the burst.
         """
         return float(self._find_arrivals(self.coherent[None], method, threshold)[0])
 
@@ -180,7 +184,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         raise InputError(message("there is no pulse to average"))
     first, count = pulses[0], min(one.times.size for one in pulses)
     for one in pulses[1:]:
-        same = ("frequency", "cycles", "direction", "polarisation", "damping")
+        same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
         unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
         if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
@@ -222,6 +226,7 @@ def transmit(
     source: str | int | Sequence[int] = "plane",
     ends: str = "free",
     damping: float = 0.0,
+    tangential_damping: float | None = None,
     duration: float | None = None,
     planes: ArrayLike = (),
     frames: ArrayLike = (),
@@ -230,6 +235,7 @@ def transmit(
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`."""
     hertz, length = positive("frequency", frequency, "Hz"), positive("distance", distance, "m")
     tau = not_negative("damping", damping, "s")
+    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
     burst = ToneBurst(hertz, positive("cycles", cycles))
     if burst.cycles < 1.0:
         raise InputError(message(f"cycles is {burst.cycles:g}", mend="Give 1 or more"))
@@ -268,17 +274,21 @@ def transmit(
     moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
     ears = place[np.concatenate(groups)]
     root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
-    walk = Propagation(operator, operator.vector(moved), burst, max([last, *shown]), tau)
-    moments, displaced, moving = walk.run(
+    forces = operator.vector(moved)
+    walk = (
+        Propagation(operator, forces, burst, max([last, *shown]), tau) if across == tau
+        else ViscousPropagation(operator, forces, burst, (tau, across))
+    )  # fmt: skip
+    signals, displaced, moving = walk.follow(
         lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
+        times,
         np.concatenate([[burst.duration, last], shown]),
     )
-    signals = walk.hear(moments, times)
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     far = [course.find_distance(start, one) for one in groups]
     return Pulse(
-        hertz, burst.cycles, along, push, tau, far[0], times, burst(times), sources, groups[0],
+        hertz, burst.cycles, along, push, tau, across, far[0], times, burst(times), sources, groups[0],
         np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
         np.array([_spread(operator, one) for one in moving[2:]]),
@@ -336,7 +346,8 @@ def _find_sources(course: Course, source: Any) -> Index:
     if isinstance(source, str):
         if source not in ("plane", "ball"):
             raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
-        plane = course.find_plane(0.0, "source")
+        # the first balls behind the beginning; the last ones of the period before may be as near to it
+        plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
         return plane if source == "plane" else plane[:1]
     balls, count = finite_array("source", source).ravel(), course.network.n_balls
     if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
@@ -365,16 +376,16 @@ def _require_reachable(operator: WaveOperator, hertz: float) -> None:
     from scipy.sparse.linalg import eigsh
 
     squared = (2.0 * np.pi * hertz) ** 2
-    if squared <= 0.5 * operator.top**2 and not operator.network.prestress:
-        return  # a ball that moves alone has that frequency, and the highest mode is not below it
-    if squared <= operator.top**2 and operator.size > 2:
+    if squared <= _SURE * operator.top**2 and not operator.network.prestress:
+        return
+    if operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
         (top,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)
-        if squared <= top * (1.0 + 1e-6):
-            return
-        limit = math.sqrt(top) / (2.0 * math.pi)
     else:
-        limit = operator.top / (2.0 * math.pi)
+        top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
+    if squared <= top * (1.0 + 1e-6):
+        return
+    limit = math.sqrt(top) / (2.0 * math.pi)
     raise UnreachableFrequencyError(
         message(f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit:.6g} Hz",
                 "Nothing of the pulse would travel", "Lower the frequency")

@@ -93,7 +93,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
     def width(self) -> Array:
         """(n,) full width at half maximum of the highest line, Hz, without that of the kernel.
 
-        The kernel's part is taken off as from a Lorentz curve that a Gaussian has broadened; a line that is not wider than
+        The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line that is not wider than
         the kernel has the width zero. See :attr:`resolved`. Where the line falls to half its height on one side alone, the
         width is twice the half width of that side.
         """
@@ -126,15 +126,12 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group velocity is not the phase
         velocity, and the path is so much longer or shorter.
         """
-        width, velocity = self.width, self.phase_velocity
-        found = np.full(width.shape, math.inf)
-        np.divide(velocity, 2.0 * math.pi * width, out=found, where=width > 0.0)
-        return found
+        return _ratio(self.phase_velocity, 2.0 * math.pi * self.width)
 
     @property
     def attenuation(self) -> Array:
         """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free path."""
-        return np.asarray(0.5 / self.mean_free_path)
+        return _ratio(math.pi * self.width, self.phase_velocity)
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
         """Return the frequency, Hz, from which |q| times the mean free path is below ``product``; None if it stays above.
@@ -167,6 +164,13 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
 
     def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
         return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)
+
+
+def _ratio(above: Array, below: Array) -> Array:
+    """Return ``above`` / ``below``; infinity where ``below`` is zero."""
+    found = np.full(above.shape, math.inf)
+    np.divide(above, below, out=found, where=below > 0.0)
+    return found
 
 
 def find_spectral_function(

@@ -13,6 +13,8 @@ from granphon.base.errors import InputError, brief, message
 from granphon.networks.network import ContactNetwork
 from granphon.waves.array_operator import make_operator
 from granphon.waves.dos import SpectralDensity, find_dos
+from granphon.waves.eigenpairs import require_stable
+from granphon.waves.modes import NetworkModes, find_modes
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.pulses import Pulse, transmit
@@ -42,6 +44,12 @@ class Waves:
         """D of the network as a linear operator, (rad/s)^2."""
         return make_operator(self.network)
 
+    @cached_property
+    def _stable_operator(self) -> WaveOperator:
+        """The same, or an :class:`~granphon.base.errors.InstabilityError`."""
+        require_stable(self.operator)
+        return self.operator
+
     def dos(
         self, resolution: float | None = None, vectors: int = 10, seed: int = 0, *, moments: int | None = None
     ) -> SpectralDensity:
@@ -58,7 +66,7 @@ class Waves:
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
         nan. Memory is that of D and of about six vectors, whatever the numbers.
         """
-        return find_dos(self.operator, resolution, moments, vectors, seed)
+        return find_dos(self._stable_operator, resolution, moments, vectors, seed)
 
     def spectral_function(
         self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
@@ -82,7 +90,25 @@ class Waves:
         one, and for a polarisation in which balls do not move;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        return find_spectral_function(self.operator, q, polarisation, direction, resolution, moments)
+        return find_spectral_function(self._stable_operator, q, polarisation, direction, resolution, moments)
+
+    def modes(self, count: int = 10, nearest: float | None = None) -> NetworkModes:
+        """Return the lowest modes, or those nearest to a frequency, without those that cost no energy, which are counted.
+
+        Parameters
+        ----------
+        count : number of modes.
+        nearest : frequency, Hz; None for the lowest modes.
+
+        Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised, and counted by the signs
+        of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000 in space. Beyond, a block of
+        vectors is filtered by Chebyshev polynomials, and no count says whether one is missed.
+
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, or more modes than there are;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
+        :class:`~granphon.base.errors.ConvergenceError` if modes do not converge.
+        """
+        return find_modes(self._stable_operator, count, nearest)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape.
@@ -102,6 +128,7 @@ class Waves:
         source: str | int | Sequence[int] = "plane",
         ends: str = "free",
         damping: float = 0.0,
+        tangential_damping: float | None = None,
         duration: float | None = None,
         planes: ArrayLike = (),
         frames: ArrayLike = (),
@@ -127,8 +154,10 @@ class Waves:
         ends : "free": contacts across the plane before the first balls are cut; "walls": the balls before it are held;
             "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
             direction, such as one between walls of its own, is left as it is.
-        damping : s, the viscosity of each contact over its stiffness, the same of normal and tangential motion: a mode of
-            the angular frequency omega decays as exp(-damping omega^2 t/2).
+        damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
+            exp(-damping omega^2 t/2).
+        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
+            exchange energy, and the propagation takes twice as long or more.
         duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
             proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
             a longer duration the signal is right too, but it is not of one pulse.
@@ -145,7 +174,8 @@ class Waves:
         """
         return transmit(
             self.network, frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
-            duration=duration, planes=planes, frames=frames, operator=self.operator if ends == "periodic" else None,
+            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
+            operator=self.operator if ends == "periodic" else None,
         )  # fmt: skip
 
 
