@@ -365,12 +365,29 @@ def test_cut_array_keeps_all_but_one_plane_of_contacts():
     assert gp.Waves(walls.network).operator.size == 3 * 55
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_source_and_receivers_of_a_packing_without_planes_are_apart(seed):
+    whole = ideal("square", (20, 6))
+    moved = np.random.default_rng(seed).uniform(-0.5, 0.5, 120) * D
+    network = replace(whole, positions=whole.positions + moved[:, None] * [1.0, 0.0, 0.0], lattice=None, shape=None)
+    course = Course.along(network, np.array([1.0, 0.0, 0.0])).with_ends("free")
+    source, heard = course.find_plane(0.0, "source"), course.find_plane(8.0 * D, "receivers")
+    assert np.max(course.places[source]) <= np.min(course.places) + 0.9 * D
+    assert np.ptp(course.places[heard]) <= 0.9 * D
+    assert course.find_distance(0.0, heard) == pytest.approx(8.0 * D, abs=0.5 * D)
+    pulse = gp.Waves(network).transmit(0.5 * HERTZ, (1, 0), 8.0 * D, 2)
+    assert pulse.sources.tolist() == source.tolist()
+    assert pulse.velocity > 0.0
+
+
 # -- what is refused ----------------------------------------------------------------------------------------------------
 
 
 def test_bad_pulses_are_refused(disordered):
     waves = gp.Waves(disordered)
-    with pytest.raises(UnreachableFrequencyError, match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz"):
+    with pytest.raises(
+        UnreachableFrequencyError, match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz"
+    ):
         gp.Waves(chain(40)).transmit(2.1 * HERTZ, (1,), 8 * D)
     with pytest.raises(InputError, match=r"come back to themselves .* or a longer array"):
         waves.transmit(0.5 * HERTZ, (0, 1), 7.0 * D, ends="periodic")
