@@ -427,3 +427,17 @@ def test_network_that_is_not_joined_is_refused():
     parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
     with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
+def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(6, 130), seed=seed).at_force(18.4)
+    waves = gp.Waves(state.sample)
+    pulse = waves.transmit(6500.0, (0, 1), 0.2, ends=ends)
+    heights = waves.network.positions[:, 1]
+    period = waves.network.cell[1, 1]
+    ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
+    assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
+    assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)

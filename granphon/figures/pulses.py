@@ -78,6 +78,8 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
     limit = float(np.max(np.abs(along))) if most is None else most
     there = np.isfinite(network.radii)
     sizes, places = 2e3 * network.radii[there], 1e3 * network.positions[there, :2]
+    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
+        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
     balls = EllipseCollection(
         sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=along[there],
         cmap=MOTION, norm=Normalize(-limit, limit), gid="balls",

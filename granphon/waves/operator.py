@@ -124,10 +124,10 @@ class WaveOperator(LinearOperator[np.float64]):
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
         found: csr_array[Any] = (self.root.T.tocsr() @ self.root).tocsr()
-        if self.network.prestress:
-            network = self.network
-            pushed = np.sqrt(network.normal_force / np.linalg.norm(network.vector, axis=1))
-            rows = push_rows(network.normal[:, : network.dimension], self.motions)
+        network = self.network
+        rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
+        if rows:  # balls that move along a line alone make none
+            pushed = np.sqrt(network.normal_force / network.distance)
             across = self._make_matrix(rows, [pushed] * len(rows))
             found = (found - across.T.tocsr() @ across).tocsr()
         return found

@@ -15,6 +15,7 @@ from granphon.base.arguments import finite_array, not_negative, positive
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.networks.network import ContactNetwork
+from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import make_operator
 from granphon.waves.arrivals import find_arrivals, find_envelope
 from granphon.waves.operator import WaveOperator
@@ -345,7 +346,8 @@ def _find_sources(course: Course, source: Any) -> Index:
     if isinstance(source, str):
         if source not in ("plane", "ball"):
             raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
-        plane = course.find_plane(0.0, "source")
+        # the first balls behind the beginning; the last ones of the period before may be as near to it
+        plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
         return plane if source == "plane" else plane[:1]
     balls, count = finite_array("source", source).ravel(), course.network.n_balls
     if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
@@ -358,19 +360,13 @@ def _find_sources(course: Course, source: Any) -> Index:
 
 def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if no chain of contacts leads from the source to the receivers."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    live = network.moving[network.i] & network.moving[network.j]
-    ends = network.i[live], network.j[live]
-    graph = coo_array((np.ones(ends[0].size), ends), shape=(network.n_balls, network.n_balls))
-    count, part = connected_components(graph, directed=False)
+    part = number_pieces(network)
     if not np.isin(part[receivers], part[sources]).any():
         raise InputError(
             message(
                 f"no contacts join the source and the {len(receivers)} balls of the receiving plane",
-                f"The balls fall into {count} parts",
-                "Use a higher load, or a network whose contacts carry load throughout",
+                f"The balls fall into {np.max(part) + 1} parts",
+                "Use a higher load, or one of network.pieces()",
             )
         )
 
