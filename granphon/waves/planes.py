@@ -56,7 +56,8 @@ class Course:
         period = math.inf
         for height, size in zip(heights, sizes, strict=True):
             if height > _FLAT * size:
-                period = float(height) if math.isinf(period) else _common_measure(period, height, _FLAT * float(np.max(sizes)))
+                least = _FLAT * float(np.max(sizes))
+                period = float(height) if math.isinf(period) else _common_measure(period, float(height), least)
         course = cls(network, direction, period)
         return replace(course, origin=course._find_gap())
 
