@@ -25,7 +25,7 @@ pulses, networks = {}, {}
 for force in (18.4, 1.8):  # N
     waves = gp.Waves(simulation.at_force(force).sample)
     pulses[force] = [
-        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.2e-3, frames=[1.6e-3]) for distance in (0.2, 0.7)
+        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.0e-3, frames=[1.6e-3]) for distance in (0.2, 0.7)
     ]
     networks[force] = waves.network
 
@@ -48,7 +48,7 @@ with matplotlib.rc_context(STYLE):
             )
             style = {"color": colour, "linewidth": 1.0, "linestyle": "--"}
             axes[name].plot(1e3 * pulse.times, pulse.speckle_amplitude / most, label=f"{label}, speckle", **style)
-        axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.2), title=f"$f={force:g}$ N")
+        axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.0), title=f"$f={force:g}$ N")
         axes[name].set_ylabel("Velocity over the greatest\ncoherent one at 0.2 m")
     axes["high"].legend(fontsize=6.5)
     plot_frame(networks[1.8], pulses[1.8][1], 0, axes["picture"])

@@ -1,7 +1,7 @@
 """Random packings of LAMMPS: balls of three sizes in a periodic box, relaxed without friction.
 
-``python tests/packings.py`` writes those of :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for pages, and for tests where LAMMPS
-is not installed.
+``python tests/packings.py`` writes :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for pages, and for tests where
+LAMMPS is not installed.
 """
 
 from __future__ import annotations
