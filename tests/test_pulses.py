@@ -365,6 +365,26 @@ def test_cut_array_keeps_all_but_one_plane_of_contacts():
     assert gp.Waves(walls.network).operator.size == 3 * 55
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_source_and_receivers_of_a_packing_without_planes_are_apart(seed):
+    whole = ideal("square", (20, 6))
+    moved = np.random.default_rng(seed).uniform(-0.5, 0.5, 120) * D
+    places = whole.positions + moved[:, None] * [1.0, 0.0, 0.0]
+    apart = places[whole.j] + whole.shift @ whole.cell - places[whole.i]
+    size = np.linalg.norm(apart, axis=1)
+    network = replace(
+        whole, positions=places, normal=apart / size[:, None], arm_i=0.5 * size, arm_j=0.5 * size, lattice=None, shape=None
+    )
+    course = Course.along(network, np.array([1.0, 0.0, 0.0])).with_ends("free")
+    source, heard = course.find_plane(0.0, "source"), course.find_plane(8.0 * D, "receivers")
+    assert np.max(course.places[source]) <= np.min(course.places) + 0.9 * D
+    assert np.ptp(course.places[heard]) <= 0.9 * D
+    assert course.find_distance(0.0, heard) == pytest.approx(8.0 * D, abs=0.5 * D)
+    pulse = gp.Waves(network).transmit(0.5 * HERTZ, (1, 0), 8.0 * D, 2)
+    assert pulse.sources.tolist() == source.tolist()
+    assert pulse.velocity > 0.0
+
+
 # -- what is refused ----------------------------------------------------------------------------------------------------
 
 

@@ -22,8 +22,8 @@ Index = NDArray[np.intp]
 ENDS = ("free", "walls", "periodic")
 #: relative length below which the part of a period along a direction is zero but for rounding
 _FLAT = 1e-9
-#: balls of one plane are this part of the mean diameter away from it, at most
-_THICK = 0.25
+#: balls of one plane are this part of the mean diameter away from it, at most, in a lattice and in other networks
+_THICK, _THICKER = 0.25, 0.45
 #: greatest number of directions that are compared for a message
 _MANY = 40_000
 
@@ -56,7 +56,8 @@ class Course:
         period = math.inf
         for height, size in zip(heights, sizes, strict=True):
             if height > _FLAT * size:
-                period = height if math.isinf(period) else _common_measure(period, height, _FLAT * float(np.max(sizes)))
+                least = _FLAT * float(np.max(sizes))
+                period = float(height) if math.isinf(period) else _common_measure(period, float(height), least)
         course = cls(network, direction, period)
         return replace(course, origin=course._find_gap())
 
@@ -158,7 +159,9 @@ class Course:
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, what: str) -> Index:
-        """Return the balls that move within a quarter of a diameter of the ball nearest to ``place``.
+        """Return the balls that move within a quarter of a diameter of the ball nearest to ``place``, along the direction.
+
+        Where there is no lattice, and so no planes, within nine twentieths.
 
         Raises :class:`~granphon.base.errors.InputError` if none is within a diameter.
         """
@@ -174,11 +177,17 @@ class Course:
                     "Take a shorter distance, or a longer array",
                 )
             )
-        return moving[np.abs(self._find_offset(away - away[nearest])) <= _THICK * self.spacing]
+        thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
+        return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
+
+    @property
+    def _is_closed(self) -> bool:
+        """Whether the last balls are neighbours of the first."""
+        return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
-        """Return lengths as the shortest of those that differ by whole periods."""
-        return lengths if math.isinf(self.period) else lengths - self.period * np.rint(lengths / self.period)
+        """Return lengths as the shortest of those that differ by whole periods, if there are no ends."""
+        return lengths - self.period * np.rint(lengths / self.period) if self._is_closed else lengths
 
     def find_place(self, balls: Index) -> float:
         """Return the mean place of ``balls``, which lie near each other along the direction."""
@@ -188,7 +197,7 @@ class Course:
     def find_distance(self, start: float, balls: Index) -> float:
         """Return the mean distance of ``balls`` ahead of the place ``start``, m."""
         ahead = self.find_place(balls) - start
-        return ahead if math.isinf(self.period) or not math.isnan(self.face) else float(np.mod(ahead, self.period))
+        return float(np.mod(ahead, self.period)) if self._is_closed else ahead
 
 
 def _common_measure(a: float, b: float, least: float) -> float:
