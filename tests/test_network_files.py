@@ -475,6 +475,10 @@ BAD_TABLES = {
     "cell": (None, {"cell": [[1.0]] * 3}, "the cell has the shape"),
     "pbc": (None, {"cell": None, "pbc": [True]}, "pbc is"),
     "dimension": (None, {"dimension": 2}, "(leaves the plane|not both in the plane|not near)"),
+    "unit": (
+        lambda b, c: b.update({"radius (mm)": b.pop("radius")}), {"columns": {"radius": "radius (mm)"}},
+        "the column 'radius .mm.' is in mm, and arrays are in SI. Convert it",
+    ),
     "columns": (None, {"columns": {"radios": "R"}}, "'radios' is not a column.* Did you mean 'radius'"),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
