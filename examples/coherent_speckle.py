@@ -5,15 +5,14 @@ What a ball of a disordered array hears of a pulse has two parts. The mean over 
 coherent wave, which travels with the sound velocity and fades. The rest differs from ball to ball: the speckle, which
 arrives later and stays.
 
-Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms of
-the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
+Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms
+of the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
 """
 
 import sys
 
 import matplotlib
 import matplotlib.pyplot as plt
-import numpy as np
 
 import granphon as gp
 from granphon.figures.pulses import plot_frame
@@ -26,7 +25,7 @@ pulses, networks = {}, {}
 for force in (18.4, 1.8):  # N
     waves = gp.Waves(simulation.at_force(force).sample)
     pulses[force] = [
-        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.2e-3, frames=[1.6e-3]) for distance in (0.2, 0.7)
+        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.0e-3, frames=[1.6e-3]) for distance in (0.2, 0.7)
     ]
     networks[force] = waves.network
 
@@ -35,8 +34,7 @@ for force in (18.4, 1.8):  # N
 
 coherent = {force: [pulse.coherent_fraction for pulse in both] for force, both in pulses.items()}
 assert coherent[18.4][1] > 0.95
-assert coherent[1.8][1] < coherent[1.8][0] < coherent[18.4][1]
-assert coherent[1.8][1] < 0.5
+assert all(one < 0.5 for one in coherent[1.8])
 
 with matplotlib.rc_context(STYLE):
     figure = plt.figure(figsize=(7.0, 4.6), dpi=300, layout="constrained")
@@ -50,7 +48,7 @@ with matplotlib.rc_context(STYLE):
             )
             style = {"color": colour, "linewidth": 1.0, "linestyle": "--"}
             axes[name].plot(1e3 * pulse.times, pulse.speckle_amplitude / most, label=f"{label}, speckle", **style)
-        axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.2), title=f"$f={force:g}$ N")
+        axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.0), title=f"$f={force:g}$ N")
         axes[name].set_ylabel("Velocity over the greatest\ncoherent one at 0.2 m")
     axes["high"].legend(fontsize=6.5)
     plot_frame(networks[1.8], pulses[1.8][1], 0, axes["picture"])

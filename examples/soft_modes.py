@@ -26,7 +26,7 @@ states = gp.DirectSimulation(packing, shape=(36, 36)).at_force(np.array(LOADS) *
 density, modes, top = {}, {}, {}
 for at, load in enumerate(LOADS):
     state = states[at]
-    waves = gp.Waves(state.sample)
+    waves = gp.Waves(state.sample.network.without_rattlers())
     top[load] = contact_lattice(state).top_frequency * state.scales.frequency
     density[load] = waves.dos(resolution=0.012 * top[load], vectors=3)
     modes[load] = waves.modes(24)
@@ -35,28 +35,25 @@ for at, load in enumerate(LOADS):
 # The plateau: at a thirtieth of that frequency there are several times as many modes at the lowest load as at the highest.
 
 share = {load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load] for load, one in density.items()}
-print(
-    share,
-    {
-        load: (one.frequencies[[0, 2, 3, 39]] / top[load], one.participation_ratio[[2, 10, 39]])
-        for load, one in modes.items()
-    },
-)
-assert print(share) or share[0.002] > 4.0 * share[3.0]
+assert share[0.002] > 4.0 * share[3.0]
 
 with matplotlib.rc_context(STYLE):
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.0, 3.0), dpi=300, layout="constrained")
     for load, colour in zip(LOADS, COLOURS, strict=False):
         one, unit = density[load], top[load]
-        left.plot(one.frequencies / unit, one.total * unit, color=colour, linewidth=1.0, label=f"$f^*={load:g}$")
+        there = one.frequencies > 0.02 * unit  # below, the resolution of the kernel, and the two motions of the whole
+        left.plot(
+            one.frequencies[there] / unit, one.total[there] * unit, color=colour, linewidth=1.0, label=f"$f^*={load:g}$"
+        )
         found = modes[load]
-        moving = found.frequencies > 1e-6 * unit
         style = {"color": colour, "marker": ".", "linestyle": "", "markersize": 3.0}
-        right.plot(found.frequencies[moving] / unit, found.participation_ratio[moving], **style)
-    left.set(xlim=(0.0, 1.4), ylim=(0.0, None), xlabel="Frequency over the top of the mean lattice")
+        right.plot(found.frequencies / unit, found.participation_ratio, **style)
+    left.set(
+        xscale="log", yscale="log", xlim=(0.02, 2.0), ylim=(0.03, 10.0), xlabel="Frequency over the top of the mean lattice"
+    )
     left.set_ylabel("Density of states per ball,\ntimes that frequency")
     left.legend()
-    right.set(xscale="log", ylim=(0.0, 0.8), xlabel="Frequency over the top of the mean lattice")
+    right.set(xlim=(0.0, 0.12), ylim=(0.0, 0.8), xlabel="Frequency over the top of the mean lattice")
     right.set_ylabel("Participation ratio")
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

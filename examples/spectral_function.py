@@ -5,8 +5,8 @@ In an array of balls that differ a plane wave is no mode: it scatters, and its l
 :math:`A(\mathbf q,f)` says which frequencies a wave of the wave vector q has in the array itself; the kernel polynomial
 method finds it for the whole network of contacts at once.
 
-The same 4,096 steel balls, spread uniformly, under two loads. Far above the spread (left, :math:`f^*=3`) the lines follow the
-bands of the lattice of mean contacts, dashed. Near the rigidity threshold (right, :math:`f^*=0.003`) only long waves are
+The same 4,096 steel balls, spread uniformly, under two loads. Far above the spread (left, :math:`f^*=3`) the lines follow
+the bands of the lattice of mean contacts, dashed. Near the rigidity threshold (right, :math:`f^*=0.003`) only long waves are
 left: from a tenth of the top frequency on the width of a line is as large as its frequency, and the bands mean nothing.
 """
 
@@ -46,7 +46,7 @@ with matplotlib.rc_context(STYLE):
     figure, panels = plt.subplots(1, 2, figsize=(7.0, 3.3), dpi=300, layout="constrained")
     for (load, one), ax in zip(spectra.items(), panels, strict=True):
         plot_spectrum(one, ax)
-        ax.set_title(f"$f^*={load:g}$", fontsize=8, y=1.2)
+        ax.text(0.03, 0.93, f"$f^*={load:g}$", transform=ax.transAxes)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

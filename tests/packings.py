@@ -1,7 +1,7 @@
 """Random packings of LAMMPS: balls of three sizes in a periodic box, relaxed without friction.
 
-``python tests/packings.py`` writes those of :data:`KEPT` into ``examples/packings``, for pages, and for tests where LAMMPS
-is not installed.
+``python tests/packings.py`` writes :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for pages, and for tests where
+LAMMPS is not installed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ import granphon as gp
 FOLDER = Path(__file__).parent.parent / "examples" / "packings"
 #: dimension, number of balls, filled part of the box, seed
 KEPT = {"disks": (2, 30, 0.86, 4), "balls": (3, 36, 0.65, 1)}
+#: a larger one, for the gallery
+GLASS = {"glass": (2, 400, 0.88, 2)}
 #: of the balls in these packings
 MATERIAL = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
 ARGUMENTS = ["-log", "none", "-screen", "none", "-nocite"]
@@ -96,7 +98,7 @@ def write_dumps(lmp: Any, atoms: Path, pairs: Path, digits: int = 16) -> None:
 
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
-    for kept, about in KEPT.items():
+    for kept, about in (KEPT | GLASS).items():
         running = start()
         relax(running, *about)
         write_dumps(running, FOLDER / f"{kept}_atoms.dump", FOLDER / f"{kept}_pairs.dump", digits=9)

@@ -28,7 +28,7 @@ __all__ = ["ViscousPropagation"]
 
 Array = NDArray[np.float64]
 #: the longest span, in units of 2/c and of 1/R
-_DECAY, _PHASE = 3.0, 150.0
+_DECAY, _PHASE = 6.0, 400.0
 #: size of the terms that are left out
 _LEAST = 1e-17
 #: size of the source in z: large against the force, so that it couples little
@@ -116,7 +116,12 @@ class ViscousPropagation:
         states, signals = np.zeros((len(whole), z.size)), np.zeros((times.size, listen(z[:size]).size))
         previous, current = z, self._apply(z)
         for order in range(count):
-            states += whole[:, order, None] * previous
+            for state, factor in zip(states, whole[:, order], strict=True):
+                if factor:
+                    state += factor * previous
             signals += parts[:, order, None] * listen(previous[size : 2 * size])
-            previous, current = current, 2.0 * self._apply(current) + previous
+            following = self._apply(current)
+            following *= 2.0
+            following += previous
+            previous, current = current, following
         return states[0], signals, states[1:]

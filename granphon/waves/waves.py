@@ -157,7 +157,7 @@ class Waves:
         damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
             exp(-damping omega^2 t/2).
         tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
-            exchange energy, and the propagation takes twice as long or more.
+            exchange energy, and the propagation takes several times as long.
         duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
             proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
             a longer duration the signal is right too, but it is not of one pulse.
