@@ -475,6 +475,10 @@ BAD_TABLES = {
     "cell": (None, {"cell": [[1.0]] * 3}, "the cell has the shape"),
     "pbc": (None, {"cell": None, "pbc": [True]}, "pbc is"),
     "dimension": (None, {"dimension": 2}, "(leaves the plane|not both in the plane|not near)"),
+    "unit": (
+        lambda b, c: b.update({"radius (mm)": b.pop("radius")}), {"columns": {"radius": "radius (mm)"}},
+        "the column 'radius .mm.' is in mm, and arrays are in SI. Convert it",
+    ),
     "columns": (None, {"columns": {"radios": "R"}}, "'radios' is not a column.* Did you mean 'radius'"),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
@@ -585,3 +589,19 @@ def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
             fine += 1
     assert wrong + fine == 60
     assert wrong > 30
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "fcc"])
+def test_nearest_images_in_an_oblique_cell(lattice):
+    """In a cell that is tilted by a whole period more, the image with the least fractions is not always the nearest one."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(18.446, finite_overlap=True)
+    network = gp.ContactNetwork.from_state(state, shape=(3,) * state.packing.structure.periods)
+    cell = network.cell[: network.dimension].copy()
+    cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
+    places = network.positions + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
+    balls = dict(zip("xyz", places.T[: network.dimension], strict=False)) | {"radius": network.radii}
+    contacts = {"i": network.i, "j": network.j, "normal_force": network.normal_force}
+    found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
+    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+    np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)

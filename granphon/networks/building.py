@@ -24,7 +24,7 @@ from granphon.networks.checks import LARGEST, MOST_STEPS
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
-__all__ = ["Balls", "Contacts", "build_network", "read_cell"]
+__all__ = ["MOST_BYTES", "Balls", "Contacts", "build_network", "read_cell"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -32,8 +32,10 @@ Index = NDArray[np.intp]
 _REACH = 0.25
 #: greatest error of a vector between two balls, over the sum of their radii, that is put down to rounding in a file
 _ROUNDED = 1e-2
-#: most digits of a file that positions lose: z of balls in a plane is the same but for this part of their radius
+#: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a file
 _LEVEL = 1e-9
+#: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
+MOST_BYTES = 4_000_000_000
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from granphon.base.reading import read_bytes
 from granphon.base.scales import Units
 from granphon.base.tables import decode
 from granphon.base.validation import choice, require
-from granphon.networks.building import Balls, Contacts, build_network
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network
 from granphon.networks.checks import read_whole_numbers
 
 if TYPE_CHECKING:
@@ -154,9 +154,11 @@ def _say_columns(frame: _Frame) -> str:
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
     """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is listed."""
-    frames = [frame for frame in _split_frames(str(path), read_bytes(path), kind) if step is None or frame.step == step]
+    frames = [
+        frame for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind) if step is None or frame.step == step
+    ]
     if not frames:
-        steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path), kind)})
+        steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
         shown = (
             f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if len(steps) > 1 else f"{steps[0]} alone" if steps else "none"
         )

@@ -19,7 +19,7 @@ from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.reading import read_bytes, require_path
 from granphon.base.tables import Heading, Table, decode, table_text
 from granphon.base.text import closest
-from granphon.networks.building import Balls, Contacts, build_network, read_cell
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network, read_cell
 from granphon.networks.checks import read_whole_numbers
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class _Columns:
         self._arrays: dict[str, Any] = {}
         self.remark: dict[str, Any] = {}
         if isinstance(source, str | os.PathLike):
-            raw = read_bytes(source)
+            raw = read_bytes(source, MOST_BYTES)
             self.name = str(source)
             self._table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, raw)
             there = [heading.name for heading in self._table.headings]
@@ -93,6 +93,10 @@ class _Columns:
         self.require(name)
         wanted, kind = self._named.get(name, name), self._known[name]
         if self._table is None:
+            unit = Heading.parse(wanted).unit
+            if unit and (kind is None or unit != kind.unit):
+                what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
+                raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
             values = real_array(f"{name} of {self.name}", self._arrays[wanted])
             if values.ndim != 1:
                 raise InputError(
