@@ -4,6 +4,7 @@ Type checkers read this file. ``__init__.py`` reads it too, line by line, so eve
 """
 
 from .array.atoms import write_extxyz as write_extxyz
+from .array.hexagon import Hexagon as Hexagon
 from .array.sample import Sample as Sample
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
@@ -27,6 +28,7 @@ from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
+from .networks.network import ContactNetwork as ContactNetwork
 from .observables.pulses import pulse_velocities as pulse_velocities
 from .observables.validity import validity as validity
 from .observables.velocities import local_exponent as local_exponent
@@ -42,5 +44,9 @@ from .scene.scene import Scene as Scene
 from .sweeps.archive import load_sweep as load_sweep
 from .sweeps.sweep import sweep as sweep
 from .tradeoffs.measure import tradeoff as tradeoff
+from .waves.dos import SpectralDensity as SpectralDensity
+from .waves.pulses import Pulse as Pulse
+from .waves.spectral_functions import SpectralFunction as SpectralFunction
+from .waves.waves import Waves as Waves
 
 __version__: str

@@ -71,7 +71,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, load, medium, sweep, observe, direction, phonopy"
+TOP = "schema, material, packing, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 

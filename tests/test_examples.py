@@ -26,8 +26,9 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 SUFFIX = {"rolling_wave": ".gif"}
 #: simulations of many balls under many loads, which the documentation runs too
 LONG = {
-    "conjecture", "disorder_in_space", "force_chains", "ladder", "paper_figures6_7_8", "paper_figures9_10_11",
-    "work_precision",
+    "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "ladder", "paper_figures6_7_8",
+    "paper_figures9_10_11",
+    "soft_modes", "spectral_function", "work_precision",
 }  # fmt: skip
 
 

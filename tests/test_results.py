@@ -233,7 +233,7 @@ def every(packing, results):
     point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     found = [
         *results.values(), results["moduli"].hill, simulated, recorded, records[0], simulated.samples[0],
-        simulated.samples[0].equilibrium,
+        simulated.samples[0].equilibrium, simulated.samples[0].network,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Ensemble(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)), np.ones(2), (8, 8), 3, 192),

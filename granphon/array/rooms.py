@@ -58,9 +58,9 @@ class Rooms:
         ones: Array = self.fill(np.ones((1, *self.shape)))[0]
         return ones
 
-    def wrap(self, rooms: Array) -> None:
-        """Copy the balls to their images in the margins."""
-        for image, ball in self._images(rooms):
+    def wrap(self, rooms: Array, first: int = 0) -> None:
+        """Copy the balls to their images in the margins, along the axes from ``first`` on."""
+        for image, ball in self._images(rooms, first):
             image[...] = ball
 
     def fold(self, rooms: Array) -> Array:
@@ -69,9 +69,10 @@ class Rooms:
             ball += image
         return rooms[self.inner]
 
-    def _images(self, rooms: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield views of a layer of the margins and of the layer that it repeats, axis after axis."""
-        for axis, (below, size, above) in enumerate(zip(self.below, self.shape, self.above, strict=True)):
+    def _images(self, rooms: Array, first: int = 0) -> Iterator[tuple[Array, Array]]:
+        """Yield views of a layer of the margins and of the layer that it repeats, axis after axis from ``first`` on."""
+        widths = list(zip(self.below, self.shape, self.above, strict=True))
+        for axis, (below, size, above) in list(enumerate(widths))[first:]:
             layers = np.moveaxis(rooms, axis - len(self.shape), 0)
             for step in range(above):
                 yield layers[below + size + step], layers[below + step % size]

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
+from granphon.array.contact_network import make_network
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
+from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -166,6 +168,16 @@ class Sample(Result):
         loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
         found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
         return read_only([self._compute_elastic_tensor(one) for one in found])
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The balls, and the contacts that carry load, as a network; contacts have the directions of the lattice.
+
+        Masses, inertias and arms are those of the mean ball, as in the paper's limit.
+        """
+        stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
+        places = self.packing.diameter * self.sites + self.displacements
+        return make_network(self.packing, places, self.diameters, self.contact_forces, stiffness)
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         packing, d = self.packing, self.packing.diameter

@@ -21,7 +21,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["SparseArray"]
+__all__ = ["SparseArray", "factorise", "find_step_length"]
 
 Array = NDArray[np.float64]
 #: largest number of steps of Newton's method, each with an LU factorisation
@@ -140,7 +140,7 @@ class SparseArray:
             stiffness = 1.5 * root
             stiffness += _SHIFT * min(1.0, left) * np.mean(stiffness)
             strain = self._c @ self._step(stiffness, pull)
-            h = h - self._find_step_length(h, strain) * strain
+            h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
             message(
                 f"the array has not come to rest at an overlap of {overlap:.6g} widths",
@@ -157,27 +157,7 @@ class SparseArray:
         from scipy.sparse import csc_array
 
         matrix = csc_array((self._fill @ stiffness, self._indices, self._starts), shape=(self._size, self._size))
-        return np.concatenate([np.zeros(self._d), _factorise(matrix).solve(force[self._d :])])
-
-    @staticmethod
-    def _find_step_length(h: Array, strain: Array) -> float:
-        """Find the step length at which the slope of the energy has a tenth of its first size, by bracketed Newton steps."""
-        first, low, high, length = 0.0, 0.0, math.inf, 0.0
-        for trial in range(_SLOPES):
-            closed = np.maximum(h - length * strain, 0.0)
-            root = np.sqrt(closed)
-            slope, rise = -float(strain @ (closed * root)), 1.5 * float(root @ strain**2)
-            if trial == 0:
-                first, length = slope, 1.0
-                continue
-            if abs(slope) <= 0.1 * abs(first):
-                break
-            low, high = (length, high) if slope < 0.0 else (low, length)
-            length = length - slope / rise if rise > 0.0 else math.inf
-            if not low < length < high:
-                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-            length = min(length, 4.0 * low) if high == math.inf else length
-        return length
+        return np.concatenate([np.zeros(self._d), factorise(matrix).solve(force[self._d :])])
 
     # -- linear response --------------------------------------------------------------------------------------------
 
@@ -201,7 +181,7 @@ class SparseArray:
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")
-        factors = _factorise((matrix + hold).tocsc())
+        factors = factorise((matrix + hold).tocsc())
         motion = np.zeros((c.shape[1], strained.shape[1]))
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
@@ -218,7 +198,30 @@ class SparseArray:
         return np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)
 
 
-def _factorise(matrix: Any) -> Any:
+def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
+    """Find the step length at which the slope of the energy has a tenth of its first size, by bracketed Newton steps.
+
+    The overlaps ``h`` change by ``-strain`` per length of the step, and loads do the ``work``.
+    """
+    first, low, high, length = 0.0, 0.0, math.inf, 0.0
+    for trial in range(_SLOPES):
+        closed = np.maximum(h - length * strain, 0.0)
+        root = np.sqrt(closed)
+        slope, rise = -float(strain @ (closed * root)) - work, 1.5 * float(root @ strain**2)
+        if trial == 0:
+            first, length = slope, 1.0
+            continue
+        if abs(slope) <= 0.1 * abs(first):
+            break
+        low, high = (length, high) if slope < 0.0 else (low, length)
+        length = length - slope / rise if rise > 0.0 else math.inf
+        if not low < length < high:
+            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        length = min(length, 4.0 * low) if high == math.inf else length
+    return length
+
+
+def factorise(matrix: Any) -> Any:
     """Return the LU factors of a symmetric positive definite matrix."""
     from scipy.sparse.linalg import splu
 

@@ -113,9 +113,9 @@ class Packing:
                 raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
         resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
         named = {name: what for name, what in resisted.items() if getattr(self, name)}
-        if idle := [name for name, what in named.items() if not getattr(self._named_motions, what)]:
+        if idle := [name for name, what in named.items() if not getattr(self.named_motions, what)]:
             what, why = "rotations", "have no rotation that could be resisted"
-            if self._named_motions.rotate:
+            if self.named_motions.rotate:
                 what, why = (
                     "rotations about the normals of contacts",
                     "turn balls across the normals only: no contact twists",
@@ -124,13 +124,13 @@ class Packing:
             raise InputError(
                 message(
                     f"{' and '.join(idle)} without {what}",
-                    f"The motions {self._named_motions.name!r} of the {self.structure.name} lattice {why}",
+                    f"The motions {self.named_motions.name!r} of the {self.structure.name} lattice {why}",
                     f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
                 )
             )
 
     @property
-    def _named_motions(self) -> Motions:
+    def named_motions(self) -> Motions:
         """The motions that are named, or those that the lattice has by default."""
         allowed = allowed_motions(self.structure.dimension)
         return next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
@@ -138,7 +138,7 @@ class Packing:
     @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball: those that are named, without rotations if no contact resists them."""
-        return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self._named_motions)
+        return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self.named_motions)
 
     @property
     def structure(self) -> Lattice:

@@ -198,6 +198,8 @@ MODULUS = Quantity("pressure", "Pa", "211.65 GPa", "Pa, kPa, MPa, GPa, bar, psi"
 DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
 #: width of the distribution of diameters; zero for equal balls
 WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
+FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
+TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
 #: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and the medium checks that
 LOADS: dict[str, Quantity] = {

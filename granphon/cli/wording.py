@@ -114,6 +114,11 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if "bands" in scene.observe:
         labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
         rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
+    if "spectrum" in scene.observe:
+        rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
+    if scene.pulse is not None and "pulse" in scene.observe:
+        pulse = scene.pulse
+        rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {pulse.cycles:g} periods, {pulse.polarisation}"))
     if "dos" in scene.observe:
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows

@@ -57,7 +57,7 @@ with _open_door():
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-__all__ = ["FORCES", "POLARISATION", "ROTATION", "hide_axes", "scale_axis"]
+__all__ = ["FORCES", "MOTION", "POLARISATION", "ROTATION", "SPECTRUM", "hide_axes", "scale_axis"]
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,10 @@ Array = NDArray[np.float64]
 ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
 #: colours from contacts that carry little, light, to those that carry much, dark: uniform to every eye
 FORCES = matplotlib.colormaps["cividis_r"]
+#: colours of spectral functions, from none, white, to much, dark: uniform to every eye
+SPECTRUM = matplotlib.colormaps["Blues"]
+#: colours of velocities, from backward to forward
+MOTION = matplotlib.colormaps["RdBu_r"]
 #: colours from transverse (0) to longitudinal (1)
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arguments import finite_list, positive
 from granphon.base.errors import InputError, message
-from granphon.base.quantities import LENGTH, LOADS, Quantity, load_quantities
+from granphon.base.quantities import FREQUENCY, LENGTH, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import closest
@@ -23,8 +23,6 @@ __all__ = ["COLUMNS", "FREQUENCY", "SPEED", "TIME", "Measurements", "read_sigma"
 Array = NDArray[np.float64]
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
-FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
-TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 #: errors may be given in per cent of the quantity
 PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
 #: standard error of a velocity, m/s or per cent

@@ -22,7 +22,14 @@ from granphon.dynamics.tensors import has_cubic_axes
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.acoustics import lattice_scales, lattice_tensor, lattice_waves, lattice_without_overlap
+from granphon.media.acoustics import (
+    contact_lattice,
+    lattice_scales,
+    lattice_tensor,
+    lattice_waves,
+    lattice_without_overlap,
+)
+from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
@@ -343,6 +350,19 @@ class ContactState(Result):
         if there are fewer than two samples.
         """
         return {}
+
+    def contact_network(self, shape: tuple[int, ...]) -> ContactNetwork:
+        """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice at this load, as a network of contacts.
+
+        With finite overlap it has the spacing a and prestress. Raises :class:`~granphon.base.errors.InputError` for several
+        loads, for another number of periods, and for a state of samples, which have networks of their own.
+        """
+        if self.samples:
+            what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
+            raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
+        lattice, structure, units = contact_lattice(self), self.packing.structure, self.scales
+        ones = (1,) * structure.periods
+        return ContactNetwork.of(lattice, units, self.force / units.force, lattice=structure, shape=ones).repeat(shape)
 
     @property
     def wave_names(self) -> tuple[str, ...]:

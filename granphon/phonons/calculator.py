@@ -29,16 +29,17 @@ from granphon.array.atoms import (
 )
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, Motions, allowed_motions, select_motions
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, Motions, select_motions
 from granphon.balls.packing import MINDLIN
-from granphon.base.errors import InputError, PrecisionError, brief, message
+from granphon.base.errors import InputError, PrecisionError, message
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, with_keyword
-from granphon.phonons.contacts import ContactFinder
+from granphon.networks.network import ContactNetwork
+from granphon.phonons.contacts import ContactFinder, find_motions
 from granphon.phonons.force_constants import assemble
 from granphon.phonons.neighbours import keep_rows
 
@@ -52,8 +53,6 @@ Array = NDArray[np.float64]
 _LEAST_OVERLAP = 1e-10
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
-#: sets of motions, by name, that force constants may be asked of
-_SUBSETS = {one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)}
 #: rows and columns of a matrix in Voigt order
 _STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
@@ -345,7 +344,29 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         the others out; by default they are those of the state. Raises :class:`~granphon.base.errors.InputError` for a name
         of motions that the state does not have.
         """
-        moving = self._find_motions(motions)
+        return self._find_lattice(atoms, motions)[0]
+
+    def contact_network(self, atoms: Atoms, motions: str | None = None) -> ContactNetwork:
+        """Return balls and closed contacts of any cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
+
+        They are those of :meth:`contact_lattice`, with their forces, at the places of the balls in the reference state. The
+        network repeats along the periods of the Atoms. With ``finite_overlap`` it has prestress. ``motions`` and errors are
+        as for :meth:`contact_lattice`.
+        """
+        lattice, law, overlap = self._find_lattice(atoms, motions)
+        d, positions = self.scales.length, np.zeros((len(atoms), 3))
+        positions[:, : lattice.dimension] = d * atoms.positions[:, : lattice.dimension]
+        force, other = np.full(overlap.shape, self.state.force), (overlap != self._overlap) | (law is not self.state.law)
+        if np.any(other):
+            force[other] = law.force(overlap[other] * d)
+        return ContactNetwork.of(
+            lattice, self.scales, force / self.scales.force, 0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
+            positions=positions, pbc=tuple(map(bool, atoms.pbc)), prestress=self.finite_overlap,
+        )  # fmt: skip
+
+    def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
+        """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
+        moving = find_motions(self.state.packing, motions)
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
         m, periods, dimension = self._coordinates, self._periods, self.state.packing.structure.dimension
@@ -367,31 +388,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             read_only(vector[:, :width]), read_only(arms[i]), read_only(arms[j]),
         )  # fmt: skip
         cell = np.asarray(atoms.cell)[:periods, :width]
-        return ContactLattice(
+        lattice = ContactLattice(
             cell, sites[:, :width], table, self._eta, stiffness=self._find_stiffness(law, overlap),
             prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters,
             torsion=self._find_torsion(law, overlap), bending=self._bending, motions=moving,
         )  # fmt: skip
-
-    def _find_motions(self, name: str | None) -> Motions:
-        """Return the motions that are named, or those of the state; rotations count where the state names them."""
-        packing = self.state.packing
-        own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
-        if name is None:
-            return own
-        had = {
-            word: one for word, one in _SUBSETS.items()
-            if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
-        }  # fmt: skip
-        if not isinstance(name, str) or name not in had:
-            raise InputError(
-                message(
-                    f"the state has no motions {brief(name)}",
-                    f"Its balls have the motions {own.name!r}",
-                    "Use " + ", ".join(had) + ", or make a state of a Packing with these motions",
-                )
-            )
-        return had[name]
+        return lattice, law, overlap
 
     @overload
     def get_force_constants(

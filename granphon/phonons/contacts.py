@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH
 from granphon.balls.lattices import Lattice
-from granphon.base.errors import InputError, message
+from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, Motions, allowed_motions
+from granphon.balls.packing import Packing
+from granphon.base.errors import InputError, brief, message
 from granphon.phonons.neighbours import PairList, Pairs, keep_rows
 
-__all__ = ["ContactFinder", "Rest"]
+__all__ = ["ContactFinder", "Rest", "find_motions"]
 
 Array = NDArray[np.float64]
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
@@ -29,6 +31,8 @@ _TURN_PER_OVERLAP = 1e-2
 #: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
 #: which balls touch
 _TURN_PER_SPACING = 1e-4
+#: sets of motions, by name, that force constants may be asked of
+_SUBSETS = {one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)}
 
 
 class Rest(NamedTuple):
@@ -155,3 +159,26 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: NDArray[
     across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     turn = np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True) @ across
     return float(np.linalg.norm(turn))
+
+
+def find_motions(packing: Packing, name: str | None) -> Motions:
+    """Return the motions that are named, or those of the packing; rotations count where the packing names them.
+
+    Raises :class:`InputError` for a name of motions that its balls do not have.
+    """
+    own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
+    if name is None:
+        return own
+    had = {
+        word: one for word, one in _SUBSETS.items()
+        if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
+    }  # fmt: skip
+    if not isinstance(name, str) or name not in had:
+        raise InputError(
+            message(
+                f"the state has no motions {brief(name)}",
+                f"Its balls have the motions {own.name!r}",
+                "Use " + ", ".join(had) + ", or make a state of a Packing with these motions",
+            )
+        )
+    return had[name]

@@ -44,7 +44,7 @@ __all__ = ["OBSERVABLES", "SCALES", "SCENE_SCHEMA", "read_values", "space_evenly
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "dos")
+OBSERVABLES = ("velocities", "bands", "dos", "spectrum", "pulse")
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 

@@ -19,11 +19,14 @@ from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import choose_lattice, table_named
 from granphon.scene.schema import read_blocks
+from granphon.scene.wave_settings import PulseSettings, SpectrumSettings
 
 __all__ = ["Origin"]
 
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
+#: the blocks of a scene file about waves in a simulated array, with their classes
+_WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ class Origin:
                 out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
         named = {"medium": "media", "sweep": "parameters", "observe": "observe", "direction": "direction"}
         out |= {argument: given[key] for key, argument in named.items() if key in given}
+        out |= {key: kind(**given[key]) for key, kind in _WAVES.items() if key in given}
         out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
         return out | {key: given["packing"][key] for key in ("finite_overlap",) if key in given["packing"]}
 

@@ -11,13 +11,15 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
-from granphon.scene.result_files import figure_name
+from granphon.scene.result_files import figure_name, wave_files
 
 __all__ = ["redraw"]
 
 _FORMATS = (".pdf", ".png", ".svg")
 #: the files that are drawn
 _DRAWN = ("sweep.nc", "band.yaml", "dos.csv")
+#: what of the waves in samples is drawn
+_WAVES = ("spectrum", "pulse", "dos")
 
 
 def redraw(
@@ -33,7 +35,8 @@ def redraw(
     Parameters
     ----------
     folder : folder of the run; it holds sweep.nc, or band.yaml, dos.csv, or both.
-    out : file of the figure, whose ending .pdf, .png or .svg is the format; by default sweep.png, bands.png (dos.png without
+    out : file of the figure, whose ending .pdf, .png or .svg is the format. A name spectrum, pulse or sample_dos means that
+        result of a simulation. By default sweep.png, bands.png (dos.png without
         bands) in the folder.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
@@ -58,6 +61,13 @@ def redraw(
         what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
         raise MissingFileError(message(what, "The figure would leave it out", mend))
+    waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
+    stem = None if out is None else Path(out).stem
+    wave = next((name for name in waves if Path(name).stem == stem or (stem is None and not have)), None)
+    if not have and wave is None and waves:
+        wave = next(iter(waves))
+    if wave is not None:
+        have = {wave: waves[wave]}
     if not have:
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
@@ -72,13 +82,17 @@ def redraw(
     if variable is not None and not swept:
         raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
     target = source if out is None else Path(out).parent
-    name = Path(out).name if out is not None else "sweep.png" if swept else figure_name("band.yaml" in have)
+    name = "sweep.png" if swept else figure_name("band.yaml" in have) if wave is None else wave.replace(".json", ".png")
+    name = name if out is None else Path(out).name
     if Path(name).suffix not in _FORMATS:
         raise InputError(message(f"{name} has an ending that names no figure format", mend="Use " + ", ".join(_FORMATS)))
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
     with ResultFiles(target, [name], force).open() as locked:
         before = read_written_files(source)
-        figure = _draw_sweep(have["sweep.nc"], variable) if swept else _draw_spectra(source, have, asymptotes)
+        if wave is not None:
+            figure = _draw_waves(wave, have[wave])
+        else:
+            figure = _draw_sweep(have["sweep.nc"], variable) if swept else _draw_spectra(source, have, asymptotes)
         if read_written_files(source) != before:
             what = f"{source} was written into while it was read"
             raise InputError(message(what, "The figure would mix two results", "Draw it again"))
@@ -102,6 +116,12 @@ def _draw_sweep(path: Path, variable: str | None) -> Any:
     from granphon.sweeps.archive import load_sweep
 
     return sweep_figure(load_sweep(path), variable=variable)
+
+
+def _draw_waves(name: str, path: Path) -> Any:
+    from granphon.scene.sample_waves import draw_waves, read_waves
+
+    return draw_waves(name.replace(".json", ".png"), read_waves(path))
 
 
 def _draw_spectra(source: Path, have: dict[str, Path], asymptotes: bool) -> Any:

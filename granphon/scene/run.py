@@ -13,6 +13,10 @@ forces.png             force chains of that sample, and the distribution of the 
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
 sweep.png              of a sweep: velocities and exponents over the load
+sample_dos.json, .csv   of a simulation: density of states of the first sample
+spectrum.json, .csv    spectral functions of the first sample along the path, and their peaks
+pulse.json, .csv       a pulse through all samples: signals, coherent part, speckle
+sample_dos.png, ...    the figures of these three
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
@@ -43,7 +47,15 @@ from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entr
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli
 from granphon.scene.reader import Origin
-from granphon.scene.result_files import DIAMETERS_FILE, RESULT_FILES, WORK_FOLDER, figure_name
+from granphon.scene.result_files import (
+    DIAMETERS_FILE,
+    RESULT_FILES,
+    WAVE_FILES,
+    WORK_FOLDER,
+    figure_name,
+    wave_figures,
+    wave_files,
+)
 from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
 from granphon.sweeps.tasks import open_store
 
@@ -53,6 +65,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from granphon.phonons.phonons import Bands, DensityOfStates, Phonons
+    from granphon.scene.sample_waves import SampleWaves
     from granphon.scene.scene import Scene
 
 __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
@@ -74,6 +87,7 @@ class RunResult:
     phonons : the source of ``bands`` and ``dos``.
     local_field : local field of the effective medium; None in any other medium, and for equal balls.
     rung : the medium that an automatic medium has chosen, and its expected error; None if the scene names its medium.
+    waves : what was asked for of the waves in the samples of a simulation; None if nothing was.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
@@ -90,6 +104,7 @@ class RunResult:
     dos: DensityOfStates | None
     files: tuple[Path, ...]
     rung: Rung | None = None
+    waves: SampleWaves | None = None
     failures: tuple[str, ...] = ()
 
     @property
@@ -138,6 +153,8 @@ class RunResult:
             out |= find_all(self._analysis, ("velocities",))
         if self.bands is not None:
             out["top_frequency"] = float(self.bands.frequencies.max())
+        if self.waves is not None:
+            out |= self.waves.summary()
         return out
 
     @property
@@ -159,6 +176,8 @@ class RunResult:
         if self.dos is not None:
             self.dos.write_csv(place / "dos.csv")
             step.advance()
+        if self.waves is not None:
+            self.waves.write(place, step)
 
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
@@ -166,6 +185,8 @@ class RunResult:
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
+        if self.waves is not None and name in wave_figures(("dos", "spectrum", "pulse")):
+            return self.waves.figure(name)
         from granphon.figures.bands import bands_figure
 
         return bands_figure(bands=self.bands, dos=self.dos)
@@ -255,6 +276,8 @@ def _list_expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         if scene.rung.medium.simulates:
             names.append("sample.extxyz")
             drawn.append("forces.png")
+            names += wave_files(scene.observe)
+            drawn += wave_figures(scene.observe)
     return tuple(names), tuple(drawn)
 
 
@@ -363,6 +386,11 @@ def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
             velocities = Analysis(state, scene.direction).velocities
             _ = state.exponent  # computed now, as a simulation solves two more equilibria for it: they belong to its step
     phonons, bands, dos = _compute_spectra(scene, state, progress)
+    waves = None
+    if state.samples and WAVE_FILES.keys() & set(scene.observe):
+        from granphon.scene.sample_waves import find_sample_waves
+
+        waves = find_sample_waves(scene, state, progress)
     medium = choice.of(scene.packing)
     field = medium.local_field if isinstance(medium, EffectiveMedium) and scene.packing.width else None
     load = scene.load.applied.kind
@@ -371,6 +399,7 @@ def _run_single(scene: Scene, target: Path, progress: Progress) -> RunResult:
     return RunResult(
         folder=target, state=state, medium=label, load=load, local_field=field, validity=report, velocities=velocities,
         moduli=constants, phonons=phonons, bands=bands, dos=dos, files=(), rung=automatic,
+        waves=waves,
     )  # fmt: skip
 
 

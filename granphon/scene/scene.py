@@ -33,6 +33,7 @@ from granphon.scene import fields as rules
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE
+from granphon.scene.wave_settings import PulseSettings, SpectrumSettings, write_settings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -56,12 +57,14 @@ class Scene:
         May be given as names ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d.
-    observe : which of "velocities", "bands", "dos" to compute.
+    observe : which of "velocities", "bands", "dos", "spectrum", "pulse" to compute; the last two, and the density of states
+        of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
         lattice; None for (1024,), (64, 64) or (32, 32, 32).
+    spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
 
@@ -82,6 +85,8 @@ class Scene:
     band_points: int = 101
     mesh: tuple[int, ...] | None = None
     dim: tuple[int, ...] | None = None
+    spectrum: SpectrumSettings = field(default_factory=SpectrumSettings)
+    pulse: PulseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     _origin: Origin = field(default=Origin(), init=False, repr=False, compare=False)
@@ -108,7 +113,7 @@ class Scene:
         for name, rule in checks.items():
             object.__setattr__(self, name, require(name, rule, getattr(self, name)))
         # in space ASE knows the path: a scene without bands does not ask it
-        if self.band is None and (lattice.periods == 2 or "bands" in self.observe):
+        if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
             object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
             raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
@@ -269,6 +274,10 @@ class Scene:
         blocks["observe"] = self.observe
         if self.direction is not None:
             blocks["direction"] = self.direction
+        if "spectrum" in self.observe:
+            blocks["spectrum"] = write_settings(self.spectrum)
+        if self.pulse is not None:
+            blocks["pulse"] = write_settings(self.pulse)
         blocks["phonopy"] = {} if self.dim is None else {"dim": rules.write_grid(self.dim)}
         if self.band is not None:
             blocks["phonopy"]["band"] = str(self.band)
@@ -335,6 +344,8 @@ class Scene:
         if "dos" in self.observe and self.is_sweep:
             allowed = "velocities, bands, where there are several loads or media or a sweep"
             raise Refused("'dos'", allowed, "Make a scene of each state whose density of states you want.", ("observe",))
+        if waves := {"spectrum", "pulse"} & set(self.observe):
+            self._require_sample(min(waves))
         if "bands" in self.observe and (changing := self.parameters_of_branches):
             allowed = "velocities, as the branches differ in number or zone"
             raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
@@ -344,3 +355,17 @@ class Scene:
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
+
+    def _require_sample(self, name: str) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if the scene has no array in which the waves ``name`` could run."""
+        if self.is_sweep:
+            allowed = "velocities, bands, where there are several loads or media or a sweep"
+            raise Refused(repr(name), allowed, "Make a scene of each state.", ("observe",))
+        if not self.media[0].simulates:
+            allowed = f"{name} with medium: simulation, whose balls it runs through"
+            raise Refused(f"{name!r} with medium {self.media[0].label!r}", allowed, path=("observe",))
+        if "pulse" in self.observe and self.pulse is None:
+            mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
+            raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
+        if "pulse" in self.observe and len(self.directions) > 1:
+            raise Refused("several directions with a pulse", "one direction", path=("direction",))

@@ -19,12 +19,14 @@ from granphon.base.text import Document, show
 from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key, truth, zero_or_above
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import fields
+from granphon.scene.wave_settings import pulse_rules, spectrum_rules
 
 __all__ = ["REQUIRED", "read_blocks", "scene_rules"]
 
 #: keys that a scene file must have: at the top level (""), and in each block
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "": ("material", "packing", "load"), "material": ("young_modulus", "poisson_ratio", "density"), "packing": ("diameter",),
+    "pulse": ("frequency",),
 }  # fmt: skip
 
 #: what a block "load" must hold, in words for messages
@@ -58,6 +60,8 @@ def scene_rules(folder: Path, lattice: Lattice = TRIANGULAR) -> dict[str, Rule |
         "sweep": partial(fields.read_parameters, folder=folder, lattice=lattice),
         "observe": fields.read_observables,
         "direction": partial(fields.read_directions, lattice=lattice),
+        "spectrum": spectrum_rules(),
+        "pulse": pulse_rules(),
         "phonopy": {
             "dim": partial(fields.supercell, lattice=lattice), "band": partial(BandPath.read, structure=lattice),
             "band_labels": read_labels, "band_points": fields.segment_points,
@@ -111,8 +115,8 @@ def _read_lattice(data: Any) -> Lattice:
 
 
 def _read_block(name: str, rules: Mapping[str, Rule], value: Any) -> dict[str, Any]:
-    if name == "phonopy" and value is None:
-        return {}  # every key below "phonopy:" is commented out
+    if name in ("phonopy", "spectrum") and value is None:
+        return {}  # every key below it is commented out
     if name == "load":
         _require_one_load(value)
     return block(value, rules, REQUIRED.get(name, ()))

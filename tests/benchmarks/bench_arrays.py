@@ -24,7 +24,7 @@ from side_by_side import Part, Row, alternate, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
-from granphon.array.sparse import SparseArray
+from granphon.array.sparse import find_step_length
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import FCC
 
@@ -86,7 +86,7 @@ class Plain:
             reduction = min(0.1, max(math.sqrt(distance), 0.3 * REST_TOLERANCE / distance)) if self.inexact else 1e-5
             step, _ = cg(product, pull, rtol=reduction, M=inverse, maxiter=3000)
             strain = self.c @ step
-            h = h - SparseArray._find_step_length(h, strain) * strain
+            h = h - find_step_length(h, strain) * strain
 
 
 def against(repeats: int) -> list[Row]:

@@ -1,0 +1,59 @@
+r"""From sound to soft modes
+=========================
+
+The density of states of an array of balls that differ, divided by the frequency: in the plane sound gives a constant at low
+frequencies, as Debye has it. As the load falls towards the rigidity threshold the excess moves down, and close to it the
+density of states itself is flat down to low frequencies: a plateau of soft modes, in which few balls take part.
+
+Frequencies are over the top one of the lattice of mean contacts under the same load. Right: the part of all balls that take
+part in the modes (participation ratio), against their frequency.
+"""
+
+import sys
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+
+import granphon as gp
+from granphon.figures.style import COLOURS, STYLE
+from granphon.media.acoustics import contact_lattice
+
+LOADS = (3.0, 0.05, 0.002)  # f*
+steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False)
+states = gp.DirectSimulation(packing, shape=(36, 36)).at_force(np.array(LOADS) * packing.width_units.force)
+density, modes, top = {}, {}, {}
+for at, load in enumerate(LOADS):
+    state = states[at]
+    waves = gp.Waves(state.sample.network.without_rattlers())
+    top[load] = contact_lattice(state).top_frequency * state.scales.frequency
+    density[load] = waves.dos(resolution=0.012 * top[load], vectors=3)
+    modes[load] = waves.modes(24)
+
+# %%
+# The plateau: at a thirtieth of that frequency there are several times as many modes at the lowest load as at the highest.
+
+share = {load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load] for load, one in density.items()}
+assert share[0.002] > 4.0 * share[3.0]
+
+with matplotlib.rc_context(STYLE):
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.0, 3.0), dpi=300, layout="constrained")
+    for load, colour in zip(LOADS, COLOURS, strict=False):
+        one, unit = density[load], top[load]
+        there = one.frequencies > 0.02 * unit  # below, the resolution of the kernel, and the two motions of the whole
+        left.plot(
+            one.frequencies[there] / unit, one.total[there] * unit, color=colour, linewidth=1.0, label=f"$f^*={load:g}$"
+        )
+        found = modes[load]
+        style = {"color": colour, "marker": ".", "linestyle": "", "markersize": 3.0}
+        right.plot(found.frequencies / unit, found.participation_ratio, **style)
+    left.set(
+        xscale="log", yscale="log", xlim=(0.02, 2.0), ylim=(0.03, 10.0), xlabel="Frequency over the top of the mean lattice"
+    )
+    left.set_ylabel("Density of states per ball,\ntimes that frequency")
+    left.legend()
+    right.set(xlim=(0.0, 0.12), ylim=(0.0, 0.8), xlabel="Frequency over the top of the mean lattice")
+    right.set_ylabel("Participation ratio")
+if "-o" in sys.argv:
+    figure.savefig(sys.argv[-1])

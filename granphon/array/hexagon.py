@@ -1,0 +1,333 @@
+"""A hexagon of balls between six rigid walls: the frame of the experiments, ball by ball.
+
+The balls lie on the triangular lattice, n on each side of the hexagon, and each ball on a side touches a wall. A wall moves
+along its normal alone and is pushed with the side force F. Contacts between balls, and between balls and walls, follow
+Hertz's law, without friction, and keep the directions of the lattice (:mod:`granphon.array.equilibrium`). Equilibrium is the
+minimum of a convex energy; Newton's method with sparse LU factorisation finds it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.sparse import factorise, find_step_length
+from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.loads import balls_on_side, force_of_frame
+from granphon.balls.material import Material
+from granphon.balls.packing import Packing
+from granphon.base.arguments import finite_array, positive, whole_number
+from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.results import Result, read_only
+from granphon.base.validation import require
+from granphon.dynamics.compatibility import GYRATION
+from granphon.networks.network import ContactNetwork
+
+__all__ = ["Hexagon", "PressedHexagon"]
+
+Array = NDArray[np.float64]
+#: outward normals of the six walls
+_NORMALS = np.array([[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)])
+#: largest force left on a ball or a wall, over the mean contact force
+_REST = 1e-11
+#: largest number of steps of Newton's method at one load
+_STEPS = 200
+#: stiffness added to each contact, as a fraction of the largest one times the distance from equilibrium
+_ADDED = 1e-3
+#: factor between loads on the way from one that closes all contacts to a low one
+_FACTOR = 0.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedHexagon(Result):
+    """A hexagon of balls at rest under the same force on all six walls; SI units.
+
+    Attributes
+    ----------
+    packing : the packing from which the balls are drawn.
+    balls_per_side : n; the hexagon has 3n(n - 1) + 1 balls.
+    side_force : F on each wall, N.
+    sites : (n_balls, 2) lattice sites, m; the hexagon is centred at the origin.
+    deviations : (n_balls,) diameter of each ball less the mean diameter, m.
+    displacements : (n_balls, 2) from the sites, m.
+    retreats : (6,) displacements of the walls along their outward normals (at 30, 90, ... degrees), m, from where they would
+        touch balls of the mean diameter on the sites.
+    i, j : (n_c,) balls of the contacts between balls. normal : (n_c, 2) from i to j.
+    ball, wall : (n_w,) ball and wall of the contacts with walls.
+    forces, wall_forces : (n_c,), (n_w,) contact forces, N.
+    wall_coefficient : of Hertz's law of a ball against a wall, N/m^(3/2).
+    residual : largest force left on a ball or a wall, divided by the mean contact force.
+    """
+
+    units = {
+        "side_force": "N", "sites": "m", "deviations": "m", "displacements": "m", "retreats": "m", "forces": "N",
+        "wall_forces": "N", "wall_coefficient": "N/m^(3/2)",
+    }  # fmt: skip
+    shapes = {
+        "sites": "b 2", "deviations": "b", "displacements": "b 2", "retreats": "6", "i": "c", "j": "c", "normal": "c 2",
+        "ball": "w", "wall": "w", "forces": "c", "wall_forces": "w",
+    }  # fmt: skip
+
+    packing: Packing
+    balls_per_side: int
+    side_force: float
+    sites: Array
+    deviations: Array
+    displacements: Array
+    retreats: Array
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    normal: Array
+    ball: NDArray[np.intp]
+    wall: NDArray[np.intp]
+    forces: Array
+    wall_forces: Array
+    wall_coefficient: float
+    residual: float
+
+    @property
+    def positions(self) -> Array:
+        """(n_balls, 2) centres, m."""
+        return np.asarray(self.sites + self.displacements)
+
+    @property
+    def force(self) -> float:
+        """Mean force f of the contacts between balls, N, open ones included."""
+        return float(np.mean(self.forces))
+
+    @property
+    def nominal_force(self) -> float:
+        """Contact force F / (n 3^1/2), N, of a hexagon whose side is as long as n balls.
+
+        The mean force in the hexagon itself is exactly F / ((n - 2/3) 3^1/2), as the work of the walls shows.
+        """
+        return float(force_of_frame(self.side_force, self.balls_per_side))
+
+    @property
+    def contact_fraction(self) -> float:
+        """Fraction of the contacts between balls that carry load."""
+        return float(np.mean(self.forces > 0.0))
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The balls, the six walls (bodies of infinite mass, which come last), and the contacts that carry load.
+
+        Contacts with walls resist slip as those between balls do if the packing has friction.
+        """
+        packing, d, law = self.packing, self.packing.diameter, self.packing.law
+        count, live, leant = len(self.sites), self.forces > 0.0, self.wall_forces > 0.0
+        distance = d * ((self.balls_per_side - 1) * math.sqrt(0.75) + 0.5) + self.retreats
+        places = np.zeros((count + 6, 3))
+        places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
+        normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
+        normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
+        stiffness = 1.5 * np.concatenate(
+            [
+                np.cbrt(law.coefficient**2 * self.forces[live]),
+                np.cbrt(self.wall_coefficient**2 * self.wall_forces[leant]),
+            ]
+        )
+        masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
+        half = np.full(len(normal), 0.5 * d)
+        return ContactNetwork(
+            cell=np.zeros((3, 3)), pbc=(False, False, False), positions=places,
+            radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)), masses=masses,
+            inertias=masses * (GYRATION * d) ** 2, i=np.append(self.i[live], self.ball[leant]),
+            j=np.append(self.j[live], count + self.wall[leant]), shift=np.zeros((len(normal), 3), int), normal=normal,
+            normal_force=np.append(self.forces[live], self.wall_forces[leant]), normal_stiffness=stiffness,
+            shear_stiffness=packing.mindlin_ratio * stiffness, torsion_stiffness=0.0 * stiffness,
+            bending_stiffness=packing.bending * d * d * stiffness, arm_i=half, arm_j=half, motions="in_plane", dimension=2,
+        )  # fmt: skip
+
+
+class Hexagon:
+    """A hexagon of balls drawn from a packing, between six walls.
+
+    Parameters
+    ----------
+    packing : of the triangular lattice, with motions in the plane.
+    balls_per_side : n, at least 2.
+    seed : random seed of the diameters.
+    diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of :attr:`sites`.
+    wall_material : material of the walls; None for rigid ones.
+
+    Raises
+    ------
+    InputError : another lattice or other motions; a number out of range; diameters of another shape, or whose mean is not
+        the packing's diameter.
+    """
+
+    def __init__(
+        self,
+        packing: Packing,
+        balls_per_side: int = 31,
+        seed: int = 0,
+        *,
+        diameters: ArrayLike | None = None,
+        wall_material: Material | None = None,
+    ) -> None:
+        if packing.structure.contacts.normal.shape != (3, 2) or packing.named_motions.name != "in_plane":
+            raise InputError(
+                message(
+                    f"a hexagon of the {packing.structure.name} lattice with motions {packing.named_motions.name}",
+                    "The hexagon is made of the triangular lattice, in its plane",
+                    "Leave lattice and motions out of the Packing",
+                )
+            )
+        self.packing = packing
+        self.balls_per_side = n = int(require("balls_per_side", balls_on_side, balls_per_side))
+        if n < 2:
+            raise InputError(message("a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"))
+        self.seed = None if diameters is not None else whole_number("seed", seed, 0)
+        q = np.stack(np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1).reshape(-1, 2)
+        self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
+        #: (3n(n - 1) + 1, 2) lattice sites, m
+        self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
+        self.deviations = self._find_deviations(diameters)
+        own, other = packing.material, wall_material
+        soft = 0.0 if other is None else own.contact_modulus / other.contact_modulus
+        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the modulus of both
+        self.wall_coefficient = packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + soft)
+
+    def _find_deviations(self, diameters: ArrayLike | None) -> Array:
+        """Return (n_balls,) deviations from the mean diameter, m."""
+        count, d = len(self.sites), self.packing.diameter
+        if diameters is None:
+            spread = self.packing.spread
+            if spread is None:
+                return read_only(np.zeros(count))
+            drawn = spread.sample(count, int(self.seed or 0))
+            return read_only(drawn - np.mean(drawn))
+        given = finite_array("diameters", diameters, "m", "above zero")
+        if given.shape != (count,):
+            raise InputError(message(f"diameters have the shape {given.shape}", mend=f"Give {count} numbers"))
+        if abs(np.mean(given) - d) > 1e-9 * d:
+            raise InputError(message(f"the mean of the diameters is {np.mean(given):.9g} m, that of the packing {d:.9g} m"))
+        return read_only(given - np.mean(given))
+
+    # -- contacts -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        """Balls i and j of the contacts between balls, and the normals (n_c, 2)."""
+        number = {cell: ball for ball, cell in enumerate(map(tuple, self._cells.tolist()))}
+        table = TRIANGULAR.contacts
+        found = [
+            (ball, other, kind)
+            for (p, q), ball in number.items()
+            for kind, (a, b) in enumerate(table.shift.tolist())
+            if (other := number.get((p + a, q + b))) is not None
+        ]
+        i, j, kinds = np.array(found).T
+        return i, j, table.normal[kinds]
+
+    @cached_property
+    def _leaning(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Ball and wall of the contacts with walls."""
+        reach = self.sites @ _NORMALS.T / self.packing.diameter
+        ball, wall = np.nonzero(reach > (self.balls_per_side - 1) * math.sqrt(0.75) - 0.1)
+        return ball, wall
+
+    @cached_property
+    def _matrix(self) -> Any:
+        """(contacts, motions) loss of overlap by the displacements of balls (x, y of each), then those of the walls outward.
+
+        Rows of walls are multiplied by their coefficient to the power 2/5, over that of two balls: then all contacts have
+        the same law.
+        """
+        from scipy.sparse import coo_array
+
+        (i, j, normal), (ball, wall) = self._pairs, self._leaning
+        count, pairs, leant = len(self.sites), np.arange(len(i)), len(i) + np.arange(len(ball))
+        parts = [(pairs, 2 * j + a, normal[:, a]) for a in (0, 1)] + [(pairs, 2 * i + a, -normal[:, a]) for a in (0, 1)]
+        scale = self._wall_scale
+        parts += [(leant, 2 * ball + a, -scale * _NORMALS[wall, a]) for a in (0, 1)]
+        parts.append((leant, 2 * count + wall, np.full(len(ball), scale)))
+        row, column, entry = (np.concatenate(list(one)) for one in zip(*parts, strict=True))
+        return coo_array((entry, (row, column)), shape=(len(i) + len(ball), 2 * count + 6)).tocsr()
+
+    @property
+    def _wall_scale(self) -> float:
+        return float((self.wall_coefficient / self.packing.law.coefficient) ** 0.4)
+
+    # -- at rest ------------------------------------------------------------------------------------------------------
+
+    def at_side_force(self, side_force: float) -> PressedHexagon:
+        """Press each wall with the ``side_force`` F, N, and return the balls at rest.
+
+        Raises :class:`~granphon.base.errors.InputError` for a force that is not above zero, and
+        :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest.
+        """
+        wanted = positive("side_force", side_force, "N")
+        # from a load that closes all contacts down to the wanted one, each equilibrium the start of the next
+        closing = float(self.packing.law.force(4.0 * np.max(np.abs(self.deviations), initial=0.0)))
+        least = closing * math.sqrt(3.0) * self.balls_per_side
+        loads = [wanted]
+        while loads[-1] < least:
+            loads.append(loads[-1] / _FACTOR)
+        motion, residual = self._press(loads.pop(), None)
+        for load in reversed(loads):
+            motion, residual = self._press(load, motion)
+        return self._describe(wanted, motion, residual)
+
+    def at_force(self, force: float) -> PressedHexagon:
+        """Press the walls with F = n 3^1/2 f; see :meth:`at_side_force`."""
+        return self.at_side_force(positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side)
+
+    def _press(self, side_force: float, start: Array | None) -> tuple[Array, float]:
+        """Return the motion (2 n_balls + 6,), m, at rest, and the residual over the mean force."""
+        law, count, matrix = self.packing.law, len(self.sites), self._matrix
+        # units of the overlap of equal balls under this load, and of its force
+        unit = float(law.overlap(force_of_frame(side_force, self.balls_per_side)))
+        (i, j, _), (ball, _) = self._pairs, self._leaning
+        x = self.deviations / unit
+        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
+        push = np.zeros(2 * count + 6)
+        push[2 * count :] = math.sqrt(3.0) * self.balls_per_side
+        z = self._compress() if start is None else start / unit
+        centre = int(np.argmin(np.sum(self.sites**2, axis=1)))
+        free = np.delete(np.arange(z.size), [2 * centre, 2 * centre + 1])
+        transposed = matrix.T.tocsr()
+        h = gap - matrix @ z
+        for _ in range(_STEPS):
+            root = np.sqrt(np.maximum(h, 0.0))
+            pull = transposed @ root**3 - push
+            mean = float(np.mean(root[: len(i)] ** 3))
+            left = float(np.max(np.abs(pull))) / mean if mean else math.inf
+            if left <= _REST:
+                return z * unit, left
+            stiffness = 1.5 * root
+            stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
+            springs = (transposed @ matrix.multiply(stiffness[:, None])).tocsc()[free][:, free]
+            step = np.zeros(z.size)
+            step[free] = factorise(springs.tocsc()).solve(pull[free])
+            strain = matrix @ step
+            length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
+            z, h = z + length * step, h - length * strain
+        raise ConvergenceError(
+            message(f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact force is left on a ball")
+        )
+
+    def _compress(self) -> Array:
+        """Return the motion that gives equal balls an overlap of one, and walls the force of the balls that lean on them."""
+        inward = -self.sites / self.packing.diameter
+        lean = (math.sqrt(3.0) * self.packing.law.coefficient / self.wall_coefficient) ** (2.0 / 3.0)
+        depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
+        return np.append(inward.ravel(), np.full(6, -depth))
+
+    def _describe(self, side_force: float, motion: Array, residual: float) -> PressedHexagon:
+        law, count = self.packing.law, len(self.sites)
+        (i, j, normal), (ball, wall) = self._pairs, self._leaning
+        x = self.deviations
+        gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
+        forces = law.force(gap - self._matrix @ motion)
+        return PressedHexagon(
+            self.packing, self.balls_per_side, side_force, self.sites, x, motion[: 2 * count].reshape(-1, 2),
+            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], self._wall_scale * forces[len(i) :],
+            self.wall_coefficient, residual,
+        )  # fmt: skip

@@ -1,0 +1,153 @@
+"""Figures of the spectra of networks: spectral functions along a path, attenuation, densities of states with errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# before matplotlib, whose import this module guards
+from granphon.figures.scales import SPECTRUM, scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from granphon.base.scales import HertzPrefix
+from granphon.figures.style import BLUE, COLOURS, COLUMN_WIDTH, DPI, FRAME, GUIDE, ORANGE, STYLE, print_hertz
+from granphon.figures.zones import print_label
+from granphon.waves.dos import SpectralDensity
+from granphon.waves.path_spectra import PathSpectra
+from granphon.waves.spectral_functions import SpectralFunction
+
+__all__ = ["plot_attenuation", "plot_sample_dos", "plot_spectrum", "sample_dos_figure", "spectrum_figure"]
+
+Array = NDArray[np.float64]
+#: ratio of the darkest to the lightest shade of a spectral function
+_SHADES = 1e3
+#: part of the range of frequencies above the highest band that is drawn
+_ABOVE = 0.08
+#: greatest number of frequencies that are drawn; more are averaged in groups
+_MOST_ROWS = 600
+
+
+def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
+    """Draw a spectral function along the path as a map, on a logarithmic scale of colours.
+
+    A column for each wave vector of the cell, as wide as reaches half way to its neighbours. The bands of the mean lattice
+    are dashed; peaks are dots, with bars as long as the width (full, at half maximum) where it is resolved.
+
+    Parameters
+    ----------
+    spectra : along the path.
+    number : which of the polarisations.
+    bands, peaks : whether to draw these.
+    """
+    one, order = spectra.spectra[number], np.argsort(spectra.distances, kind="stable")
+    unit = HertzPrefix.for_top(float(spectra.bands.max()))
+    x, top = spectra.distances[order], (1.0 + _ABOVE) * float(spectra.bands.max())
+    inside = one.frequencies <= top
+    values, frequencies = one.values[order][:, inside], one.frequencies[inside]
+    group = max(1, frequencies.size // _MOST_ROWS)
+    rows = frequencies.size // group
+    values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
+    edges_y = np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
+    corners = spectra.corners
+    edges_x = np.concatenate([corners[:1], 0.5 * (x[1:] + x[:-1]), corners[-1:]])
+    most = float(values.max()) * unit.hertz
+    norm = LogNorm(most / _SHADES, most)
+    shades = np.maximum(values.T * unit.hertz, most / _SHADES)
+    mesh = ax.pcolormesh(edges_x, edges_y, shades, norm=norm, cmap=SPECTRUM, rasterized=True, gid="spectral-function")
+    if bands:
+        label = "bands of the mean lattice"
+        per = spectra.band_distances.size // (len(corners) - 1)
+        for leg in range(len(corners) - 1):
+            part = slice(leg * per, (leg + 1) * per)
+            lines = ax.plot(
+                spectra.band_distances[part], spectra.bands[part] / unit.hertz, color="0.35", linewidth=0.7, dashes=(3, 2)
+            )
+            lines[0].set_label(label if not leg else "_")
+    if peaks:
+        wide = np.where(one.resolved, 0.5 * one.width, 0.0)[order] / unit.hertz
+        ax.errorbar(
+            x, one.peak[order] / unit.hertz, wide, fmt="o", markersize=2.2, color=ORANGE, elinewidth=0.8,
+            label="peak and width", markeredgecolor="black", markeredgewidth=0.3,
+        )  # fmt: skip
+    for corner in corners[1:-1]:
+        ax.axvline(float(corner), color=FRAME, linewidth=0.5)
+    ax.set_xticks(corners, [print_label(label) for label in spectra.labels])
+    ax.tick_params(axis="x", length=0)
+    ax.set(
+        xlabel="Wave vector", ylabel=f"Frequency ({print_hertz(unit)})", xlim=corners[[0, -1]], ylim=(0.0, top / unit.hertz)
+    )
+    figure: Any = ax.get_figure()
+    bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
+    bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")
+    return ax
+
+
+def spectrum_figure(spectra: PathSpectra) -> Figure:
+    """Draw a figure of all polarisations of a path, one under the other, one column wide."""
+    count = len(spectra.spectra)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 0.3 + 2.8 * count), dpi=DPI, layout="constrained")
+        panels = figure.subplots(count, 1, squeeze=False)[:, 0]
+        for number, ax in enumerate(panels):
+            plot_spectrum(spectra, ax, number)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | None = None, colour: str = BLUE) -> Axes:
+    """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power law beside it.
+
+    ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d dimensions, as d is the number
+    of components of q.
+    """
+    there = spectrum.resolved & (spectrum.width > 0.0)
+    unit = HertzPrefix.for_top(float(spectrum.peak.max()))
+    f, a = spectrum.peak[there] / unit.hertz, spectrum.attenuation[there]
+    ax.plot(f, a, "o", markersize=3.0, color=colour, label=spectrum.polarisation)
+    if f.size > 1:
+        exponent = spectrum.q.shape[1] + 1.0 if power is None else power
+        first = int(np.argmin(f))
+        line = np.array([f.min(), f.max()])
+        ax.plot(line, a[first] * (line / f[first]) ** exponent, color=GUIDE, linewidth=0.9, label=f"$f^{{{exponent:g}}}$")
+        for which, values in (("x", f), ("y", a)):
+            scale_axis(ax, which, values)
+    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
+    ax.legend()
+    return ax
+
+
+def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
+    """Draw the density of states of a network per ball: total with its standard error as a band, and its two parts."""
+    there = np.flatnonzero(dos.total > 1e-6 * dos.total.max())
+    unit = HertzPrefix.for_top(float(dos.frequencies[there[-1]]))
+    x = dos.frequencies / unit.hertz
+    curves = {"total": (dos.total, dos.error, "black")}
+    if np.any(dos.rotational > 0.0):
+        curves |= {
+            "translation": (dos.translational, dos.translational_error, COLOURS[0]),
+            "rotation": (dos.rotational, dos.rotational_error, COLOURS[4]),
+        }
+    for name, (values, error, colour) in curves.items():
+        y, off = values * unit.hertz, np.nan_to_num(error) * unit.hertz
+        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
+        ax.plot(x, y, color=colour, linewidth=0.9, label=name)
+    ax.set(
+        xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"DOS per ball (1/{print_hertz(unit)})",
+        xlim=(0.0, 1.03 * float(x[there[-1]])), ylim=(0.0, None),
+    )  # fmt: skip
+    ax.legend()
+    return ax
+
+
+def sample_dos_figure(dos: SpectralDensity) -> Figure:
+    """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 2.4), dpi=DPI, layout="constrained")
+        plot_sample_dos(dos, figure.subplots())
+    return figure

@@ -1,0 +1,1 @@
+"""Finite networks of contacts, ordered or not: their balls, their contacts, and the files that hold them."""

@@ -1,0 +1,296 @@
+"""Networks of balls and contacts of which a program of discrete elements has left a part: the rest follows from it.
+
+Stiffnesses follow from force and material by Hertz and Mindlin, masses from the density, inertias are those of solid
+spheres, shifts lead to the nearest image, and normals lie along the line of the centres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.hertz import HertzLaw, harmonic_diameter
+from granphon.balls.material import Material
+from granphon.balls.motions import allowed_motions
+from granphon.base.arguments import real_array, whole_number
+from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import require, truth
+from granphon.networks.checks import LARGEST, MOST_STEPS
+
+if TYPE_CHECKING:
+    from granphon.networks.network import ContactNetwork
+
+__all__ = ["MOST_BYTES", "Balls", "Contacts", "build_network", "read_cell"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in contact
+_REACH = 0.25
+#: greatest error of a vector between two balls, over the sum of their radii, that is put down to rounding in a file
+_ROUNDED = 1e-2
+#: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a file
+_LEVEL = 1e-9
+#: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
+MOST_BYTES = 4_000_000_000
+
+
+@dataclass(frozen=True)
+class Balls:
+    """What a source says of its balls, in SI; None where it says nothing.
+
+    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,).
+    """
+
+    name: str
+    positions: Array
+    radii: Array
+    masses: Array | None = None
+    inertias: Array | None = None
+    labels: Index | None = None
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a place or radius with which one cannot reckon."""
+        placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
+        still = np.zeros(len(placed), bool) if self.masses is None else np.isinf(self.masses)
+        sized = (self.radii > 0.0) & ((self.radii < LARGEST) | (still & np.isinf(self.radii)))
+        for fine, name in ((placed, "place"), (sized, "radius")):
+            if not np.all(fine):
+                ball = int(np.argmin(fine))
+                value = self.positions[ball].tolist() if name == "place" else float(self.radii[ball])
+                number = ball if self.labels is None else int(self.labels[ball])
+                why = "Only a body that does not move may have a radius of inf" if value == math.inf else ""
+                raise InputError(message(f"{self.name}: ball {number} has the {name} {value} m", why))
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """What a source says of its contacts, in SI; None where it says nothing.
+
+    ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j, and ``shift`` are (n_c, 3).
+    """
+
+    name: str
+    i: Index
+    j: Index
+    shift: Index | None = None
+    vector: Array | None = None
+    normal: Array | None = None
+    normal_force: Array | None = None
+    normal_stiffness: Array | None = None
+    shear_stiffness: Array | None = None
+    torsion_stiffness: Array | None = None
+    bending_stiffness: Array | None = None
+    arm_i: Array | None = None
+    arm_j: Array | None = None
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a vector or shift with which one cannot reckon."""
+        if self.vector is not None:
+            self.refuse(~np.all(np.abs(self.vector) < LARGEST, axis=1), "has a vector that is not finite, or too large")
+        if self.shift is not None:
+            self.refuse(~np.all(np.abs(self.shift) <= MOST_STEPS, axis=1), f"has a shift of more than {MOST_STEPS} cells")
+
+    def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
+        if np.any(bad):
+            first, count = int(np.flatnonzero(bad)[0]), int(np.count_nonzero(bad))
+            more = f" ({count} in all)" if count > 1 else ""
+            what = f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]}, {wrong}{more}"
+            raise InputError(message(what, why, mend))
+
+
+def read_cell(cell: Any, pbc: Any) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the vectors of the cell (3, 3), m, and whether each is a period, from lengths (p,) or vectors (p, d)."""
+    full, periodic = np.zeros((3, 3)), np.zeros(3, bool)
+    if cell is not None:
+        given = real_array("cell", cell)
+        if given.ndim == 1 and 1 <= given.size <= 3:
+            given = np.diag(given)
+        if given.ndim != 2 or not 1 <= len(given) <= given.shape[1] <= 3:
+            what = f"the cell has the shape {np.shape(cell)}"
+            raise InputError(message(what, mend="Give the lengths of the periods, or their vectors as rows"))
+        full[: len(given), : given.shape[1]] = given
+        periodic[: len(given)] = np.any(given != 0.0, axis=1)
+    if pbc is not None:
+        plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+        if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
+            raise InputError(message(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"))
+        said = [require("pbc", truth, one) for one in plain]
+        periodic[:] = [*said, *[False] * (3 - len(said))]
+    return full, periodic
+
+
+def build_network(
+    kind: type[ContactNetwork], balls: Balls, contacts: Contacts, *, material: Material | None, cell: Array,
+    pbc: NDArray[np.bool_], dimension: int | None, motions: str | None, friction: bool, prestress: bool, keep_rattlers: bool,
+    held_by: int | None, left_out: int = 0,
+) -> Any:  # fmt: skip
+    """Return the network of these balls and contacts; see ``ContactNetwork.from_table`` for the arguments."""
+    if material is not None and not isinstance(material, Material):
+        raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
+    friction = require("friction", truth, friction)
+    balls.check()
+    contacts.check()
+    if not np.all(np.abs(cell) < LARGEST):
+        raise InputError(message(f"the cell is {cell.tolist()} m"))
+    width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
+    positions[:, :width] = balls.positions
+    if dimension is None:
+        level = width == 3 and len(positions) and np.ptp(positions[:, 2]) <= _LEVEL * np.max(balls.radii)
+        dimension = 2 if level else width
+    dimension = whole_number("dimension", dimension, 1, 3)
+    cell, pbc = cell.copy(), pbc & (np.arange(3) < dimension)
+    masses, inertias = _find_masses(balls, material)
+    i, j = (_find_balls(balls, contacts, end) for end in ("i", "j"))
+    still = np.isinf(masses[i]) | np.isinf(masses[j])
+    if contacts.normal is None and np.any(still):
+        contacts.refuse(still, "is with a body that does not move, and has no normal", mend="Give nx, ny and nz")
+    shift = _find_shifts(contacts, positions, balls.radii, cell, pbc, i, j, still)
+    vector = positions[j] + shift @ cell - positions[i]
+    distance = np.linalg.norm(vector, axis=1)
+    radii_i, radii_j = balls.radii[i], balls.radii[j]
+    overlap = np.where(still, 0.0, radii_i + radii_j - distance)  # a wall may have any place
+    far = ~still & ~(np.abs(overlap) <= _REACH * (radii_i + radii_j))
+    said = f"whose radii add up to {_first(radii_i + radii_j, far):.6g} m, are {_first(distance, far):.6g} m apart"
+    contacts.refuse(far, f"joins balls that are not near each other: these, {said}", mend="Compare the cell and the units")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
+    force, stiffness, shear = _find_springs(contacts, material, friction, radii_i, radii_j, overlap, still)
+    none = np.zeros(len(i))
+    found: dict[str, Any] = {
+        "i": i, "j": j, "shift": shift, "normal": normal, "normal_force": force, "normal_stiffness": stiffness,
+        "shear_stiffness": shear,
+        "torsion_stiffness": none if contacts.torsion_stiffness is None else contacts.torsion_stiffness,
+        "bending_stiffness": none if contacts.bending_stiffness is None else contacts.bending_stiffness,
+        "arm_i": _find_arms(radii_i, overlap) if contacts.arm_i is None else contacts.arm_i,
+        "arm_j": _find_arms(radii_j, overlap) if contacts.arm_j is None else contacts.arm_j,
+    }  # fmt: skip
+    if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
+        found = {name: values[force > 0.0] for name, values in found.items()}
+    network = kind(
+        cell=cell, pbc=tuple(pbc.tolist()), positions=positions, radii=balls.radii, masses=masses, inertias=inertias,
+        **found, motions=next(iter(allowed_motions(dimension))) if motions is None else motions, dimension=dimension,
+        prestress=prestress, left_out=left_out, labels=balls.labels,
+    )  # fmt: skip
+    return network if require("keep_rattlers", truth, keep_rattlers) else network.without_rattlers(held_by)
+
+
+def _find_arms(radii: Array, overlap: Array) -> Array:
+    """Return the distances from the centres to the middle of the overlap."""
+    return np.where(np.isfinite(radii), radii, 0.0) - 0.5 * overlap  # the arm of a flat wall does not matter
+
+
+def _first(values: Array, bad: NDArray[np.bool_]) -> float:
+    return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
+
+
+def _find_masses(balls: Balls, material: Material | None) -> tuple[Array, Array]:
+    """Return the masses and the moments of inertia of the balls; solid spheres where these are not given."""
+    if balls.masses is None and material is None:
+        mend = "Give the masses, or the material of the balls"
+        raise InputError(message(f"{balls.name} has no column 'mass', and no material is given", mend=mend))
+    masses = balls.masses
+    if masses is None:
+        assert material is not None
+        masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
+    return masses, 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
+
+
+def _find_balls(balls: Balls, contacts: Contacts, end: str) -> Index:
+    """Return the indices of the balls that contacts name at an ``end``, "i" or "j"."""
+    wanted, count = getattr(contacts, end), len(balls.positions)
+    labels = np.arange(count) if balls.labels is None else balls.labels
+    order = np.argsort(labels, kind="stable")
+    if np.any(np.diff(labels[order]) == 0):
+        twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
+        raise InputError(message(f"{balls.name} has two balls with the id {twice}"))
+    place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
+    missing = labels[order][place] != wanted if count else np.ones(len(wanted), bool)
+    named = f"balls are 0 to {count - 1}" if balls.labels is None else f"{count} balls have ids"
+    contacts.refuse(missing, f"names a ball that is not among those of {balls.name}", f"There, {named}")
+    return np.asarray(order[place], np.intp)
+
+
+def _find_shifts(
+    contacts: Contacts, positions: Array, radii: Array, cell: Array, pbc: NDArray[np.bool_], i: Index, j: Index,
+    still: NDArray[np.bool_],
+) -> Index:  # fmt: skip
+    """Return the whole cells (n_c, 3) by which balls j are displaced: those given, those of the vectors, or the nearest."""
+    if contacts.shift is not None:
+        return contacts.shift
+    axes = np.flatnonzero(pbc)
+    shift = np.zeros((len(i), 3), np.intp)
+    apart = positions[j] - positions[i]
+    periods = cell[axes]
+    if np.linalg.matrix_rank(periods) < axes.size:
+        raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+    across = np.linalg.pinv(periods)
+    touch = radii[i] + radii[j]
+    if contacts.vector is not None:
+        shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
+        off = np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1) > _ROUNDED * touch
+        why = "Its vector does not lead from one to the other in this cell"
+        contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
+        return shift
+    if not axes.size:
+        return shift
+    nearest = -_round_steps(apart @ across)
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
+    distance = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
+    distance[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
+    order = np.argsort(distance, axis=1)
+    shift[:, axes] = nearest + steps[order[:, 0]]
+    second = np.take_along_axis(distance, order[:, 1:2], axis=1)[:, 0]
+    why = "The cell is so small that they touch at more than one place"
+    contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, "Give the shift of each contact")
+    shift[still] = 0
+    return shift
+
+
+def _round_steps(steps: Array) -> Index:
+    """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells from each other."""
+    if np.any(~(np.abs(steps) <= MOST_STEPS)):
+        raise InputError(message(f"balls that touch are more than {MOST_STEPS} cells apart", mend="Compare cell and places"))
+    return np.asarray(np.rint(steps), np.intp)
+
+
+def _find_springs(
+    contacts: Contacts, material: Material | None, friction: bool, radii_i: Array, radii_j: Array, overlap: Array,
+    still: NDArray[np.bool_],
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Return force, normal stiffness and shear stiffness of each contact, as given, or by Hertz and Mindlin."""
+    force, stiffness, shear = contacts.normal_force, contacts.normal_stiffness, contacts.shear_stiffness
+    if force is not None:
+        contacts.refuse(
+            ~(np.isfinite(force) & (force >= 0.0)),
+            f"has the force {_first(force, ~(np.isfinite(force) & (force >= 0.0))):.6g} N",
+            "Forces that pull, or are not finite, are not of elastic balls", "Forces that press count as positive",
+        )  # fmt: skip
+    wanted = [
+        name for name, value in (("normal_force", force), ("normal_stiffness", stiffness), ("shear_stiffness", shear))
+        if value is None and not (name == "shear_stiffness" and not friction)
+    ]  # fmt: skip
+    if wanted and material is None:
+        mend = "Give the material of the balls, from which they follow, or the columns"
+        if wanted == ["shear_stiffness"]:
+            mend = "Give the column, the material of the balls, or friction=False"
+        raise InputError(message(f"{contacts.name} has no {', '.join(wanted)}, and no material is given", mend=mend))
+    if force is None or stiffness is None:
+        assert material is not None
+        small, large = np.minimum(radii_i, radii_j), np.maximum(radii_i, radii_j)
+        flat = np.isinf(large)  # the curvature of a flat wall is zero
+        between = np.where(flat, 4.0 * small, harmonic_diameter(2.0 * small, np.where(flat, small, large) * 2.0))
+        coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(between)
+        unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+        if force is None:
+            contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
+            force = coefficient * unit.force(overlap)
+        if stiffness is None:
+            stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
+    if shear is None:
+        shear = stiffness * (material.mindlin_ratio if friction and material is not None else 0.0)
+    return force, stiffness, shear

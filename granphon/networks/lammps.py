@@ -1,0 +1,241 @@
+"""Dumps of LAMMPS: one of atoms and one of pairs that touch, at the same time step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arguments import not_negative, positive
+from granphon.base.errors import InputError, brief, message
+from granphon.base.reading import read_bytes
+from granphon.base.scales import Units
+from granphon.base.tables import decode
+from granphon.base.validation import choice, require
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network
+from granphon.networks.checks import read_whole_numbers
+
+if TYPE_CHECKING:
+    from granphon.networks.network import ContactNetwork
+
+__all__ = ["read_dumps"]
+
+Array = NDArray[np.float64]
+#: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
+_STYLES = {
+    "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9), "nano": (1e-9, 1e-21, 1e-12),
+}  # fmt: skip
+_NAMES = ("i", "j", "force", "dx", "dy", "dz")
+_WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
+_NAME_PAIRS = "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j', 'force', ...]"
+
+
+@dataclass
+class _Frame:
+    """One time step of a dump, in its own units: where it stands, its cell, the names of its columns, and the columns."""
+
+    name: str
+    step: int
+    units: str = ""
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    cell: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    pbc: Array = field(default_factory=lambda: np.zeros(3, bool))
+    names: tuple[str, ...] = ()
+    rows: list[tuple[int, str]] = field(default_factory=list)
+
+    def read(self, column: str) -> Array:
+        """The numbers of a column, (rows,)."""
+        place, out = self.names.index(column), np.empty(len(self.rows))
+        for n, (line, text) in enumerate(self.rows):
+            cells = text.split()
+            try:
+                out[n] = float(cells[place])
+            except (IndexError, ValueError):
+                found = brief(cells[place], 40) if len(cells) > place else "nothing"
+                raise InputError(message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")) from None
+        return out
+
+
+def read_dumps(
+    kind: type[ContactNetwork], dump: str | os.PathLike[str], pairs: str | os.PathLike[str], units: str | Units | None,
+    columns: Sequence[str] | None, step: int | None, *, normal_stiffness: float | None, shear_stiffness: float | None,
+    **more: Any,
+) -> Any:  # fmt: skip
+    """Return the network of two dumps; see ``ContactNetwork.from_lammps`` for the arguments."""
+    atoms, touching = _read_frame(dump, step, "ATOMS"), _read_frame(pairs, step, "ENTRIES")
+    if atoms.step != touching.step:
+        what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
+        raise InputError(message(what, "Balls and contacts must be of one step", "Give the step that both have"))
+    if not np.allclose(atoms.cell, touching.cell, rtol=1e-5) or np.any(atoms.pbc != touching.pbc):
+        raise InputError(message(f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"))
+    length, mass, force = _find_scales(units, atoms, touching)
+    if columns is not None:
+        touching.names = _read_names(touching, columns)
+    if missing := [name for name in ("i", "j") if name not in touching.names]:
+        what = f"{pairs} has no column {' and no column '.join(missing)}"
+        raise InputError(message(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS))
+    balls = _read_balls(atoms, length, mass)
+    count = len(touching.rows)
+    vector = None
+    if {"dx", "dy", "dz"} <= set(touching.names):  # LAMMPS gives the vector from j to i
+        vector = -length * np.stack([touching.read(name) for name in ("dx", "dy", "dz")], axis=1)
+    contacts = Contacts(
+        touching.name, _read_ids(touching, "i"), _read_ids(touching, "j"), vector=vector,
+        normal_force=force * touching.read("force") if "force" in touching.names else None,
+        normal_stiffness=None if normal_stiffness is None else np.full(
+            count, positive("normal_stiffness", normal_stiffness, "N/m")
+        ),
+        shear_stiffness=None if shear_stiffness is None else np.full(
+            count, not_negative("shear_stiffness", shear_stiffness, "N/m")
+        ),
+    )  # fmt: skip
+    return build_network(kind, balls, contacts, cell=length * atoms.cell, pbc=np.asarray(atoms.pbc, bool), **more)
+
+
+def _find_scales(units: str | Units | None, *frames: _Frame) -> tuple[float, float, float]:
+    """Return the length, mass and force that are one in the files; raises :class:`InputError` if these say otherwise."""
+    told = {frame.units for frame in frames if frame.units}
+    if len(told) > 1:
+        raise InputError(message(f"{frames[0].name} is in units {frames[0].units}, and {frames[1].name} in others"))
+    if isinstance(units, Units):
+        style, scales = "lj", (units.length, units.mass, units.force)
+    else:
+        style = require("units", lambda value: choice(value, [*_STYLES]), units or (told.pop() if told else "si"))
+        told = {frame.units for frame in frames if frame.units}
+        scales = _STYLES[style]
+    if told and told != {style}:
+        raise InputError(message(f"{frames[0].name} says that its units are {told.pop()}, and units={style!r} is given"))
+    return scales
+
+
+def _read_names(frame: _Frame, columns: Sequence[str]) -> tuple[str, ...]:
+    given = tuple(columns.split() if isinstance(columns, str) else columns)
+    if not all(isinstance(name, str) for name in given) or len(given) != len(frame.names):
+        what = f"columns are {brief(columns)}, and {frame.name} has {len(frame.names)}: {', '.join(frame.names)}"
+        raise InputError(message(what, mend=f"Give a name for each; those that count are {', '.join(_NAMES)}"))
+    return given
+
+
+def _read_ids(frame: _Frame, column: str) -> NDArray[np.intp]:
+    try:
+        return read_whole_numbers(column, frame.read(column))
+    except InputError as error:
+        raise InputError(str(error) if frame.name in str(error) else f"{frame.name}: {error}") from None
+
+
+def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
+    """The balls of a dump of atoms, in SI."""
+    for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
+        names = [f"{axis}{ends}" for axis in "xyz"]
+        if set(names) <= set(frame.names):
+            places = np.stack([frame.read(name) for name in names], axis=1)
+            places = places @ frame.cell if scaled else places - frame.origin
+            break
+    else:
+        raise InputError(message(f"{frame.name} has no columns x, y and z", _say_columns(frame), _WRITE_ATOMS))
+    for name, other in (("id", "id"), ("radius", "diameter")):
+        if name not in frame.names and other not in frame.names:
+            raise InputError(message(f"{frame.name} has no column {name}", _say_columns(frame), _WRITE_ATOMS))
+    radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
+    masses = mass * frame.read("mass") if "mass" in frame.names else None
+    return Balls(frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"))
+
+
+def _say_columns(frame: _Frame) -> str:
+    return f"Its columns are {', '.join(frame.names)}"
+
+
+# -- the format -----------------------------------------------------------------------------------------------------
+
+
+def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
+    """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is listed."""
+    frames = [
+        frame for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind) if step is None or frame.step == step
+    ]
+    if not frames:
+        steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
+        shown = (
+            f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if len(steps) > 1 else f"{steps[0]} alone" if steps else "none"
+        )
+        raise InputError(message(f"{path} has no time step {brief(step)}", f"It has {shown}"))
+    return frames[-1]
+
+
+def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
+    """Yield the frames of a dump."""
+    lines = decode(name, raw).splitlines()
+    n, units = 0, ""
+    frame: _Frame | None = None
+    count = -1
+    while n < len(lines):
+        head = lines[n].strip()
+        if not head:
+            n += 1
+            continue
+        if not head.startswith("ITEM:"):
+            what = f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed"
+            raise InputError(message(what, mend="Is this a dump of LAMMPS, of style custom or local, as text?"))
+        title = head.removeprefix("ITEM:").strip()
+        n += 1
+        if title == "UNITS":
+            units, n = lines[n].strip() if n < len(lines) else "", n + 1
+        elif title == "TIMESTEP":
+            frame, n = _Frame(name, _read_count(name, lines, n), units), n + 1
+        elif title.startswith("NUMBER OF"):
+            count, n = _read_count(name, lines, n), n + 1
+        elif title.startswith("BOX BOUNDS") and frame is not None:
+            _read_box(frame, title.removeprefix("BOX BOUNDS").split(), lines, n)
+            n += 3
+        elif title.split()[:1] in (["ATOMS"], ["ENTRIES"]) and frame is not None:
+            listed, *names = title.split()
+            if listed != kind:
+                want = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
+                raise InputError(message(f"{name} is a dump of {listed.lower()}, and a dump of {want} is needed"))
+            if count < 0 or n + count > len(lines):
+                what = f"{name} ends before its {count} {kind.lower()} do: {len(lines) - n} are there"
+                raise InputError(message(what, "The file is not whole"))
+            frame.names, frame.rows = tuple(names), list(enumerate(lines[n : n + count], n + 1))
+            n += count
+            yield frame
+        else:  # such as TIME
+            n += 1
+    if frame is None:
+        raise InputError(
+            message(f"{name} has no time step", mend="Is this a dump of LAMMPS, of style custom or local, as text?")
+        )
+
+
+def _read_count(name: str, lines: list[str], n: int) -> int:
+    text = lines[n].strip() if n < len(lines) else ""
+    if not text.isdecimal():
+        raise InputError(message(f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number is needed"))
+    return int(text)
+
+
+def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None:
+    """Read the three lines of a box below its heading ``words``: orthogonal or tilted."""
+    if words[:1] == ["abc"]:
+        why = "LAMMPS lists pairs in another frame, in which its box is tilted"
+        mend = "Leave out dump_modify triclinic/general"
+        raise InputError(message(f"{frame.name} has a box of three general vectors", why, mend))
+    try:
+        rows = np.array([[float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
+        flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
+        if words[:3] == ["xy", "xz", "yz"]:
+            xy, xz, yz = rows[:, 2]
+            low = rows[:, 0] - [min(0.0, xy, xz, xy + xz), min(0.0, yz), 0.0]
+            high = rows[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
+            frame.origin, frame.cell = low, np.diag(high - low)
+            frame.cell[1, 0], frame.cell[2, :2] = xy, (xz, yz)
+        else:
+            frame.origin, frame.cell = rows[:, 0], np.diag(rows[:, 1] - rows[:, 0])
+        frame.pbc = np.array([flag == "pp" for flag in flags] or [False] * 3)
+        if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
+            raise ValueError
+    except (IndexError, ValueError):
+        raise InputError(message(f"{frame.name}:{n + 1}: the bounds of the box cannot be read")) from None

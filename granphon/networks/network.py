@@ -1,0 +1,419 @@
+"""A finite network of contacts: balls, and springs between those that touch, in SI units.
+
+A network comes from a simulated sample, from ``ase.Atoms`` with a calculator, from a lattice, or from a program of discrete
+elements. It need not have any order. Waves in it are found by :class:`granphon.waves.waves.Waves`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.balls.lattices import Lattice
+from granphon.balls.material import Material
+from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arguments import real_array, whole_number
+from granphon.base.errors import InputError, brief, message
+from granphon.base.results import Result, read_only
+from granphon.base.scales import Units
+from granphon.base.validation import lengths, require, truth
+from granphon.networks.checks import check_network, read_periodic, read_whole_numbers
+from granphon.networks.pieces import find_pieces, find_rattlers
+
+if TYPE_CHECKING:
+    from granphon.dynamics.compatibility import Compatibility
+
+__all__ = ["ContactNetwork"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: fields with one number for each ball, and those of each contact
+_BALLS = ("radii", "masses", "inertias")
+_CONTACTS = (
+    "normal", "normal_force", "normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness", "arm_i",
+    "arm_j",
+)  # fmt: skip
+#: fields of whole numbers
+_WHOLE = ("i", "j", "shift", "labels")
+#: most cells along a period
+MOST_CELLS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactNetwork(Result):
+    """Balls and the contacts between them; SI units.
+
+    Attributes
+    ----------
+    cell : (3, 3) vectors of the periodic cell as rows, m; zero along axes without a period.
+    pbc : (3,) whether the network repeats along each vector of the cell.
+    positions : (n, 3) centres, m. Balls on a line lie along x, balls of a plane in the xy plane.
+    radii : (n,) m.
+    masses : (n,) kg. A mass of infinity is a body that does not move, such as a wall.
+    inertias : (n,) moments of inertia about a diameter, kg m^2.
+    i, j : (n_c,) indices of the two balls of each contact.
+    shift : (n_c, 3) whole cells by which ball j is displaced.
+    normal : (n_c, 3) unit vectors from i to j along which contacts are compressed.
+    normal_force : (n_c,) compressive forces, N, zero or above.
+    normal_stiffness : (n_c,) N/m, above zero.
+    shear_stiffness : (n_c,) N/m, zero where a contact does not resist slip.
+    torsion_stiffness, bending_stiffness : (n_c,) resistance against twist and against rolling, N m.
+    arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
+    motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls rotate only if some
+        contact resists it.
+    dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
+    prestress : whether static forces act on displacements across contacts, with the stiffness -f/r, where r is the
+        distance of the centres.
+    left_out : number of rattlers, balls that carry no load, that have been left out.
+    labels : (n,) whole numbers that name the balls, such as those in the file from which they come; None if there are none.
+    lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
+        cells, ball by ball of each cell; None for a network of another kind.
+
+    Raises
+    ------
+    InputError : arrays of different lengths, a contact that names a ball that is not there or that is listed twice, a force
+        that pulls, a number that is not finite or out of range, a normal whose length is not one or that does not lead from
+        ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
+    """
+
+    units = {
+        "cell": "m", "positions": "m", "radii": "m", "masses": "kg", "inertias": "kg m^2", "normal_force": "N",
+        "normal_stiffness": "N/m", "shear_stiffness": "N/m", "torsion_stiffness": "N m", "bending_stiffness": "N m",
+        "arm_i": "m", "arm_j": "m",
+    }  # fmt: skip
+    shapes = {
+        "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
+        "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
+        "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
+    }  # fmt: skip
+
+    cell: Array
+    pbc: tuple[bool, bool, bool]
+    positions: Array
+    radii: Array
+    masses: Array
+    inertias: Array
+    i: Index
+    j: Index
+    shift: Index
+    normal: Array
+    normal_force: Array
+    normal_stiffness: Array
+    shear_stiffness: Array
+    torsion_stiffness: Array
+    bending_stiffness: Array
+    arm_i: Array
+    arm_j: Array
+    motions: str = "all"
+    dimension: int = 3
+    prestress: bool = False
+    left_out: int = 0
+    labels: Index | None = None
+    lattice: Lattice | None = None
+    shape: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        given: dict[str, Any] = {"pbc": read_periodic(self.pbc), "prestress": require("prestress", truth, self.prestress)}
+        given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
+        given["left_out"] = whole_number("left_out", self.left_out, 0)
+        if self.shape is not None:
+            given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
+        for name, layout in self.shapes.items():
+            values = getattr(self, name)
+            if not (values is None and layout.endswith("?")):
+                given[name] = read_only((read_whole_numbers if name in _WHOLE else real_array)(name, values))
+        if given["cell"].shape == (3, 3):  # a vector along which nothing repeats has no meaning
+            given["cell"] = read_only(np.where(np.array(given["pbc"])[:, None], given["cell"], 0.0))
+        for name, values in given.items():
+            object.__setattr__(self, name, values)
+        super().__post_init__()
+        self.check()
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
+        super().check()
+        check_network(self)
+
+    # -- what it is -------------------------------------------------------------------------------------------------
+
+    @property
+    def n_balls(self) -> int:
+        """Number of balls."""
+        return len(self.positions)
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts."""
+        return len(self.i)
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n,) whether each ball moves: its mass is not infinite."""
+        found: NDArray[np.bool_] = read_only(np.isfinite(self.masses))
+        return found
+
+    @cached_property
+    def ball_motions(self) -> Motions:
+        """The motions of each ball, without rotations if no contact resists them."""
+        among = allowed_motions(self.dimension)[self.motions]
+        return select_motions(self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, among)
+
+    @cached_property
+    def vector(self) -> Array:
+        """(n_c, 3) from the centre of ball i to that of ball j, m."""
+        return read_only(self.positions[self.j] + self.shift @ self.cell - self.positions[self.i])
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
+        flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
+        return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
+
+    @property
+    def coordination(self) -> float:
+        """Mean number of contacts of a ball."""
+        return 2.0 * self.n_contacts / self.n_balls
+
+    # -- its parts --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def rattlers(self) -> Index:
+        """Indices of the balls that carry no load, see :func:`~granphon.networks.pieces.find_rattlers`."""
+        return read_only(find_rattlers(self))
+
+    def without_rattlers(self, held_by: int | None = None) -> Self:
+        """Return the network without the balls that carry no load; ``left_out`` says how many these are.
+
+        ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
+        one more than there are dimensions where they do not. Where gravity holds balls down, too, it is smaller: give it.
+        Raises :class:`~granphon.base.errors.InputError` if no ball is held.
+        """
+        least = None if held_by is None else whole_number("held_by", held_by, 0)
+        loose = self.rattlers if least is None else find_rattlers(self, least)
+        if not loose.size:
+            return self
+        kept = np.ones(self.n_balls, bool)
+        kept[loose] = False
+        if not np.any(kept & self.moving):
+            why = "Each has fewer contacts than can hold it, or is left so by others"
+            raise InputError(message("all balls of the network are rattlers, which carry no load", why))
+        return replace(self.select(kept), left_out=self.left_out + int(loose.size))
+
+    def select(self, balls: ArrayLike) -> Self:
+        """Return the network of some balls, given by their indices or as (n,) truth values, and of the contacts among them.
+
+        Its ``labels`` are those of the balls, or their indices in this network if these have none. Raises
+        :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given twice, and for none.
+        """
+        chosen = np.asarray(balls)
+        if chosen.dtype.kind == "b" and chosen.shape == (self.n_balls,):
+            chosen = np.flatnonzero(chosen)
+        chosen = read_whole_numbers("balls", chosen)
+        if chosen.ndim != 1 or np.any((chosen < 0) | (chosen >= self.n_balls)) or np.unique(chosen).size != chosen.size:
+            what = f"the balls {brief(balls)} cannot be selected from {self.n_balls}"
+            raise InputError(message(what, mend="Give indices, each once, or a truth value for each ball"))
+        place = np.full(self.n_balls, -1)
+        place[chosen] = np.arange(chosen.size)
+        i, j = place[self.i], place[self.j]
+        among = (i >= 0) & (j >= 0)
+        names = np.arange(self.n_balls) if self.labels is None else self.labels
+        fields: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)}
+        fields |= {name: getattr(self, name)[among] for name in ("shift", *_CONTACTS)}
+        return replace(self, **fields, i=i[among], j=j[among], labels=names[chosen], lattice=None, shape=None)
+
+    def pieces(self) -> tuple[Self, ...]:
+        """Return the networks into which this one falls, the largest first; (self,) if contacts join all balls.
+
+        A wall joins no pieces, as it does not move, and is in each of those that it touches.
+        """
+        found = find_pieces(self)
+        return (self,) if len(found) == 1 else tuple(self.select(balls) for balls in found)
+
+    # -- where it comes from ----------------------------------------------------------------------------------------
+
+    @classmethod
+    def of(cls, crystal: Compatibility, units: Units, normal_force: Any = 0.0, radii: Any = 0.5, **more: Any) -> Self:
+        """Return the network of balls and contacts of one cell of ``crystal``, which is in reduced units.
+
+        Parameters
+        ----------
+        crystal : table of contacts, stiffnesses, masses, motions, in units of d, k and M.
+        units : the scales d (m), k (N/m) and M (kg).
+        normal_force : (n_c,) forces, k d.
+        radii : (n,) d.
+        more : further fields of the network.
+        """
+        table, d, k = crystal.contacts, units.length, units.stiffness
+        p, dimension, count = crystal.periods, crystal.dimension, len(crystal.contacts)
+        cell, positions, normal, shift = (
+            np.zeros((3, 3)),
+            np.zeros((crystal.n_balls, 3)),
+            np.zeros((count, 3)),
+            np.zeros((count, 3), int),
+        )
+        cell[:p, :dimension] = d * crystal.cell
+        positions[:, :dimension] = d * crystal.positions
+        normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
+        masses = units.mass * crystal.masses
+        spring = k * crystal.stiffness
+        return cls(
+            cell=cell, radii=d * np.broadcast_to(radii, crystal.n_balls),
+            masses=masses, inertias=masses * (d * crystal.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
+            normal_force=k * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
+            shear_stiffness=crystal.mindlin_ratio * spring, torsion_stiffness=crystal.torsion * d * d * spring,
+            bending_stiffness=crystal.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
+            **{
+                "motions": crystal.named_motions.name, "dimension": dimension, "prestress": crystal.is_prestressed,
+                "pbc": (p > 0, p > 1, p > 2), "positions": positions, **more,
+            },
+        )  # fmt: skip
+
+    def repeat(self, shape: tuple[int, ...]) -> Self:
+        """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each period.
+
+        Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
+        """
+        axes = [axis for axis in range(3) if self.pbc[axis]]
+        if not axes:
+            raise InputError(message("this network has no period along which it could be repeated"))
+        shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
+        full = np.ones(3, int)
+        full[axes] = shape
+        cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, 3)
+        n, count = self.n_balls, len(cells)
+        steps = cells[:, None] + self.shift  # (cells, n_c, 3) cell of ball j
+        there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
+        number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
+        balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
+        contacts: dict[str, Any] = {
+            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1))) for name in _CONTACTS
+        }
+        contacts = {name: values.reshape(-1, *np.shape(getattr(self, name))[1:]) for name, values in contacts.items()}
+        return replace(
+            self, cell=self.cell * full[:, None],
+            positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
+            i=(n * np.arange(count)[:, None] + self.i).ravel(), j=(n * number + self.j).ravel(),
+            shift=wrapped.reshape(-1, 3), shape=shape if self.lattice is not None else None, left_out=self.left_out * count,
+            labels=None, **contacts,
+        )  # fmt: skip
+
+    @classmethod
+    def from_state(cls, state: Any, shape: tuple[int, ...]) -> Self:
+        """Return the array of ``shape`` (L1, ..., Lp) cells of the lattice in a ``state``, at one load.
+
+        With finite overlap it has the spacing of the state, and prestress. Raises
+        :class:`~granphon.base.errors.InputError` for something else than such a state, and for another number of periods.
+        """
+        make = getattr(state, "contact_network", None)
+        if make is None or not hasattr(state, "packing"):
+            raise InputError(message(f"{brief(state)} is not a state", mend="Give what medium.at_force(f) returns"))
+        network: Self = make(shape)
+        return network
+
+    @classmethod
+    def from_table(
+        cls, balls: Any, contacts: Any, *, material: Material | None = None, cell: ArrayLike | None = None,
+        pbc: Sequence[bool] | None = None, dimension: int | None = None, motions: str | None = None, friction: bool = True,
+        prestress: bool | None = None, columns: Mapping[str, str] | None = None, keep_rattlers: bool = False,
+        held_by: int | None = None,
+    ) -> Self:  # fmt: skip
+        """Return the network that a table of balls and one of contacts describe.
+
+        Each table is the path of a CSV file whose headings have units, ``radius (mm)``, see :mod:`granphon.base.tables`; or
+        arrays in SI under the same names without units: a mapping, a structured array or a data frame. Balls have ``x``,
+        ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line), ``radius`` or ``diameter``; ``mass`` if there is no
+        material; and, if need be, ``inertia`` (default: a solid sphere) and ``id``, the whole numbers that name them
+        (default: 0, 1, 2, ...). Contacts have ``i`` and ``j``, which name two balls, and if need be ``normal_force``
+        (default: Hertz's at the overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
+        Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``,
+        ``nz`` (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less half the overlap),
+        ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is nearest).
+        Other columns are not read.
+
+        Parameters
+        ----------
+        balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; its contacts need a normal.
+        material : of all balls.
+        cell : lengths of the periods, m, or their vectors as rows, (p,) or (p, d); none by default.
+        pbc : whether the network repeats along each vector of the cell; by default along all of them.
+        dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls.
+        motions : of each ball; by default the first that the dimension allows.
+        friction : whether contacts resist slip, where their shear stiffness is not given.
+        prestress : whether static forces act on displacements across contacts; by default they do not.
+        columns : headings of columns that go by other names: {"radius": "R (mm)"}.
+        keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
+        held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
+
+        Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
+        pbc, dimension, motions and prestress, where these are not given here.
+
+        Raises
+        ------
+        InputError : a column is missing, has no unit or not the unit of its kind, or coordinates are in different units; a
+            cell cannot be read; and what the class itself does not allow.
+        """
+        from granphon.networks.tables import read_tables
+
+        network: Self = read_tables(
+            cls, balls, contacts, columns or {}, material=material, cell=cell, pbc=pbc, dimension=dimension, motions=motions,
+            friction=friction, prestress=prestress, keep_rattlers=keep_rattlers, held_by=held_by,
+        )  # fmt: skip
+        return network
+
+    @classmethod
+    def from_lammps(
+        cls, dump: str | os.PathLike[str], pairs: str | os.PathLike[str], material: Material | None = None, *,
+        units: str | Units | None = None, columns: Sequence[str] | None = None, step: int | None = None,
+        normal_stiffness: float | None = None, shear_stiffness: float | None = None, dimension: int | None = None,
+        motions: str | None = None, friction: bool = True, prestress: bool = False, keep_rattlers: bool = False,
+        held_by: int | None = None,
+    ) -> Self:  # fmt: skip
+        """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
+
+        Parameters
+        ----------
+        dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
+            mass if there is no material.
+        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
+            default: Hertz's at the overlap of the two balls) and dx, dy, dz, the vector from j to i, as p10, p11, p12 of
+            ``compute pair/local`` (default: to the nearest image).
+        material : the one that the contacts of ``hertz/material`` have in the simulation; None for constant stiffnesses.
+        units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units. By default what the dump
+            says, or "si".
+        columns : names of the columns of pairs in their order, where the dump names them otherwise.
+        step : the time step, of several in the files; by default the last one.
+        normal_stiffness, shear_stiffness : N/m, of all contacts whose law is linear, such as ``hooke``.
+        dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
+        motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
+
+        Tangential forces at rest are not part of the linear response; LAMMPS' own has further terms of relative order
+        overlap over diameter. Contacts with walls are not in ``compute pair/local``, and are missing.
+
+        Raises
+        ------
+        InputError : a file is not such a dump, a column is missing, the two files are of different steps or units; and what
+            the class itself does not allow.
+        """
+        from granphon.networks.lammps import read_dumps
+
+        network: Self = read_dumps(
+            cls, dump, pairs, units, columns, step, material=material, normal_stiffness=normal_stiffness,
+            shear_stiffness=shear_stiffness, dimension=dimension, motions=motions, friction=friction, prestress=prestress,
+            keep_rattlers=keep_rattlers, held_by=held_by,
+        )  # fmt: skip
+        return network
+
+    def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
+        """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.
+
+        ``lattice`` and ``shape`` are not written. Folders are made if need be.
+        """
+        from granphon.networks.tables import write_tables
+
+        write_tables(self, balls, contacts)

@@ -1,0 +1,262 @@
+"""Tables of balls and of contacts: read from CSV files or arrays, and written as CSV files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arguments import real_array
+from granphon.base.errors import InputError, OutputError, brief, message
+from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.reading import read_bytes, require_path
+from granphon.base.tables import Heading, Table, decode, table_text
+from granphon.base.text import closest
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, build_network, read_cell
+from granphon.networks.checks import read_whole_numbers
+
+if TYPE_CHECKING:
+    from granphon.networks.network import ContactNetwork
+
+__all__ = ["BALLS", "CONTACTS", "read_tables", "write_tables"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+_PLACE = replace(LENGTH, least="any")
+_FORCE = replace(LOADS["force"], least="zero or above")
+_STIFFNESS = Quantity("stiffness", "N/m", "3 MN/m", "N/m, kN/m, MN/m, N/um", "zero or above")
+_ROLLING = Quantity("torque", "N*m", "1 N*mm", "N*m, N*mm", "zero or above")
+#: columns of the table of balls, and of that of contacts, with their quantities; None: numbers without a unit
+BALLS: Mapping[str, Quantity | None] = {
+    "id": None, "x": _PLACE, "y": _PLACE, "z": _PLACE, "radius": LENGTH, "diameter": LENGTH,
+    "mass": Quantity("mass", "kg", "2 g", "kg, g, mg"),
+    "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
+}  # fmt: skip
+CONTACTS: Mapping[str, Quantity | None] = {
+    "i": None, "j": None, "shift_1": None, "shift_2": None, "shift_3": None, "nx": None, "ny": None, "nz": None,
+    "normal_force": _FORCE, "normal_stiffness": _STIFFNESS, "shear_stiffness": _STIFFNESS, "torsion_stiffness": _ROLLING,
+    "bending_stiffness": _ROLLING, "arm_i": _PLACE, "arm_j": _PLACE,
+}  # fmt: skip
+_AXES = ("x", "y", "z")
+#: columns that may hold "inf": those of a body that does not move
+_OF_WALLS = ("radius", "diameter", "mass", "inertia")
+#: what begins the line of a written table that holds what concerns all balls
+_REMARK = "# granphon network: "
+
+
+class _Columns:
+    """A table of balls or contacts in a file, or in arrays; ``name`` is what messages call it."""
+
+    def __init__(self, what: str, source: Any, known: Mapping[str, Quantity | None], columns: Mapping[str, str]) -> None:
+        self._known, self._named = known, columns
+        self._table: Table | None = None
+        self._arrays: dict[str, Any] = {}
+        self.remark: dict[str, Any] = {}
+        if isinstance(source, str | os.PathLike):
+            raw = read_bytes(source, MOST_BYTES)
+            self.name = str(source)
+            self._table, self.remark = Table.parse(self.name, raw), _read_remark(self.name, raw)
+            there = [heading.name for heading in self._table.headings]
+        else:
+            self.name = f"the table of {what}"
+            there = getattr(getattr(source, "dtype", None), "names", None) or _list_names(source, self.name)
+            self._arrays = {str(name): source[name] for name in there}
+        keys = [Heading.parse(name).key for name in there]
+        given = {Heading.parse(columns.get(name, name)).key for name in known}
+        for name, key in zip(there, keys, strict=True):  # an optional column with a misspelled name would be passed over
+            meant = closest(key, known)
+            if key not in given and key not in known and meant and len(key) > 2 and Heading.parse(meant).key not in keys:
+                raise InputError(message(f"{self.name} has a column {str(name)!r}", mend=f"Did you mean {meant!r}?"))
+
+    def __contains__(self, name: str) -> bool:
+        wanted = self._named.get(name, name)
+        return wanted in self._table if self._table is not None else wanted in self._arrays
+
+    def require(self, *names: str) -> None:
+        """Raise :class:`InputError` unless there are columns of all these names."""
+        if missing := [name for name in names if name not in self]:
+            there = self._table.headings if self._table is not None else tuple(self._arrays)
+            shown = ", ".join(map(str, there)) or "none"
+            what = f"{self.name} has no column {', '.join(map(repr, missing))}"
+            mend = f"Name the column that is meant, as in columns={{{missing[0]!r}: 'NAME'}}"
+            raise InputError(message(what, f"Its columns are {shown}", mend))
+
+    def read(self, name: str) -> Array:
+        """The numbers of a column in SI, (rows,)."""
+        self.require(name)
+        wanted, kind = self._named.get(name, name), self._known[name]
+        if self._table is None:
+            unit = Heading.parse(wanted).unit
+            if unit and (kind is None or unit != kind.unit):
+                what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
+                raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
+            values = real_array(f"{name} of {self.name}", self._arrays[wanted])
+            if values.ndim != 1:
+                raise InputError(
+                    message(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
+                )
+            return values
+        if kind is None:
+            if unit := self._table.unit(wanted):
+                raise InputError(message(f"{self.name}: the column {name!r} has the unit {unit!r}, and needs none"))
+            try:
+                return self._table.numbers(wanted)
+            except InputError as error:
+                raise InputError(f"{self.name}: {error}") from None
+        if name not in _OF_WALLS:
+            return self._table.column(wanted, kind, f"Name the column that is meant, as in columns={{{name!r}: 'NAME'}}")
+        key = Heading.parse(wanted).key
+        place = next(n for n, heading in enumerate(self._table.headings) if heading.key == key)
+        cells = self._table.columns[place]
+        endless = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
+        finite = tuple("1" if wall else cell for cell, wall in zip(cells, endless, strict=True))
+        columns = (*self._table.columns[:place], finite, *self._table.columns[place + 1 :])
+        values = replace(self._table, columns=columns).column(wanted, kind)
+        return np.where(endless, math.inf, values)
+
+    def find(self, name: str) -> Array | None:
+        """The numbers of a column in SI; None if there is no such column."""
+        return self.read(name) if name in self else None
+
+    def whole(self, name: str) -> Index:
+        """The whole numbers of a column."""
+        try:
+            return read_whole_numbers(name, self.read(name))
+        except InputError as error:
+            if self.name in str(error):
+                raise
+            raise InputError(f"{self.name}: {error}") from None
+
+    def vectors(self, *names: str) -> Array | None:
+        """The columns of some names side by side, as many of the first ones as there are; None if there is none of them.
+
+        Raises :class:`InputError` if one but the last is missing, or if they are in different units.
+        """
+        there = [name for name in names if name in self]
+        if not there:
+            return None
+        self.require(*names[: names.index(there[-1]) + 1])
+        if self._table is not None:
+            units = [self._table.unit(self._named.get(name, name)) for name in there]
+            if len(set(units)) > 1 and all(units):
+                said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
+                raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
+        self.require_equal(*there)
+        return np.stack([self.read(name) for name in there], axis=1)
+
+    def require_equal(self, *names: str) -> None:
+        """Raise :class:`InputError` if the columns that there are have different lengths; in a file they have not."""
+        sizes = {name: len(self.read(name)) for name in names if name in self} if self._table is None else {}
+        if len(set(sizes.values())) > 1:
+            said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+            raise InputError(message(f"{self.name} has columns of different lengths: {said}"))
+
+
+def _list_names(source: Any, name: str) -> list[Any]:
+    keys = getattr(source, "keys", None)
+    if keys is None or not hasattr(source, "__getitem__"):
+        mend = "Give the path of a file, a mapping of arrays, a structured array or a data frame"
+        raise InputError(message(f"{name} is {brief(source)}", mend=mend))
+    return list(keys())
+
+
+def _read_remark(name: str, raw: bytes) -> dict[str, Any]:
+    """What a written table says of all balls; empty for a table from elsewhere."""
+    for line in decode(name, raw).splitlines():
+        if line.startswith(_REMARK):
+            try:
+                found = json.loads(line.removeprefix(_REMARK))
+            except (ValueError, RecursionError):
+                found = None
+            if not isinstance(found, dict):
+                raise InputError(message(f"{name}: the line {brief(line)} cannot be read", mend="Leave it out"))
+            return found
+    return {}
+
+
+def read_tables(
+    kind: type[ContactNetwork], balls: Any, contacts: Any, columns: Mapping[str, str], *, cell: Any, pbc: Any,
+    dimension: int | None, motions: str | None, prestress: bool | None, **more: Any,
+) -> Any:  # fmt: skip
+    """Return the network of two tables; see ``ContactNetwork.from_table`` for the arguments."""
+    for name in columns:
+        if name not in BALLS and name not in CONTACTS:
+            meant = closest(name, [*BALLS, *CONTACTS])
+            mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join([*BALLS, *CONTACTS])
+            raise InputError(message(f"{name!r} is not a column of balls or contacts", mend=mend))
+    of_balls = _Columns("balls", balls, BALLS, {name: columns[name] for name in columns if name in BALLS})
+    of_contacts = _Columns("contacts", contacts, CONTACTS, {name: columns[name] for name in columns if name in CONTACTS})
+    said = of_balls.remark
+    if cell is None and pbc is None and "cell" in said:
+        cell, pbc = said["cell"], said.get("pbc")
+    periods, periodic = read_cell(cell, pbc)
+    of_balls.require_equal(*BALLS)
+    of_contacts.require_equal(*CONTACTS)
+    return build_network(
+        kind, _read_balls(of_balls), _read_contacts(of_contacts), cell=periods, pbc=periodic,
+        dimension=said.get("dimension") if dimension is None else dimension,
+        motions=said.get("motions") if motions is None else motions,
+        prestress=bool(said.get("prestress", False)) if prestress is None else prestress,
+        left_out=said.get("left_out", 0), **more,
+    )  # fmt: skip
+
+
+def _read_balls(table: _Columns) -> Balls:
+    table.require("x")
+    if "radius" in table and "diameter" in table:
+        raise InputError(message(f"{table.name} has both radius and diameter", mend="Leave one of them out"))
+    radii = 0.5 * table.read("diameter") if "diameter" in table else table.read("radius")
+    positions = table.vectors(*_AXES)
+    assert positions is not None
+    labels = table.whole("id") if "id" in table else None
+    return Balls(table.name, positions, radii, table.find("mass"), table.find("inertia"), labels)
+
+
+def _read_contacts(table: _Columns) -> Contacts:
+    table.require("i", "j")
+    i, j = table.whole("i"), table.whole("j")
+    normal, steps = table.vectors("nx", "ny", "nz"), table.vectors("shift_1", "shift_2", "shift_3")
+    shift = None if steps is None else read_whole_numbers(f"shift of {table.name}", _widen(steps))
+    springs = {
+        name: table.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
+    }
+    return Contacts(table.name, i, j, shift, None, None if normal is None else _widen(normal), **springs)
+
+
+def _widen(vectors: Array) -> Array:
+    """Return vectors (n, d) with zeros behind, (n, 3)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def write_tables(network: ContactNetwork, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
+    """Write a network as two CSV files; see ``ContactNetwork.write_tables``."""
+    names = None if network.labels is None else network.labels
+    ends = [one if names is None else names[one] for one in (network.i, network.j)]
+    of_balls = {
+        **({} if names is None else {"id": names}), **dict(zip(_AXES, network.positions.T, strict=True)),
+        "radius": network.radii, "mass": network.masses, "inertia": network.inertias,
+    }  # fmt: skip
+    steps = zip(("shift_1", "shift_2", "shift_3"), network.shift.T, strict=True)
+    of_contacts = {
+        "i": ends[0], "j": ends[1], **dict(steps), **dict(zip(("nx", "ny", "nz"), network.normal.T, strict=True)),
+        **{name: getattr(network, name) for name in CONTACTS if name.endswith(("force", "stiffness")) or "arm" in name},
+    }  # fmt: skip
+    about = {name: getattr(network, name) for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
+    remark = _REMARK.removeprefix("# ") + json.dumps({"cell": network.cell.tolist(), **about})
+    for path, table, known, comments in ((balls, of_balls, BALLS, [remark]), (contacts, of_contacts, CONTACTS, [])):
+        require_path(path)
+        headings = [Heading(name, kind.unit if (kind := known[name]) else "") for name in table]
+        rows = zip(*(column.tolist() for column in table.values()), strict=True)
+        text = table_text(headings, rows, comments)
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(text, encoding="utf-8", newline="")
+        except (OSError, ValueError) as error:
+            raise OutputError(message(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}")) from None

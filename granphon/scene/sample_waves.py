@@ -1,0 +1,150 @@
+"""The waves in the samples of a simulated state, as a scene asks for them: density of states, spectrum, pulse."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granphon.base.errors import InputError, message
+from granphon.base.progress import Progress, Step
+from granphon.base.results import Result
+from granphon.base.tables import Heading, write_table
+from granphon.media.acoustics import contact_lattice
+from granphon.media.state import ContactState
+from granphon.waves.dos import SpectralDensity
+from granphon.waves.path_spectra import PathSpectra, find_path_spectra
+from granphon.waves.planes import Course
+from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.waves import Waves
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
+
+__all__ = ["SampleWaves", "draw_waves", "find_sample_waves"]
+
+
+@dataclass(frozen=True)
+class SampleWaves:
+    """Waves in the samples; what the scene did not ask for is None.
+
+    ``dos`` and ``spectra`` are those of the first sample, ``pulse`` of all samples.
+    """
+
+    dos: SpectralDensity | None = None
+    spectra: PathSpectra | None = None
+    pulse: Pulse | None = None
+
+    @cached_property
+    def _results(self) -> dict[str, Any]:
+        found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
+        return {name: one for name, one in found.items() if one is not None}
+
+    def summary(self) -> dict[str, Any]:
+        """Return numbers of the results, by name, in SI units."""
+        out: dict[str, Any] = {}
+        if self.pulse is not None:
+            out["pulse"] = {
+                "distance": self.pulse.distance, "time_of_flight": self.pulse.time_of_flight,
+                "velocity": self.pulse.velocity, "coherent_fraction": self.pulse.coherent_fraction,
+            }  # fmt: skip
+        return out
+
+    def write(self, place: Path, step: Step) -> None:
+        """Write the files of numbers into the existing folder ``place``."""
+        for name, one in self._results.items():
+            (place / f"{name}.json").write_text(json.dumps(one.to_dict()) + "\n", encoding="utf-8")
+            _TABLES[name](one, place / f"{name}.csv")
+            step.advance(2)
+
+    def figure(self, name: str) -> Any:
+        """Draw the figure of the file ``name``."""
+        return draw_waves(name, self._results[Path(name).stem])
+
+
+def _write_dos(result: SpectralDensity, path: Path) -> None:
+    names = ("total", "translational", "rotational", "error")
+    columns = (result.frequencies, *(getattr(result, name) for name in names))
+    with path.open("w", encoding="utf-8") as stream:
+        headings = [Heading("frequency", "Hz"), *(Heading(name, "1/Hz") for name in names)]
+        write_table(stream, headings, np.transpose(columns).tolist())
+
+
+def _write_pulse(result: Pulse, path: Path) -> None:
+    headings = [Heading("time", "s"), Heading("force_sent", "N"), Heading("coherent", "m/s"), Heading("speckle", "m/s")]
+    columns = (result.times, result.sent, result.coherent, result.speckle_amplitude)
+    with path.open("w", encoding="utf-8") as stream:
+        write_table(stream, headings, np.transpose(columns).tolist())
+
+
+#: what writes the table of each result
+_TABLES: dict[str, Callable[[Any, Path], None]] = {
+    "sample_dos": _write_dos, "spectrum": PathSpectra.write_csv, "pulse": _write_pulse,
+}  # fmt: skip
+#: the class of each result
+WAVE_RESULTS: dict[str, type[Result]] = {"sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse}
+
+
+def read_waves(path: Path) -> Any:
+    """Read the result in a file of :attr:`granphon.scene.result_files.WAVE_FILES` that ends in ".json"."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        raise InputError(message(f"{path} is not JSON", mend="Run the scene again")) from None
+    return WAVE_RESULTS[path.stem].from_dict(data)
+
+
+def draw_waves(name: str, result: Any) -> Any:
+    """Draw the figure of the file ``name`` from its result."""
+    if name == "pulse.png":
+        from granphon.figures.pulses import pulse_figure
+
+        return pulse_figure(result)
+    from granphon.figures.spectra import sample_dos_figure, spectrum_figure
+
+    return spectrum_figure(result) if name == "spectrum.png" else sample_dos_figure(result)
+
+
+def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> SampleWaves | None:
+    """Find what the scene observes of the waves in the samples of the state; None if that is nothing."""
+    wanted = {"dos", "spectrum", "pulse"} & set(scene.observe)
+    if not (wanted and state.samples):
+        return None
+    waves = Waves(state.samples[0])
+    dos, spectra, pulse = None, None, None
+    if "dos" in wanted:
+        with progress.step("density of states of the sample"):
+            dos = waves.dos()
+    if "spectrum" in wanted:
+        with progress.step("spectrum"):
+            settings, path = scene.spectrum, scene.path
+            corners = [corner for piece in path.arrays for corner in piece]
+            spectra = find_path_spectra(
+                waves, contact_lattice(state), state.scales, path.arrays, path.labels or [str(c) for c in corners],
+                points=settings.points, polarisations=settings.polarisation, resolution=settings.resolution,
+            )  # fmt: skip
+    if "pulse" in wanted and scene.pulse is not None:
+        with progress.step("pulse"):
+            pulse = average_pulses([_send(scene, Waves(sample)) for sample in state.samples])
+    return SampleWaves(dos, spectra, pulse)
+
+
+def _send(scene: Scene, waves: Waves) -> Pulse:
+    settings = scene.pulse
+    assert settings is not None  # the caller has asked
+    periods = scene.packing.structure.periods
+    along = np.array(scene.directions[0] if scene.directions else np.eye(periods)[0])
+    distance = settings.distance
+    if distance is None:
+        unit = np.zeros(3)
+        unit[:periods] = along / np.linalg.norm(along)
+        distance = 0.5 * Course.along(waves.network, unit).period
+    return waves.transmit(
+        settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
+        ends=settings.ends, damping=settings.damping,
+    )  # fmt: skip

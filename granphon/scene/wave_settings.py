@@ -1,0 +1,123 @@
+"""What a scene says of the waves in a simulated array: its blocks ``spectrum`` and ``pulse``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any
+
+from granphon.base.errors import Refused
+from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
+from granphon.base.text import show
+from granphon.base.validation import Rule, choice, each, number, require, whole
+
+__all__ = ["POLARISATIONS", "PulseSettings", "SpectrumSettings", "pulse_rules", "spectrum_rules", "write_settings"]
+
+#: polarisations of the waves of a spectrum
+POLARISATIONS = ("longitudinal", "transverse", "rotational")
+_PUSHES = ("longitudinal", "transverse", "out_of_plane")
+_ENDS = ("free", "walls", "periodic")
+_SOURCES = ("plane", "ball")
+_QUANTITIES: dict[str, Quantity] = {"resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME}
+
+
+@dataclass(frozen=True)
+class SpectrumSettings:
+    """Spectral functions along the path of the bands.
+
+    Attributes
+    ----------
+    polarisation : "longitudinal", "transverse", "rotational", one or more.
+    resolution : standard deviation of the kernel, Hz; None for a hundredth of the top frequency, about.
+    points : wave vectors between two corners of the path, both counted.
+    """
+
+    polarisation: tuple[str, ...] = ("longitudinal",)
+    resolution: float | None = None
+    points: int = 21
+
+    def __post_init__(self) -> None:
+        for name, rule in spectrum_rules(read=False).items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, require(f"spectrum.{name}", rule, getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class PulseSettings:
+    """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`.
+
+    Attributes
+    ----------
+    frequency : Hz.
+    distance : m; None for half the length of the array along the direction.
+    cycles : periods of the burst.
+    polarisation : "longitudinal", "transverse" or "out_of_plane".
+    source : "plane" or "ball".
+    ends : "free", "walls" or "periodic".
+    damping : viscosity of a contact over its stiffness, s.
+    """
+
+    frequency: float
+    distance: float | None = None
+    cycles: float = 5.0
+    polarisation: str = "longitudinal"
+    source: str = "plane"
+    ends: str = "free"
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, rule in pulse_rules(read=False).items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, require(f"pulse.{name}", rule, getattr(self, name)))
+
+
+def spectrum_rules(read: bool = True) -> dict[str, Rule]:
+    """Return the rules of the block ``spectrum``: of a file (``read``), or of numbers in SI units."""
+    return {
+        "polarisation": _read_polarisations, "resolution": _quantity("resolution", read),
+        "points": partial(whole, low=2, high=10_000),
+    }  # fmt: skip
+
+
+def pulse_rules(read: bool = True) -> dict[str, Rule]:
+    """Return the rules of the block ``pulse``: of a file (``read``), or of numbers in SI units."""
+    return {
+        "frequency": _quantity("frequency", read), "distance": _quantity("distance", read),
+        "cycles": partial(number, low=1.0, high=1e4), "polarisation": partial(choice, options=_PUSHES),
+        "source": partial(choice, options=_SOURCES), "ends": partial(choice, options=_ENDS),
+        "damping": _quantity("damping", read),
+    }  # fmt: skip
+
+
+def _quantity(name: str, read: bool) -> Rule:
+    kind = _QUANTITIES[name]
+    if read:
+        return kind.read if name != "damping" else _read_damping
+    from granphon.base.validation import above_zero, zero_or_above
+
+    return partial(zero_or_above if name == "damping" else above_zero, unit=kind.unit)
+
+
+def _read_damping(value: Any) -> float:
+    """Read a time, zero or above."""
+    return 0.0 if value == 0 and not isinstance(value, bool) else TIME.read(value)
+
+
+def _read_polarisations(value: Any) -> tuple[str, ...]:
+    """Read one polarisation, or a list of them, each once."""
+    rule = partial(choice, options=POLARISATIONS)
+    found: tuple[str, ...] = each(value, rule, "polarisations") if isinstance(value, list | tuple) else (rule(value),)
+    if len(set(found)) < len(found):
+        raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
+    return found
+
+
+def write_settings(settings: SpectrumSettings | PulseSettings) -> Mapping[str, Any]:
+    """Return a block as a scene file holds it, in SI units; defaults that depend on the array are left out."""
+    given = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    return {
+        name: _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
+        for name, value in given.items()
+        if value is not None
+    }

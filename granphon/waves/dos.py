@@ -1,0 +1,145 @@
+"""Densities of states of finite networks, by random vectors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.sample import standard_error
+from granphon.base.arguments import whole_number
+from granphon.base.results import Result
+from granphon.waves.kernel import Kernel
+from granphon.waves.moments import Moments, Refinable, keeps_vectors
+from granphon.waves.operator import WaveOperator
+
+__all__ = ["SpectralDensity", "find_dos"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpectralDensity(Refinable["_Traces"], Result):
+    """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson kernel.
+
+    It is an estimate by random vectors. Its integral is exact: the number of motions of a ball.
+
+    Attributes
+    ----------
+    frequencies : (n,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the kernel.
+    translational, rotational : (n,) 1/Hz, the density with each mode weighted by that part of its kinetic energy.
+    error, translational_error, rotational_error : (n,) 1/Hz, standard errors over the random vectors of the total and of
+        the two parts; nan if there is one vector. For few vectors they follow Student's t.
+    top : bound of all frequencies, Hz, on which the polynomials are made.
+    moments : number of Chebyshev moments.
+    vectors : number of random vectors.
+    seed : from which they are drawn.
+    """
+
+    units = {
+        "frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz", "error": "1/Hz",
+        "translational_error": "1/Hz", "rotational_error": "1/Hz", "top": "Hz",
+    }  # fmt: skip
+    shapes = {
+        "frequencies": "n", "translational": "n", "rotational": "n", "error": "n", "translational_error": "n",
+        "rotational_error": "n",
+    }  # fmt: skip
+
+    frequencies: Array
+    translational: Array
+    rotational: Array
+    error: Array
+    translational_error: Array
+    rotational_error: Array
+    top: float
+    moments: int
+    vectors: int
+    seed: int
+
+    def check(self) -> None:
+        """Check the shapes, and that the points are those of the moments."""
+        super().check()
+        Kernel.of(self.top, moments=self.moments).check_points(self.frequencies)
+
+    @property
+    def total(self) -> Array:
+        """(n,) translational plus rotational density, 1/Hz."""
+        return self.translational + self.rotational
+
+    @property
+    def resolution(self) -> float:
+        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
+        return Kernel(self.top, self.moments).resolution
+
+    @property
+    def integral(self) -> float:
+        """Integral of the total over all frequencies: the number of motions of a ball."""
+        return float(Kernel(self.top, self.moments).integral(self.total))
+
+    def with_vectors(self, vectors: int) -> SpectralDensity:
+        """Return the density by this number of random vectors; those that have been used are not used again.
+
+        It is the same, bit for bit, as one that is found with that number at once. Raises
+        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        """
+        return self._known_work().find(self.moments, whole_number("vectors", vectors, 1))
+
+    def _refine(self, resolution: float | None, moments: int | None) -> SpectralDensity:
+        return self._known_work().find(Kernel.of(self.top, resolution, moments).moments, self.vectors)
+
+
+def find_dos(
+    operator: WaveOperator, resolution: float | None, moments: int | None, vectors: int, seed: int
+) -> SpectralDensity:
+    """Return the density of states; see :meth:`granphon.waves.waves.Waves.dos`."""
+    vectors, seed = whole_number("vectors", vectors, 1), whole_number("seed", seed, 0)
+    kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+    return _Traces(operator, seed, vectors).find(kernel.moments, vectors)
+
+
+def _random_signs(operator: WaveOperator, seed: int, number: int, rotations: bool) -> Array:
+    """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
+    shape = operator.balls.size, operator.motions.count
+    signs = 2.0 * np.random.default_rng([seed, number]).integers(0, 2, shape, dtype=np.int8) - 1.0
+    signs[:, operator.motions.is_rotation != rotations] = 0.0
+    return np.asarray(operator.vector(signs))
+
+
+class _Traces:
+    """Moments of random vectors: of their translations and of their rotations, each by itself.
+
+    <r|T|r> of vectors of random signs has the mean Tr T. With r cut into the two parts, each gives the trace over its own
+    motions, and their sum lacks the noise of the terms between them.
+    """
+
+    def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
+        self._operator, self._seed = operator, seed
+        self._parts = (False, True) if operator.motions.rotate else (False,)
+        self._keep = keeps_vectors(operator, vectors * len(self._parts))
+        self._vectors: list[tuple[Moments, ...]] = []
+
+    def _make(self, number: int) -> tuple[Moments, ...]:
+        """Return the moments, not found yet, of the parts of a random vector."""
+        starts = (partial(_random_signs, self._operator, self._seed, number, turns) for turns in self._parts)
+        return tuple(Moments(self._operator, start, keep=self._keep) for start in starts)
+
+    def find(self, moments: int, vectors: int) -> SpectralDensity:
+        """Return the density by these numbers of moments and of random vectors."""
+        kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
+        self._vectors += [self._make(number) for number in range(len(self._vectors), vectors)]
+        found = np.array([[part.first(moments) for part in one] for one in self._vectors[:vectors]])
+        parts = np.zeros((vectors, 2, kernel.count))
+        parts[:, : found.shape[1]] = kernel.densities(found / self._operator.balls.size)
+        mean = parts.mean(axis=0)
+        return SpectralDensity(
+            kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
+            _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
+        )._with_work(self)  # fmt: skip
+
+
+def _error(values: Array) -> Array:
+    """Return the standard error of the mean over the first axis; nan if it has one entry."""
+    return standard_error(values, axis=0) if len(values) > 1 else np.full(values.shape[1:], math.nan)

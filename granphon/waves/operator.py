@@ -1,0 +1,173 @@
+"""The dynamical matrix of a finite network as a linear operator.
+
+With the rows C of all contacts (:mod:`granphon.dynamics.rows`), the stiffnesses K and the masses M,
+
+    A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
+
+where the second term, B being displacements across contacts, is the prestress, if the network has it. The eigenvalues of D
+are squared angular frequencies, (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball
+that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator
+
+from granphon.base.errors import InputError, message
+from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.networks.network import ContactNetwork
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+__all__ = ["WaveOperator"]
+
+Array = NDArray[np.float64]
+#: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
+_MARGIN = 1.01
+
+
+class WaveOperator(LinearOperator[np.float64]):
+    """D of a network, as sparse matrices, (rad/s)^2.
+
+    Attributes
+    ----------
+    network : the network.
+    motions : of each ball.
+    balls : (n_free,) indices of the balls that move.
+    """
+
+    def __init__(self, network: ContactNetwork) -> None:
+        self.network, self.motions = network, network.ball_motions
+        self.balls = np.flatnonzero(network.moving)
+        if not self.balls.size or not network.n_contacts:
+            raise InputError(message("no waves run in this network", "It has no ball that moves, or no contact"))
+        size = self.balls.size * self.motions.count
+        super().__init__(np.float64, (size, size))  # type: ignore[call-arg]  # the stubs do not know this constructor
+
+    @property
+    def size(self) -> int:
+        """Number of motions of all balls that move."""
+        return int(self.shape[0])
+
+    # -- vectors and values of balls ----------------------------------------------------------------------------------
+
+    def vector(self, values: ArrayLike) -> NDArray[Any]:
+        """Return the vector (size, ...) of values (n_free, motions, ...) of balls that move."""
+        values = np.asarray(values)
+        return values.reshape(self.size, *values.shape[2:])
+
+    def values(self, vector: ArrayLike) -> NDArray[Any]:
+        """Return the values (n_free, motions, ...) of balls that move in a vector (size, ...)."""
+        vector = np.asarray(vector)
+        return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
+
+    @cached_property
+    def _places(self) -> NDArray[np.intp]:
+        """(n, motions) the place of each motion in a vector; -1 of balls that do not move."""
+        places = np.full((self.network.n_balls, self.motions.count), -1)
+        places[self.balls] = self.values(np.arange(self.size))
+        return places
+
+    @cached_property
+    def is_rotation(self) -> NDArray[np.bool_]:
+        """(size,) whether each number of a vector belongs to a rotation."""
+        return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))))
+
+    # -- matrices -------------------------------------------------------------------------------------------------------
+
+    def _make_matrix(self, rows: list[Row], root: list[Array]) -> csr_array[Any]:
+        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size)."""
+        from scipy.sparse import coo_array
+
+        network, m, count = self.network, self.motions.count, self.network.n_contacts
+        lines, columns, entries = [], [], []
+        for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
+            for ball, coefficients, sign in ((network.j, row.head, 1.0), (network.i, row.tail, -1.0)):
+                line = np.flatnonzero(network.moving[ball])
+                scale = (sign * weight / np.sqrt(network.masses[ball]))[line, None]
+                lines.append(np.repeat(kind * count + line, m))
+                columns.append(self._places[ball[line]].ravel())
+                entries.append((scale * coefficients[line]).ravel())
+        where = np.concatenate(lines).astype(np.int32), np.concatenate(columns).astype(np.int32)
+        shape = (len(rows) * count, self.size)
+        matrix: csr_array[Any] = coo_array((np.concatenate(entries), where), shape=shape).tocsr()
+        matrix.eliminate_zeros()
+        return matrix
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """Deformations of the contacts, as coefficients of u and w of their balls; their stiffness is in N/m."""
+        network = self.network
+        of_ball = np.sqrt(np.divide(network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving))
+        rows = contact_rows(
+            network.normal[:, : network.dimension], network.arm_i, network.arm_j, self.motions,
+            elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
+            roll=network.bending_stiffness, gyration_i=of_ball[network.i], gyration_j=of_ball[network.j],
+        )  # fmt: skip
+        if not rows:
+            raise InputError(message(f"the motions {self.motions.name!r} deform no contact of this network"))
+        return rows
+
+    @cached_property
+    def root(self) -> csr_array[Any]:
+        """A = K^1/2 C M^-1/2, (rows, size), rad/s."""
+        return self._make_matrix(self.rows, [np.sqrt(row.stiffness) for row in self.rows])
+
+    @cached_property
+    def matrix(self) -> csr_array[Any]:
+        """D, (size, size), (rad/s)^2."""
+        found: csr_array[Any] = (self.root.T.tocsr() @ self.root).tocsr()
+        network = self.network
+        rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
+        if rows:  # balls that move along a line alone make none
+            pushed = np.sqrt(network.normal_force / network.distance)
+            across = self._make_matrix(rows, [pushed] * len(rows))
+            found = (found - across.T.tocsr() @ across).tocsr()
+        return found
+
+    @cached_property
+    def top(self) -> float:
+        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves alone, and a margin.
+
+        The energy of a contact is at most twice what it would be if its two balls moved one at a time. Prestress lowers D.
+        """
+        network, m = self.network, self.motions.count
+        own = np.zeros((m, m, network.n_balls))
+        for row in self.rows:
+            for ball, part in ((network.j, row.head), (network.i, row.tail)):
+                for a, b in np.ndindex(m, m):
+                    if np.any(weights := row.stiffness * part[:, a] * part[:, b]):
+                        own[a, b] += np.bincount(ball, weights, network.n_balls)
+        blocks = own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
+        return _MARGIN * math.sqrt(2.0 * float(np.max(np.linalg.eigvalsh(blocks))))
+
+    @cached_property
+    def _step(self) -> csr_array[Any]:
+        """4 D / top^2 - 2: twice the matrix whose eigenvalues lie between -1 and 1, see :meth:`advance`."""
+        from scipy.sparse import eye_array
+
+        return (4.0 / self.top**2 * self.matrix - 2.0 * eye_array(self.size)).tocsr()
+
+    def advance(self, current: Array, previous: Array) -> Array:
+        """Return T_n+1 x from T_n x and T_n-1 x, Chebyshev polynomials of 2 D / top^2 - 1; ``previous`` may be overwritten.
+
+        In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
+        """
+        following: Array = self._step @ current
+        following -= previous
+        return following
+
+    def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.matrix @ x)
+
+    _matmat = _matvec
+
+    def _adjoint(self) -> WaveOperator:
+        return self

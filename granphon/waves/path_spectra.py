@@ -1,0 +1,145 @@
+"""Spectral functions along a path through the Brillouin zone of an array, beside the bands of its mean lattice."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.arguments import whole_number
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.base.scales import Units
+from granphon.base.tables import Heading, write_table
+from granphon.dynamics.modes import ContactLattice
+from granphon.waves.spectral_functions import SpectralFunction
+
+if TYPE_CHECKING:
+    from granphon.waves.waves import Waves
+
+__all__ = ["PathSpectra", "find_path_spectra"]
+
+Array = NDArray[np.float64]
+#: points of the bands between two corners
+_BAND_POINTS = 101
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PathSpectra(Result):
+    """Spectral functions of an array at wave vectors of its cell along a path, and the bands of its mean lattice.
+
+    Attributes
+    ----------
+    corners : (m,) distances of the corners along the path, 1/m.
+    labels : of the corners.
+    distances : (n,) of the wave vectors along the path, 1/m; each is the one of the cell that is nearest to a point of the
+        path, and Gamma is left out.
+    spectra : for each polarisation a spectral function of the n wave vectors.
+    band_distances : (b,) 1/m.
+    bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness, Hz.
+    """
+
+    units = {"corners": "1/m", "distances": "1/m", "band_distances": "1/m", "bands": "Hz"}
+    shapes = {"corners": "c", "labels": "c", "distances": "n", "band_distances": "b", "bands": "b m"}
+
+    corners: Array
+    labels: tuple[str, ...]
+    distances: Array
+    spectra: tuple[SpectralFunction, ...]
+    band_distances: Array
+    bands: Array
+
+    def write_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write a table of peaks: a row for each wave vector and polarisation.
+
+        The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak and width, Hz, the mean
+        free path, m, and the attenuation, 1/m.
+        """
+        names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
+        headings: list[Heading | str] = [
+            "polarisation", Heading("distance", "1/m"), *(Heading(name, "1/m") for name in names), Heading("peak", "Hz"),
+            Heading("width", "Hz"), Heading("mean_free_path", "m"), Heading("attenuation", "1/m"),
+        ]  # fmt: skip
+        columns = [
+            [
+                *[[one.polarisation] * len(self.distances)], self.distances.tolist(), *one.q.T.tolist(), one.peak.tolist(),
+                one.width.tolist(), one.mean_free_path.tolist(), one.attenuation.tolist(),
+            ]
+            for one in self.spectra
+        ]  # fmt: skip
+        with Path(path).open("w", encoding="utf-8") as stream:
+            write_table(stream, headings, (row for one in columns for row in zip(*one, strict=True)))
+
+
+def find_path_spectra(
+    waves: Waves,
+    lattice: ContactLattice,
+    scales: Units,
+    path: Sequence[Array],
+    labels: Sequence[str],
+    *,
+    points: int,
+    polarisations: Sequence[str],
+    resolution: float | None = None,
+) -> PathSpectra:
+    """Return spectral functions along a path.
+
+    Parameters
+    ----------
+    waves : of the array.
+    lattice, scales : the lattice of equal contacts with the mean stiffness, whose bands are drawn beside the spectra.
+    path : pieces (n_corners, p) or (n_corners, 3), in fractions of the reciprocal cell.
+    labels : one for each corner.
+    points : between two corners, both counted; several may have the same wave vector of the cell, which counts once.
+    polarisations : see :meth:`~granphon.waves.waves.Waves.spectral_function`.
+    resolution : Hz.
+
+    Raises
+    ------
+    InputError : fewer than two points, or an array so small that it has no wave vector on the path but Gamma.
+    """
+    count = whole_number("points", points, 2)
+    ends = [lattice.wavevectors(piece) / scales.length for piece in path]  # 1/m
+    legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
+    lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    found: dict[tuple[int, ...], tuple[float, Array]] = {}  # by the whole numbers of waves along the periods
+    fine, bands = [], []
+    network = waves.network
+    d, periods = network.dimension, network.cell[list(network.pbc)]
+    for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
+        along = (end - start) / length
+        wanted = np.zeros((count, d))
+        wanted[:, : len(along)] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        nearest = waves.nearest_wavevectors(wanted)
+        for q in nearest:
+            place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
+            off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
+            number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
+            if any(number) and off <= 0.5 * length / (count - 1):
+                found.setdefault(number, (place, q))
+        steps = np.linspace(0.0, 1.0, _BAND_POINTS)
+        fine.append(begin + length * steps)
+        bands.append(lattice.frequencies((start + steps[:, None] * (end - start)) * scales.length) * scales.frequency)
+    if not found:
+        what = "the array has no wave vector on the path but Gamma"
+        raise InputError(message(what, mend="Take a larger array, or a path through the middle of the zone"))
+    distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
+    spectra = tuple(waves.spectral_function(q, name, resolution) for name in polarisations)
+    return PathSpectra(starts, _join(path, labels), distances, spectra, np.concatenate(fine), np.concatenate(bands))
+
+
+def _join(path: Sequence[Array], labels: Sequence[str]) -> tuple[str, ...]:
+    """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
+    names, out = iter(labels), list[str]()
+    for piece in path:
+        first, *rest = (next(names) for _ in piece)
+        out[-1:] = [f"{out[-1]}|{first}"] if out else [first]
+        out += rest
+    return tuple(out)

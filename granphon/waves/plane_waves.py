@@ -1,0 +1,204 @@
+"""Plane waves on a network: the wave vectors that its cell has, their polarisations, and the vectors of the operator."""
+
+from __future__ import annotations
+
+import itertools
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.arguments import finite_array
+from granphon.base.errors import InputError, brief, message
+from granphon.base.validation import choice, require
+from granphon.networks.network import ContactNetwork
+from granphon.waves.operator import WaveOperator
+
+__all__ = ["find_polarisations", "make_plane_wave", "nearest_wavevectors", "read_wavevectors"]
+
+Array = NDArray[np.float64]
+_NAMES = ("longitudinal", "transverse", "rotational")
+#: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
+_WHOLE = 1e-6
+#: length of the part of a direction across q, over that of the direction, below which there is none
+_ACROSS = 1e-9
+
+
+# -- wave vectors -------------------------------------------------------------------------------------------------------
+
+
+def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
+    """Return ``q`` as (n, d), 1/m; along axes with a period the wave vectors are those that the cell has, to rounding.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell does not have.
+    """
+    given = _as_wavevectors(network, q)
+    nearest = _round(network, given)
+    periods = _periods(network)
+    wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    if np.any(wrong):
+        bad = int(np.argmax(np.any(wrong, axis=1)))
+        raise InputError(
+            message(
+                f"q = {_show(given[bad])} is no wave vector of the periodic cell",
+                "Along each of its vectors L, q . L must be a multiple of 2 pi",
+                f"The nearest is {_show(nearest[bad])} 1/m; waves.nearest_wavevectors(q) finds it for any q",
+            )
+        )
+    return nearest
+
+
+def nearest_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
+    """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape."""
+    given = _as_wavevectors(network, q)
+    return np.asarray(_round(network, given).reshape(np.shape(q)))
+
+
+def _as_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
+    given, d = finite_array("q", q, "1/m"), network.dimension
+    if d == 1 and given.ndim == 0:
+        given = given.reshape(1)
+    if given.ndim not in (1, 2) or given.shape[-1] != d:
+        raise InputError(
+            message(f"q has the shape {given.shape}", f"A wave vector of this network has the shape ({d},)",
+                    f"Give ({d},) or (n, {d}), Cartesian, in 1/m")
+        )  # fmt: skip
+    return np.atleast_2d(given)
+
+
+def _periods(network: ContactNetwork) -> Array:
+    """Return the vectors of the cell along which the network repeats, (p, d), m."""
+    return np.asarray(network.cell[list(network.pbc), : network.dimension])
+
+
+def _round(network: ContactNetwork, q: Array) -> Array:
+    """Return the wave vectors (n, d) of the cell nearest to ``q``."""
+    periods = _periods(network)
+    if not len(periods):
+        return q
+    back = 2.0 * np.pi * np.linalg.pinv(periods)  # (d, p)
+    cells = np.floor(q @ periods.T / (2.0 * np.pi))
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
+    # moves to the wave vectors around q: across the periods none of them moves
+    moves = (cells[:, None] + corners - (q @ periods.T / (2.0 * np.pi))[:, None]) @ back.T
+    least = np.argmin(np.sum(moves**2, axis=-1), axis=1)
+    return np.asarray(q + moves[np.arange(len(q)), least])
+
+
+def _show(q: Array) -> str:
+    return "(" + ", ".join(f"{one:.9g}" for one in q) + ")"
+
+
+# -- polarisations ------------------------------------------------------------------------------------------------------
+
+
+def find_polarisations(
+    operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None
+) -> Array:
+    """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral function is averaged.
+
+    Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is not said which way.
+    """
+    motions = operator.motions
+    if not isinstance(polarisation, str):
+        return _given_polarisation(operator, polarisation, direction)
+    name = require("polarisation", partial(choice, options=_NAMES), polarisation)
+    turns = name == "rotational"
+    axes = motions.rotations if turns else motions.translations
+    free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
+    wanted = None if direction is None else _read_direction(direction)
+    along = np.zeros(3)
+    along[: q.size] = q
+    if turns:
+        found = free if wanted is None else (wanted @ free.T) @ free
+    elif not np.any(q):
+        if wanted is None:
+            mend = "Give direction=, the one in which balls move"
+            raise InputError(message(f"a {name} wave with q = 0 has no direction", mend=mend))
+        found = wanted
+    else:
+        along /= np.linalg.norm(along)
+        if name == "longitudinal":
+            found = along
+        elif wanted is not None:
+            found = wanted - (wanted @ along) * along
+            if np.linalg.norm(found) < _ACROSS:
+                raise InputError(message(f"the direction {brief(direction)} of a transverse wave is along q"))
+        else:
+            found = _across(along, free, operator.network.dimension)
+    return _as_motions(operator, np.atleast_2d(found), axes, name)
+
+
+def _across(along: Array, free: Array, dimension: int) -> Array:
+    """Return orthonormal directions (b, 3) across q in which balls move: within the plane of the balls, if there are any."""
+    within = free[np.argmax(free, axis=1) < dimension]
+    for axes in (within, free):
+        left = axes - (axes @ along)[:, None] * along
+        _, sizes, rows = np.linalg.svd(left) if len(left) else (None, np.zeros(0), free)
+        if np.any(sizes > 0.5):
+            return np.asarray(rows[: sizes.size][sizes > 0.5])
+    return np.zeros((0, 3))
+
+
+def _as_motions(operator: WaveOperator, found: Array, axes: tuple[int, ...], name: str) -> Array:
+    """Return directions (b, 3) of the motions along ``axes`` as rows (b, motions) of unit length."""
+    motions = operator.motions
+    if not len(found) or not axes or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS:
+        letters = ", ".join(motions.letters)
+        raise InputError(message(f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"))
+    size = np.linalg.norm(found, axis=1, keepdims=True)
+    if np.any(size < _ACROSS):
+        raise InputError(message(f"the direction of a {name} wave is across all motions {', '.join(motions.letters)}"))
+    rows = np.zeros((len(found), motions.count))
+    where = motions.turning if name == "rotational" else motions.translating
+    rows[:, where] = (found / size)[:, list(axes)]
+    return rows
+
+
+def _given_polarisation(operator: WaveOperator, polarisation: ArrayLike, direction: ArrayLike | None) -> Array:
+    """Return a polarisation given by numbers, one for each displacement or one for each motion, as (1, motions)."""
+    motions, given = operator.motions, finite_array("polarisation", polarisation)
+    if direction is not None:
+        raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
+    sizes = (len(motions.translations), motions.count)
+    if given.ndim != 1 or given.size not in sizes or not np.any(given):
+        raise InputError(
+            message(
+                f"the polarisation is {brief(polarisation)}",
+                f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {', '.join(motions.letters)}",
+                f"Give these, not all zero, or one of {', '.join(_NAMES)}",
+            )
+        )
+    rows = np.zeros((1, motions.count))
+    rows[0, : given.size] = given / np.linalg.norm(given)
+    return rows
+
+
+def _read_direction(direction: ArrayLike) -> Array:
+    """Return a direction of two or three numbers as a unit vector (3,)."""
+    given = finite_array("direction", direction)
+    if given.shape not in ((2,), (3,)) or not np.any(given):
+        raise InputError(message(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero"))
+    unit = np.zeros(3)
+    unit[: given.size] = given / np.max(np.abs(given))
+    return np.asarray(unit / np.linalg.norm(unit))
+
+
+# -- vectors ------------------------------------------------------------------------------------------------------------
+
+
+def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine: bool) -> Array:
+    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or sin(q . r), times ``polarisation``.
+
+    Vectors are weighted with masses: displacements, and rotations given with them, by the root of the mass, so that q = 0
+    is the motion of all balls together. In a wave of rotations alone balls turn at that rate, weighted by the root of the
+    moment of inertia. Balls that touch none take no part, as no wave reaches them.
+    """
+    network, balls = operator.network, operator.balls
+    touching = np.zeros(network.n_balls, bool)
+    touching[network.i] = touching[network.j] = True
+    turns = not np.any(polarisation[operator.motions.translating])
+    weight = np.sqrt((network.inertias if turns else network.masses)[balls])
+    phase = network.positions[balls, : q.size] @ q
+    wave = np.where(touching[balls], weight * (np.sin(phase) if sine else np.cos(phase)), 0.0)
+    return np.asarray(operator.vector(wave[:, None] * polarisation))

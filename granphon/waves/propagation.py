@@ -1,0 +1,274 @@
+"""Linear dynamics of a network that a force pushes, in time, to rounding.
+
+The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which balls are pushed and s(t) is
+a tone burst. Every response at a time t is a function of D applied to b, and an entire one: it is expanded in Chebyshev
+polynomials T_n(y) of y = 2 D / top^2 - 1 (:mod:`granphon.waves.chebyshev`). So all times share one recursion. What a
+receiver r hears needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response is that
+of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts enters through that number only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from granphon.base.errors import InstabilityError, message
+from granphon.waves.chebyshev import polynomials
+from granphon.waves.operator import WaveOperator
+
+__all__ = ["TOLERANCE", "Propagation", "ToneBurst"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+#: most that the coefficients which are left out add up to, in units of the largest response
+TOLERANCE = 1e-13
+#: numbers in the blocks that polynomials, and responses at many times, are summed in
+_BLOCK = 4_000_000
+#: relative difference of the two decay rates of a mode below which both are parted, as their quotient has no digits
+_CRITICAL = 1e-10
+#: distance of a rate from that of a wave, times the length of the burst, below which the two are near
+_NEAR = 1e-2
+#: relative growth of a polynomial's norm, which is never above that of its start, beyond rounding
+_GROWTH = 1e-6
+
+
+@dataclass(frozen=True)
+class ToneBurst:
+    """sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 from 0 to P: ``cycles`` periods under a Hann window, and zero elsewhere.
+
+    Its integral is zero: it leaves no momentum behind.
+
+    Attributes
+    ----------
+    frequency : omega / 2 pi, Hz.
+    cycles : P omega / 2 pi.
+    """
+
+    frequency: float
+    cycles: float
+
+    @property
+    def duration(self) -> float:
+        """P, s."""
+        return self.cycles / self.frequency
+
+    def __call__(self, times: Array) -> Array:
+        """The burst at times, s."""
+        amplitudes, omegas = self.waves
+        inside = (times > 0.0) & (times < self.duration)
+        waves = np.imag(np.exp(1j * np.multiply.outer(np.where(inside, times, 0.0), omegas)) @ amplitudes)
+        return np.where(inside, waves, 0.0)
+
+    @property
+    def waves(self) -> tuple[Complex, Array]:
+        """Amplitudes and angular frequencies of the waves exp(i omega t) whose imaginary parts add up to the burst."""
+        omega, side = 2.0 * np.pi * self.frequency, 2.0 * np.pi / self.duration
+        start = np.exp(-0.5j * omega * self.duration)
+        return start * np.array([0.5, -0.25, -0.25]), np.array([omega, omega + side, omega - side])
+
+    def drive(self, rates: Complex, times: Array) -> Complex:
+        """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is above P."""
+        amplitudes, omegas = self.waves
+        weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
+        waves = 1j * np.concatenate([omegas, -omegas])
+        apart = rates[:, None] - waves
+        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their difference is taken with care
+        near = np.min(np.abs(apart), axis=1) * self.duration < _NEAR
+        part = weights / apart[~near]
+        turned = np.exp(np.multiply.outer(times, waves))
+        found = np.empty((times.size, rates.size), complex)
+        found[:, ~near] = np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
+        for column in np.flatnonzero(near):
+            gap = apart[column]
+            still = gap == 0.0
+            grown = np.expm1(np.multiply.outer(times, gap)) / np.where(still, 1.0, gap)
+            found[:, column] = (turned * np.where(still, times[:, None], grown)) @ weights
+        return found
+
+
+@dataclass(frozen=True)
+class _Exponentials:
+    """The response of an oscillator at each of ``count`` nodes as a sum of exp(rate t).
+
+    ``node`` (n,) is that of each rate (n,), 1/s; the real parts of ``velocity`` (n,) and ``displacement`` (n,) times the
+    exponentials add up to the velocity and displacement after a unit of momentum.
+    """
+
+    node: NDArray[np.intp]
+    rate: Complex
+    velocity: Complex
+    displacement: Complex
+
+    @classmethod
+    def of(cls, omega: Array, damping: float) -> _Exponentials:
+        """For angular frequencies ``omega`` (count,) and the time tau of the damping, s."""
+        decay = 0.5 * damping * omega**2
+        squared = omega**2 - decay**2
+        squared = np.where(np.abs(squared) < _CRITICAL * omega**2, _CRITICAL * omega**2, squared)
+        (swings,), (creeps,) = np.nonzero(squared > 0.0), np.nonzero(squared < 0.0)
+        turn, apart = np.sqrt(squared[swings]), np.sqrt(-squared[creeps])
+        slow = -(omega[creeps] ** 2) / (decay[creeps] + apart)  # without a difference of near numbers
+        fast = -(decay[creeps] + apart)
+        whirl = -decay[swings] + 1j * turn
+        rate = np.concatenate([whirl, slow, fast])
+        return cls(
+            np.concatenate([swings, creeps, creeps]), rate,
+            np.concatenate([-1j * whirl / turn, slow / (2.0 * apart), -fast / (2.0 * apart)]),
+            np.concatenate([-1j / turn, 0.5 / apart, -0.5 / apart]),
+        )  # fmt: skip
+
+
+class Propagation:
+    """Responses of the network behind ``operator`` to a burst that pushes ``push`` (size,), from time 0 to ``duration``.
+
+    Parameters
+    ----------
+    operator : D.
+    push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
+    burst : the force in time.
+    duration : the latest time, s.
+    damping : tau, s: the viscosity of each contact over its stiffness.
+    """
+
+    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, duration: float, damping: float = 0.0) -> None:
+        self.operator, self.push, self.burst, self.damping = operator, push, burst, damping
+        self.duration = duration
+
+    # -- the response of one oscillator ------------------------------------------------------------------------------
+
+    def _find_nodes(self, count: int) -> _Exponentials:
+        # y = cos(angle) = 2 (Omega / top)^2 - 1
+        angle = np.pi * (np.arange(count) + 0.5) / count
+        return _Exponentials.of(self.operator.top * np.cos(0.5 * angle), self.damping)
+
+    @cached_property
+    def order(self) -> int:
+        """The number of polynomials, without which coefficients at the latest time add up to :data:`TOLERANCE` at most."""
+        reach = 0.5 * self.operator.top * self.duration
+        count = math.ceil(reach + 12.0 * reach ** (1.0 / 3.0) + 40.0)
+        while True:
+            waves = self._find_nodes(count)
+            late = np.zeros(count)
+            np.add.at(late, waves.node, np.real(waves.velocity * np.exp(waves.rate * self.duration)))
+            left = np.cumsum(np.abs(dct(late, type=2))[::-1])[::-1] / count
+            # rounding of the transform is spread over all coefficients
+            short = np.flatnonzero(left <= TOLERANCE + 1e-16 * count)
+            if short.size and short[0] < count - count // 50:
+                return int(short[0])
+            count *= 2
+
+    @cached_property
+    def _waves(self) -> _Exponentials:
+        return self._find_nodes(self.order)
+
+    def _respond(self, times: Array, weights: Complex) -> Array:
+        """Return real responses (n_t, n) of all exponentials to the burst, times ``weights``."""
+        rates, end = self._waves.rate, self.burst.duration
+        during = times < end
+        found = np.empty((times.size, rates.size), complex)
+        found[during] = self.burst.drive(rates, times[during])
+        if not np.all(during):
+            found[~during] = np.exp(np.multiply.outer(times[~during] - end, rates)) * self._after
+        return np.asarray(np.real(found * weights))
+
+    @cached_property
+    def _after(self) -> Complex:
+        """What the burst leaves in each exponential at its end."""
+        return np.asarray(self.burst.drive(self._waves.rate, np.array([self.burst.duration]))[0])
+
+    # -- recursion ------------------------------------------------------------------------------------------------------
+
+    def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
+        """Return what receivers hear, and the motions of all balls.
+
+        Parameters
+        ----------
+        listen : takes the velocities (size,), and returns the numbers (n_r,) of receivers: linear.
+        times : (n_t,) even times from zero, s.
+        frames : (n_f,) times at which the motions of all balls are wanted, s.
+
+        Returns
+        -------
+        signals : (n_r, n_t) at the ``times``.
+        displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        moments, displaced, moving = self.run(listen, frames)
+        return self.hear(moments, times), displaced, moving
+
+    def run(self, listen: Callable[[Array], Array], frames: Array) -> tuple[Array, Array, Array]:
+        """Do the recursion, once.
+
+        Parameters
+        ----------
+        listen : takes a vector (size,), and returns the numbers (n_r,) of receivers: linear.
+        frames : (n_f,) times at which the motions of all balls are wanted, s.
+
+        Returns
+        -------
+        moments : (order, n_r) what receivers hear of T_n b.
+        displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        size, order = self.push.size, self.order
+        forms = np.concatenate([self._coefficients(frames, self._waves.displacement),
+                                self._coefficients(frames, self._waves.velocity)])  # fmt: skip
+        states = np.zeros((len(forms), size))
+        moments, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        block = np.empty((max(1, min(order, _BLOCK // size)), size))
+        for n, vector in self._polynomials():
+            moments.append(listen(vector))
+            row = n % len(block)
+            block[row] = vector
+            if row == len(block) - 1 or n == order - 1:
+                first = n - row
+                states += forms[:, first : n + 1] @ block[: row + 1]
+                if not np.linalg.norm(vector) <= most:
+                    raise InstabilityError(
+                        message(
+                            "the network is unstable: a squared frequency is below zero",
+                            "The static forces push balls aside more than their contacts hold them",
+                            "Use a lower load, or a network without prestress",
+                        )
+                    )
+        return np.array(moments), states[: frames.size], states[frames.size :]
+
+    def _polynomials(self) -> Iterator[tuple[int, Array]]:
+        return zip(range(self.order), polynomials(self.operator, self.push), strict=False)
+
+    def _coefficients(self, times: Array, weights: Complex) -> Array:
+        """Return the coefficients (n_t, order) of responses at few times."""
+        values = np.zeros((self.order, times.size))
+        np.add.at(values, self._waves.node, self._respond(times, weights).T)
+        found = dct(values.T, type=2, axis=1) / self.order
+        found[:, 0] *= 0.5
+        return np.asarray(found)
+
+    def hear(self, moments: Array, times: Array) -> Array:
+        """Return the velocities (n_r, n_t) that receivers with these ``moments`` (order, n_r) have at even ``times``."""
+        waves = self._waves
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes
+        weight = dct(moments, type=3, axis=0)[waves.node] / self.order * waves.velocity[:, None]
+        found = np.empty((times.size, moments.shape[1]))
+        during = int(np.count_nonzero(times < self.burst.duration))
+        rows = max(1, _BLOCK // waves.rate.size)
+        for first in range(0, during, rows):
+            here = slice(first, min(first + rows, during))
+            found[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
+        if during < times.size:
+            weight *= self._after[:, None]
+            apart = times[during : during + rows] - times[during]
+            later = np.exp(np.multiply.outer(apart, waves.rate))
+            for first in range(during, times.size, rows):
+                here = slice(first, min(first + rows, times.size))
+                begin = np.exp(waves.rate * (times[first] - self.burst.duration))
+                found[here] = np.real(later[: found[here].shape[0]] @ (begin[:, None] * weight))
+        return np.asarray(found.T)

@@ -1,0 +1,219 @@
+"""Spectral functions of finite networks: what frequencies a plane wave has in an array that is not perfect."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.arguments import finite_list, positive
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.waves.kernel import Kernel
+from granphon.waves.lines import Lines, find_lines, true_width
+from granphon.waves.moments import Moments, Refinable, keeps_vectors
+from granphon.waves.operator import WaveOperator
+from granphon.waves.plane_waves import find_polarisations, make_plane_wave, read_wavevectors
+
+__all__ = ["SpectralFunction", "find_spectral_function"]
+
+Array = NDArray[np.float64]
+#: width of a line over that of the kernel, from which it counts as resolved
+_RESOLVED = 0.2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpectralFunction(Refinable["_PlaneWaves"], Result):
+    """A(q, f) of plane waves on a network: the spectrum of <s| delta(f - D^1/2 / 2 pi) |s>, with s the wave of norm one.
+
+    It is exact for the network but for the kernel, which broadens each line. A plane wave that is no mode of the network
+    scatters into other modes, and its line has a width.
+
+    Attributes
+    ----------
+    q : (n, d) wave vectors, Cartesian, 1/m.
+    polarisation : "longitudinal", "transverse", "rotational", or "given" by numbers.
+    direction : the direction that was given, or the numbers of the polarisation; empty if none was given.
+    frequencies : (n_f,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the kernel.
+    values : (n, n_f) 1/Hz; the integral over frequencies is 1.
+    top : bound of all frequencies, Hz, on which the polynomials are made.
+    moments : number of Chebyshev moments.
+    """
+
+    units = {"q": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
+    shapes = {"q": "n d", "frequencies": "f", "values": "n f"}
+
+    q: Array
+    polarisation: str
+    direction: tuple[float, ...]
+    frequencies: Array
+    values: Array
+    top: float
+    moments: int
+
+    def check(self) -> None:
+        """Check the shapes, and that the points are those of the moments."""
+        super().check()
+        self._kernel.check_points(self.frequencies)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        return Kernel.of(self.top, moments=self.moments)
+
+    @property
+    def resolution(self) -> float:
+        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
+        return self._kernel.resolution
+
+    @property
+    def integral(self) -> Array:
+        """(n,) integrals over all frequencies: 1."""
+        return self._kernel.integral(self.values)
+
+    # -- lines ----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _lines(self) -> Lines:
+        return find_lines(self._kernel, self.values)
+
+    @cached_property
+    def _kernel_width(self) -> Array:
+        """(n,) the full width at half maximum that the kernel alone gives to a line at each peak, Hz."""
+        return find_lines(self._kernel, self._kernel.line(self.peak)).width
+
+    @property
+    def peak(self) -> Array:
+        """(n,) frequency of the highest maximum, Hz: the dispersion of the coherent wave."""
+        return self._lines.peak
+
+    @cached_property
+    def width(self) -> Array:
+        """(n,) full width at half maximum of the highest line, Hz, without that of the kernel.
+
+        The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line that is not wider than
+        the kernel has the width zero. See :attr:`resolved`. Where the line falls to half its height on one side alone, the
+        width is twice the half width of that side.
+        """
+        return true_width(self._lines.width, self._kernel_width)
+
+    @property
+    def resolved(self) -> NDArray[np.bool_]:
+        """(n,) whether each line has a width of its own of a fifth of the kernel's or more; less is not to be relied on."""
+        return np.asarray(self.width >= _RESOLVED * self._kernel_width)
+
+    @property
+    def wavenumber(self) -> Array:
+        """(n,) |q|, 1/m."""
+        return np.asarray(np.linalg.norm(self.q, axis=1))
+
+    @property
+    def phase_velocity(self) -> Array:
+        """(n,) 2 pi peak / |q|, m/s.
+
+        Raises :class:`~granphon.base.errors.InputError` for q = 0.
+        """
+        if not np.all(self.wavenumber):
+            raise InputError(message("a wave with q = 0 has no velocity", mend="Give wave vectors other than zero"))
+        return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
+
+    @property
+    def mean_free_path(self) -> Array:
+        """(n,) mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite where the width is zero.
+
+        The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group velocity is not the phase
+        velocity, and the path is so much longer or shorter.
+        """
+        return _ratio(self.phase_velocity, 2.0 * math.pi * self.width)
+
+    @property
+    def attenuation(self) -> Array:
+        """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free path."""
+        return _ratio(math.pi * self.width, self.phase_velocity)
+
+    def ioffe_regel(self, product: float = 1.0) -> float | None:
+        """Return the frequency, Hz, from which |q| times the mean free path is below ``product``; None if it stays above.
+
+        With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi it is half the
+        wavelength. It lies between two wave vectors, in the order of their lengths: the first that is above and the next
+        below; the logarithm of peak/width is interpolated. If already the shortest wave vector is below, there is no such
+        frequency, and that is an :class:`~granphon.base.errors.InputError`.
+        """
+        level = math.log(positive("product", product))
+        order = np.argsort(self.wavenumber, kind="stable")
+        peak, width = self.peak[order], self.width[order]
+        with np.errstate(divide="ignore"):
+            above = np.log(peak) - np.log(width) - level
+        if above[0] < 0.0:
+            raise InputError(
+                message(
+                    f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency",
+                    mend="Give lesser wave vectors, which a larger network has",
+                )
+            )
+        below = np.flatnonzero(above < 0.0)
+        if not below.size:
+            return None
+        n = int(below[0])
+        share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
+        return float(peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1]))
+
+    # -- more of it -----------------------------------------------------------------------------------------------------
+
+    def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
+        return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)
+
+
+def _ratio(above: Array, below: Array) -> Array:
+    """Return ``above`` / ``below``; infinity where ``below`` is zero."""
+    found = np.full(above.shape, math.inf)
+    np.divide(above, below, out=found, where=below > 0.0)
+    return found
+
+
+def find_spectral_function(
+    operator: WaveOperator, q: ArrayLike, polarisation: str | ArrayLike, direction: ArrayLike | None,
+    resolution: float | None, moments: int | None,
+) -> SpectralFunction:  # fmt: skip
+    """Return A(q, f); see :meth:`granphon.waves.waves.Waves.spectral_function`."""
+    kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+    return _PlaneWaves(operator, read_wavevectors(operator.network, q), polarisation, direction).find(kernel.moments)
+
+
+class _PlaneWaves:
+    """Moments of plane waves: of the cosine and the sine of each polarisation, which add up."""
+
+    def __init__(self, operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None) -> None:
+        self._operator, self._q = operator, q
+        word = isinstance(polarisation, str)
+        self._polarisation = str(polarisation) if word else "given"
+        numbers = direction if word else polarisation
+        self._direction = () if numbers is None else finite_list("direction", numbers)
+        rows = [find_polarisations(operator, one, polarisation, direction) for one in q]
+        waves = [
+            (n, row, sine)
+            for n, one in enumerate(rows)
+            for row in one
+            for sine in ((False, True) if any(q[n]) else (False,))
+        ]
+        keep = keeps_vectors(operator, len(waves))
+        self._waves = [
+            (n, Moments(operator, partial(make_plane_wave, operator, q[n], row, sine), keep=keep)) for n, row, sine in waves
+        ]
+
+    def find(self, moments: int) -> SpectralFunction:
+        """Return the spectral function of this number of moments."""
+        kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
+        found = np.zeros((len(self._q), moments))
+        for n, wave in self._waves:
+            found[n] += wave.first(moments)
+        if not np.all(found[:, 0] > 0.0):
+            raise InputError(
+                message("no ball that touches others moves in this wave", "The wave vector or the polarisation is wrong")
+            )
+        return SpectralFunction(
+            self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
+            kernel.top, moments,
+        )._with_work(self)  # fmt: skip

@@ -1,0 +1,207 @@
+"""Waves in a finite network of contacts: the entry to densities of states, spectral functions, modes and pulses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.errors import InputError, brief, message
+from granphon.networks.network import ContactNetwork
+from granphon.waves.array_operator import make_operator
+from granphon.waves.dos import SpectralDensity, find_dos
+from granphon.waves.eigenpairs import require_stable
+from granphon.waves.modes import NetworkModes, find_modes
+from granphon.waves.operator import WaveOperator
+from granphon.waves.plane_waves import nearest_wavevectors
+from granphon.waves.pulses import Pulse, transmit
+from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
+
+__all__ = ["Waves"]
+
+Array = NDArray[np.float64]
+
+
+class Waves:
+    """The waves of a network of contacts.
+
+    Parameters
+    ----------
+    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; or ``ase.Atoms`` with a
+        :class:`~granphon.phonons.calculator.HertzMindlin`.
+
+    Raises :class:`~granphon.base.errors.InputError` for something else.
+    """
+
+    def __init__(self, source: Any) -> None:
+        self.network = _find_network(source)
+
+    @cached_property
+    def operator(self) -> WaveOperator:
+        """D of the network as a linear operator, (rad/s)^2."""
+        return make_operator(self.network)
+
+    @cached_property
+    def _stable_operator(self) -> WaveOperator:
+        """The same, or an :class:`~granphon.base.errors.InstabilityError`."""
+        require_stable(self.operator)
+        return self.operator
+
+    def dos(
+        self, resolution: float | None = None, vectors: int = 10, seed: int = 0, *, moments: int | None = None
+    ) -> SpectralDensity:
+        """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
+
+        Parameters
+        ----------
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        vectors : number of random vectors; the error falls as its root, and as that of the number of balls.
+        seed : from which the random vectors are drawn.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range,
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
+        nan. Memory is that of D and of about six vectors, whatever the numbers.
+        """
+        return find_dos(self._stable_operator, resolution, moments, vectors, seed)
+
+    def spectral_function(
+        self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
+        direction: ArrayLike | None = None, moments: int | None = None,
+    ) -> SpectralFunction:  # fmt: skip
+        """Return A(q, f), the spectrum of plane waves, by the kernel polynomial method: the positions of balls give phases.
+
+        Parameters
+        ----------
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Along periods of the cell they must be those that it has;
+            :meth:`nearest_wavevectors` finds these.
+        polarisation : "longitudinal", along q; "transverse", across q; "rotational"; or numbers, one for each displacement,
+            or one for each motion of a ball. Where several directions are across q, or several axes of rotation are free,
+            the result is the mean over them; in the plane, waves across q move in the plane if balls can.
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        direction : (2,) or (3,): of a transverse wave, its part across q; of a rotational one, the axis; of a wave with
+            q = 0, which has none of its own, that of the displacements.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose message names the nearest
+        one, and for a polarisation in which balls do not move;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        return find_spectral_function(self._stable_operator, q, polarisation, direction, resolution, moments)
+
+    def modes(self, count: int = 10, nearest: float | None = None) -> NetworkModes:
+        """Return the lowest modes, or those nearest to a frequency, without those that cost no energy, which are counted.
+
+        Parameters
+        ----------
+        count : number of modes.
+        nearest : frequency, Hz; None for the lowest modes.
+
+        Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised, and counted by the signs
+        of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000 in space. Beyond, a block of
+        vectors is filtered by Chebyshev polynomials, and no count says whether one is missed.
+
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, or more modes than there are;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
+        :class:`~granphon.base.errors.ConvergenceError` if modes do not converge.
+        """
+        return find_modes(self._stable_operator, count, nearest)
+
+    def nearest_wavevectors(self, q: ArrayLike) -> Array:
+        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape.
+
+        Along axes without a period every q is one.
+        """
+        return nearest_wavevectors(self.network, q)
+
+    def transmit(
+        self,
+        frequency: float,
+        direction: ArrayLike,
+        distance: float,
+        cycles: float = 5.0,
+        polarisation: str | ArrayLike = "longitudinal",
+        *,
+        source: str | int | Sequence[int] = "plane",
+        ends: str = "free",
+        damping: float = 0.0,
+        tangential_damping: float | None = None,
+        duration: float | None = None,
+        planes: ArrayLike = (),
+        frames: ArrayLike = (),
+    ) -> Pulse:
+        """Send a pulse through the network, and hear it on a plane of balls.
+
+        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to
+        P = cycles/frequency. The dynamics are linear, and propagated to rounding: by an expansion in Chebyshev polynomials
+        whose coefficients that are left out add up to 1e-13.
+
+        Parameters
+        ----------
+        frequency : Hz, up to the top of the network's modes.
+        direction : (1,) to (3,) the direction in which the pulse travels, Cartesian.
+        distance : m, of the receiving plane: that of the balls nearest to it, which the result says. It counts from the
+            source; if that is a plane at an end, from the end: the plane halfway between the first balls and those that were
+            before them, or the balls of the wall.
+        cycles : periods of the burst, 1 or more.
+        polarisation : "longitudinal"; "transverse", which in the plane of balls is across the direction, and in space along
+            the axis farthest from it; "out_of_plane"; or a vector (1,) to (3,) along which the source pushes. Signals are
+            velocities along it.
+        source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or several.
+        ends : "free": contacts across the plane before the first balls are cut; "walls": the balls before it are held;
+            "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
+            direction, such as one between walls of its own, is left as it is.
+        damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
+            exp(-damping omega^2 t/2).
+        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
+            exchange energy, and the propagation takes several times as long.
+        duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
+            proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way. With
+            a longer duration the signal is right too, but it is not of one pulse.
+        planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
+        frames : (n_f,) times at which the velocities of all balls are kept, s.
+
+        Raises
+        ------
+        InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
+            ends, before the distance); there are no balls there, or no contacts join them with the source; nothing resists
+            the polarisation; a number out of range.
+        UnreachableFrequencyError : the frequency is above all modes of the network.
+        InstabilityError : the prestress makes a squared frequency negative.
+        """
+        return transmit(
+            self.network, frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
+            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
+            operator=self.operator if ends == "periodic" else None,
+        )  # fmt: skip
+
+
+def _find_network(source: Any) -> ContactNetwork:
+    """Return the network of a source, which is one, has one, or is Atoms whose calculator knows it."""
+    if isinstance(source, ContactNetwork):
+        return source
+    found = getattr(source, "network", None)
+    if isinstance(found, ContactNetwork):
+        return found
+    find = getattr(getattr(source, "calc", None), "contact_network", None)
+    if find is not None:
+        network: ContactNetwork = find(source)
+        return network
+    if hasattr(source, "contact_network") and hasattr(source, "packing"):
+        several = "" if not source.samples else ", or one of its samples, as in gp.Waves(state.samples[0])"
+        raise InputError(
+            message(
+                "a state is of a lattice without end",
+                "Waves are of an array of some cells",
+                f"Give gp.ContactNetwork.from_state(state, shape={(24,) * source.packing.structure.periods}){several}",
+            )
+        )
+    raise InputError(
+        message(
+            f"there is no network of contacts in {brief(source)}",
+            mend="Give a ContactNetwork, a sample of a simulation, or Atoms with a HertzMindlin",
+        )
+    )

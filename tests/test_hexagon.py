@@ -1,0 +1,120 @@
+"""A hexagon of balls between six walls: against closed forms, and against a general minimiser of the same energy."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import granphon as gp
+from granphon.waves.operator import WaveOperator
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+SPREAD = gp.Uniform(2.04e-6)
+
+
+def add_up(network, balls):
+    """Return the static forces (n, 3) of the contacts on each body."""
+    pull = np.zeros((balls, 3))
+    np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
+    np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
+    return pull
+
+
+@pytest.mark.parametrize("side_force", [990.0, 30.0, 0.1])
+@pytest.mark.parametrize("spread", [None, SPREAD])
+def test_balls_and_walls_are_in_balance(spread, side_force):
+    pressed = gp.Hexagon(gp.Packing(STEEL, 8e-3, spread), 7, seed=2).at_side_force(side_force)
+    count = 3 * 7 * 6 + 1
+    assert len(pressed.sites) == count
+    pull = add_up(pressed.network, count + 6)
+    assert np.max(np.abs(pull[:count])) <= 1e-9 * pressed.force
+    np.testing.assert_allclose(np.linalg.norm(pull[count:], axis=1), side_force, rtol=1e-10)
+    # the work of the walls in a compression of all is the sum of forces times distances: exact, with or without a spread
+    assert pressed.force == pytest.approx(side_force / (math.sqrt(3.0) * (7 - 2 / 3)), rel=1e-10)
+    assert pressed.force == pytest.approx(pressed.nominal_force * 7 / (7 - 2 / 3), rel=1e-10)
+
+
+def test_equal_balls_far_from_walls_share_the_load_evenly():
+    pressed = gp.Hexagon(gp.Packing(STEEL, 8e-3), 25).at_side_force(990.0)
+    inner = np.linalg.norm(pressed.sites, axis=1)[pressed.i] < 5 * 8e-3
+    np.testing.assert_allclose(pressed.forces[inner], pressed.force, rtol=3e-4)
+    # the state scales with the load: overlaps as its power 2/3
+    less = gp.Hexagon(gp.Packing(STEEL, 8e-3), 25).at_side_force(99.0)
+    np.testing.assert_allclose(less.displacements, pressed.displacements * 0.1 ** (2 / 3), atol=1e-17)
+
+
+def test_forces_are_those_of_a_general_minimiser():
+    hexagon = gp.Hexagon(gp.Packing(STEEL, 8e-3, SPREAD), 3, seed=4)
+    pressed = hexagon.at_side_force(5.0)
+    law, count = hexagon.packing.law, 19
+    unit = law.overlap(pressed.nominal_force)
+    x = pressed.deviations / unit
+    ratio = pressed.wall_coefficient / law.coefficient
+    assert ratio == pytest.approx(2 * math.sqrt(2))
+    normals = np.array([[math.cos(a), math.sin(a)] for a in np.radians(range(30, 390, 60))])
+    close = [(a, b) for a in range(count) for b in range(a) if np.linalg.norm(pressed.sites[a] - pressed.sites[b]) < 8.1e-3]
+    assert len(close) == len(pressed.forces)
+    leaning = [(a, w) for a in range(count) for w in range(6) if pressed.sites[a] @ normals[w] > 2 * 8e-3 * 0.86]
+
+    def energy(z):
+        u, y = z[: 2 * count].reshape(-1, 2), z[2 * count :]
+        total = 3 * math.sqrt(3.0) * np.sum(y)
+        for a, b in close:
+            n = (pressed.sites[b] - pressed.sites[a]) / 8e-3
+            total += 0.4 * max(0.5 * (x[a] + x[b]) - n @ (u[b] - u[a]), 0.0) ** 2.5
+        for a, w in leaning:
+            total += 0.4 * ratio * max(0.5 * x[a] + normals[w] @ u[a] - y[w], 0.0) ** 2.5
+        return total
+
+    start = np.append(-pressed.sites.ravel() / 8e-3, np.full(6, -2.0))
+    found = minimize(energy, start, method="BFGS", options={"gtol": 1e-6, "maxiter": 2000})
+    own = np.append(pressed.displacements.ravel(), pressed.retreats) / unit
+    assert energy(own) == pytest.approx(found.fun, rel=1e-9)
+    assert energy(own) <= found.fun + 1e-9
+    moved = found.x[: 2 * count].reshape(-1, 2)
+    forces = [
+        max(0.5 * (x[a] + x[b]) - (pressed.sites[b] - pressed.sites[a]) @ (moved[b] - moved[a]) / 8e-3, 0.0) ** 1.5
+        for a, b in zip(pressed.i.tolist(), pressed.j.tolist(), strict=True)
+    ]
+    np.testing.assert_allclose(pressed.forces / pressed.nominal_force, forces, atol=1e-5)
+
+
+def test_network_of_the_hexagon_is_solid_and_its_walls_are_still():
+    pressed = gp.Hexagon(gp.Packing(STEEL, 8e-3, SPREAD), 4, seed=1).at_side_force(990.0)
+    operator = WaveOperator(pressed.network)
+    assert operator.size == 3 * 37
+    squares = np.linalg.eigvalsh(operator.matrix.toarray())
+    assert squares[0] > 1e-4 * squares[-1]
+    # stiffness of a contact: the derivative of its force
+    network, law = pressed.network, pressed.packing.law
+    between = network.j < 37
+    h = law.overlap(network.normal_force[between])
+    np.testing.assert_allclose(network.normal_stiffness[between], law.stiffness(h), rtol=1e-12)
+    at_wall = (network.normal_force[~between] / pressed.wall_coefficient) ** (2 / 3)
+    np.testing.assert_allclose(network.normal_stiffness[~between], 1.5 * pressed.wall_coefficient * at_wall**0.5, rtol=1e-12)
+
+
+def test_walls_of_the_same_material_are_softer():
+    packing = gp.Packing(STEEL, 8e-3)
+    rigid, steel = gp.Hexagon(packing, 3), gp.Hexagon(packing, 3, wall_material=STEEL)
+    assert rigid.wall_coefficient == pytest.approx(2 * steel.wall_coefficient)
+    assert steel.wall_coefficient == pytest.approx(gp.HertzLaw.between(STEEL, 8e-3, 1e12).coefficient, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3, lattice="square"), 5), "triangular"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3, motions="out_of_plane"), 5), "plane"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 1), "2 or more"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2.5), "balls_per_side"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 3, diameters=np.full(7, 8e-3)), "19"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2, diameters=np.full(7, 8.1e-3)), "mean"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2).at_side_force(-1.0), "side_force"),
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2).at_force(math.nan), "force"),
+    ],
+)
+def test_bad_input_is_one_clear_error(make, said):
+    with pytest.raises(gp.GranphonError, match=said):
+        make()

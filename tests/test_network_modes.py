@@ -1,0 +1,201 @@
+"""Modes of networks: dense, factorised and filtered against bands and against each other; counts of modes without energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.networks.network import ContactNetwork
+from granphon.waves import eigenpairs
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+
+
+def ideal(name="triangular", shape=(6, 5), eta=0.8):
+    """The network of cells of a lattice, and all its frequencies, Hz, ascending."""
+    lattice = gp.ContactLattice.of(name, eta)
+    mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    bands = np.sort(np.asarray(lattice.frequencies(lattice.wavevectors(mesh))).ravel()) * UNITS.frequency
+    return ContactNetwork.of(lattice, UNITS).repeat(shape), bands
+
+
+def nearest(bands, count, target):
+    """Distances to ``target`` of the nearest frequencies that cost energy."""
+    cost = bands[bands > 1e-6 * bands[-1]]
+    return np.sort(np.abs(cost - target))[:count]
+
+
+METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)}
+
+
+@pytest.fixture(params=METHODS)
+def method(request, monkeypatch):
+    """Each of the three methods, for networks of any size."""
+    dense, factored = METHODS[request.param]
+    monkeypatch.setattr(eigenpairs, "_DENSE", dense)
+    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+    return request.param
+
+
+@pytest.mark.parametrize("target", [None, 12e3, 30.1e3])
+def test_modes_are_those_of_the_bands(method, target):
+    network, bands = ideal(shape=(9, 8))
+    modes = gp.Waves(network).modes(14, target)
+    found = np.sort(np.abs(modes.frequencies - (target or 0.0)))
+    np.testing.assert_allclose(found, nearest(bands, 14, target or 0.0), atol=1e-7 * bands[-1])
+    assert np.all(np.diff(modes.frequencies) >= 0.0)
+    if target is None or method != "filtered":
+        assert modes.zero_modes == np.sum(bands < 1e-6 * bands[-1]) == 2
+    else:
+        assert modes.zero_modes is None
+    flat = modes.vectors.reshape(14, -1)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(14), atol=1e-9)
+    assert modes.residual <= 1e-8
+    operator = gp.Waves(network).operator
+    one = operator.vector(modes.vectors[5])
+    left = operator @ one - (2 * np.pi * modes.frequencies[5]) ** 2 * one
+    assert np.linalg.norm(left) <= 1e-7 * operator.top**2
+    assert np.all(flat[np.arange(14), np.argmax(np.abs(flat), axis=1)] > 0.0)
+
+
+def test_methods_agree_on_disorder(monkeypatch):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    waves = gp.Waves(gp.DirectSimulation(packing, shape=(10, 10), seed=3).at_force(0.2).sample)
+    found = []
+    for dense, factored in METHODS.values():
+        monkeypatch.setattr(eigenpairs, "_DENSE", dense)
+        monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
+        found.append(waves.modes(6))
+    for other in found[1:]:
+        assert other.zero_modes == found[0].zero_modes
+        np.testing.assert_allclose(other.frequencies, found[0].frequencies, rtol=1e-6)
+        np.testing.assert_allclose(other.participation_ratio, found[0].participation_ratio, rtol=1e-3)
+        np.testing.assert_allclose(other.rotational_fraction, found[0].rotational_fraction, atol=1e-4)
+    touching = np.union1d(waves.network.i, waves.network.j).size
+    assert found[0].zero_modes >= 2 + 3 * (100 - touching) > 2
+
+
+@pytest.mark.parametrize("method", ["dense", "factorised"], indirect=True)
+def test_mechanisms_are_counted(method):
+    """The kagome lattice without friction has lines of balls that move at no cost: as many as A lacks in rank."""
+    network, bands = ideal("kagome", (5, 4), 0.0)
+    modes = gp.Waves(network).modes(4)
+    rank = np.linalg.matrix_rank(gp.Waves(network).operator.root.toarray())
+    assert modes.zero_modes == 2 * network.n_balls - rank > 2
+    np.testing.assert_allclose(modes.frequencies, nearest(bands, 4, 0.0), rtol=1e-8)
+
+
+def test_low_frequencies_lose_no_digits():
+    """A chain with one weak spring: of squares of frequencies few digits would be left."""
+    network, _ = ideal("chain", (40,), 0.0)
+    stiffness = network.normal_stiffness.copy()
+    stiffness[3] *= 1e-9
+    stiffness[20] *= 1e-9
+    weak = replace(network, normal_stiffness=stiffness, lattice=None, shape=None)
+    modes = gp.Waves(weak).modes(1)
+    # two rigid halves of 17 and 23 balls, between two springs
+    reduced = UNITS.mass * 17 * 23 / 40
+    exact = math.sqrt(2 * 1e-9 * UNITS.stiffness / reduced) / (2 * np.pi)
+    assert modes.frequencies[0] == pytest.approx(exact, rel=1e-8)
+
+
+def line(masses, stiffness, ends=False):
+    """Balls on a line, each touching the next."""
+    n = len(masses)
+    c, zeros = n - 1, np.zeros(n - 1)
+    return ContactNetwork(
+        cell=np.zeros((3, 3)), pbc=(False, False, False), positions=np.outer(np.arange(n) * 1e-2, [1.0, 0.0, 0.0]),
+        radii=np.full(n, 5e-3), masses=np.array(masses), inertias=np.full(n, 1e-7), i=np.arange(c), j=np.arange(1, n),
+        shift=np.zeros((c, 3)), normal=np.tile([1.0, 0.0, 0.0], (c, 1)), normal_force=zeros,
+        normal_stiffness=np.full(c, stiffness), shear_stiffness=zeros, torsion_stiffness=zeros, bending_stiffness=zeros,
+        arm_i=np.full(c, 5e-3), arm_j=np.full(c, 5e-3), motions="longitudinal", dimension=1,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e25])
+def test_two_balls(scale):
+    modes = gp.Waves(line([2.0 * scale, 3.0 * scale], 7.0)).modes(1)
+    assert modes.frequencies[0] == pytest.approx(math.sqrt(7.0 / (1.2 * scale)) / (2 * np.pi), rel=1e-12)
+    assert modes.zero_modes == 1
+    # energies are as the inverse masses
+    energy = np.array([0.6, 0.4])
+    assert modes.participation_ratio[0] == pytest.approx(1.0 / (2 * np.sum(energy**2)), rel=1e-12)
+    assert modes.rotational_fraction[0] == 0.0
+
+
+def test_balls_between_walls():
+    """Walls have an infinite mass: they take no part, and no motion is free."""
+    waves = gp.Waves(line([math.inf, 1.0, 1.0, 1.0, math.inf], 5.0))
+    modes = waves.modes(3)
+    exact = 2 * math.sqrt(5.0) * np.sin(np.pi * np.arange(1, 4) / 8) / (2 * np.pi)
+    np.testing.assert_allclose(modes.frequencies, exact, rtol=1e-12)
+    assert modes.zero_modes == 0
+    assert modes.vectors.shape == (3, 5, 1)
+    assert not np.any(modes.vectors[:, [0, 4]])
+    # sines: the participation ratio is (sum s^2)^2 / (3 sum s^4)
+    s = np.sin(np.pi * np.arange(1, 4) / 4)
+    assert modes.participation_ratio[0] == pytest.approx(np.sum(s**2) ** 2 / (3 * np.sum(s**4)), rel=1e-10)
+    dos = waves.dos(moments=30, vectors=2)
+    assert dos.integral == pytest.approx(1.0, rel=1e-12)  # per ball that moves
+    assert type(modes).from_dict(modes.to_dict()) == modes
+
+
+def test_heavy_ball_is_a_mode_of_its_own():
+    """A light ball among heavy ones: the highest mode is that ball alone."""
+    network, _ = ideal(shape=(8, 8))
+    masses, inertias = network.masses.copy(), network.inertias.copy()
+    masses[10] *= 1e-4
+    inertias[10] *= 1e-4
+    light = replace(network, masses=masses, inertias=inertias, lattice=None, shape=None)
+    waves = gp.Waves(light)
+    modes = waves.modes(3, nearest=0.99 * waves.operator.top / (2 * np.pi))
+    assert np.argmax(np.sum(modes.vectors**2, axis=2), axis=1).tolist() == [10, 10, 10]
+    np.testing.assert_allclose(modes.participation_ratio, 1 / 64, rtol=1e-3)
+    # two translations of the one ball, and its rotation, which has none
+    assert sorted(np.round(modes.rotational_fraction).tolist()) == [0.0, 0.0, 1.0]
+    assert np.all(modes.translational_participation_ratio <= 1.0)
+
+
+def test_what_has_no_modes_is_refused(monkeypatch):
+    waves = gp.Waves(line([1.0, 1.0, 1.0], 1.0))
+    with pytest.raises(InputError, match="3 modes are asked for, and only 2 cost energy"):
+        waves.modes(3)
+    with pytest.raises(InputError, match="All frequencies are below"):
+        waves.modes(1, nearest=1e9)
+    for bad in (0, 1.5, -1):
+        with pytest.raises(InputError, match="count"):
+            waves.modes(bad)
+    for bad in (-1.0, math.nan, "5"):
+        with pytest.raises(InputError, match="nearest"):
+            waves.modes(1, nearest=bad)
+    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
+    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
+    monkeypatch.setattr(eigenpairs, "_ROUNDS", 1)
+    network, _ = ideal()
+    with pytest.raises(ConvergenceError, match="rounds of the filter"):
+        gp.Waves(network).modes(3)
+
+
+def test_factors_miss_no_mode(monkeypatch):
+    """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it, and more are asked for."""
+    import scipy.sparse.linalg as linear
+
+    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
+    network, bands = ideal(shape=(12, 12))
+    plain, asked = linear.eigsh, []
+
+    def forgetful(*args, **more):
+        values, vectors = plain(*args, **more)
+        asked.append(more["k"])
+        return (values, vectors) if len(asked) > 1 else (np.delete(values, 4), np.delete(vectors, 4, axis=1))
+
+    monkeypatch.setattr(linear, "eigsh", forgetful)
+    modes = gp.Waves(network).modes(12)
+    assert len(asked) == 2
+    np.testing.assert_allclose(modes.frequencies, nearest(bands, 12, 0.0), rtol=1e-8)

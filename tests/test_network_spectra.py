@@ -1,0 +1,557 @@
+"""Densities of states and spectral functions of networks: against dense matrices, bands, sums, and kwant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import t as student
+
+import granphon as gp
+from granphon.base.errors import InputError, InstabilityError
+from granphon.networks.network import ContactNetwork
+from granphon.waves.kernel import Kernel
+from granphon.waves.lines import find_lines, true_width
+from granphon.waves.moments import Moments
+from granphon.waves.spectral_functions import SpectralFunction
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+ETA = 0.8
+
+
+def ideal(name="triangular", shape=(6, 5), eta=ETA, **more):
+    """The lattice, and the network of its cells."""
+    lattice = gp.ContactLattice.of(name, eta, **more)
+    return lattice, ContactNetwork.of(lattice, UNITS).repeat(shape)
+
+
+def q_of(lattice, fractions):
+    """Wave vectors, 1/m, of fractions of the reciprocal cell."""
+    return lattice.wavevectors(np.atleast_2d(fractions)) / UNITS.length
+
+
+class Dense:
+    """All modes of a network: frequencies, Hz, and vectors."""
+
+    def __init__(self, network):
+        self.operator = gp.Waves(network).operator
+        squares, self.vectors = np.linalg.eigh(self.operator.matrix.toarray())
+        self.frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+
+    def density(self, kernel, *starts):
+        """The spectrum seen from vectors: a line for each mode, by its share."""
+        share = sum((self.vectors.T @ start) ** 2 for start in starts)
+        return kernel.densities(share @ kernel.moments_of(self.frequencies))
+
+
+@pytest.fixture(scope="module")
+def disordered():
+    """A sample with open contacts, friction and rotations."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    return gp.DirectSimulation(packing, shape=(7, 6), seed=3).at_force(0.05).sample.network
+
+
+@pytest.fixture(scope="module")
+def waves(disordered):
+    return gp.Waves(disordered)
+
+
+@pytest.fixture(scope="module")
+def dense(disordered):
+    return Dense(disordered)
+
+
+# -- the kernel ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moments", [2, 3, 17, 200])
+def test_kernel_is_jacksons(moments):
+    # the squares of a sum with the coefficients U_n(cos(pi / (N + 1))), of norm one, are the kernel of N = 2 M - 1 moments
+    order = 2 * moments - 1
+    a = np.sin(np.pi * np.arange(1, order + 1) / (order + 1))
+    a /= np.linalg.norm(a)
+    twin = [a[: order - m] @ a[m:] for m in range(0, order, 2)]
+    np.testing.assert_allclose(Kernel(7.0, moments).weights, twin, atol=1e-13)
+
+
+def test_line_is_the_series_of_its_definition():
+    kernel, line = Kernel(7.0, 9), 2.3
+    x, y = kernel.frequencies / kernel.top, line / kernel.top
+    terms = [np.polynomial.chebyshev.Chebyshev.basis(2 * n) for n in range(9)]
+    series = sum((1 if n == 0 else 2) * kernel.weights[n] * one(x) * one(y) for n, one in enumerate(terms))
+    np.testing.assert_allclose(kernel.line(line), 2 * series / (np.pi * 7.0 * np.sqrt(1 - x**2)), rtol=1e-11, atol=1e-14)
+
+
+@given(st.floats(0.0, 1.0), st.integers(2, 400), st.floats(1e-12, 1e12))
+def test_line_has_the_integral_one_and_is_nowhere_negative(place, moments, top):
+    kernel = Kernel(top, moments)
+    line = kernel.line(place * top)
+    assert kernel.integral(line) == pytest.approx(1.0, rel=1e-11)
+    assert line.min() >= -1e-12 * line.max()
+    assert kernel.frequencies[0] == 0.0
+    assert np.all(np.diff(kernel.frequencies) > 0.0)
+    assert kernel.frequencies[-1] < top
+
+
+def test_line_is_as_wide_as_the_resolution():
+    kernel = Kernel.of(30e3, resolution=100.0)
+    assert kernel.resolution <= 100.0
+    for line in (12e3, 20e3, 27e3):
+        density = kernel.line(line)
+        mean = kernel.integral(density * kernel.frequencies)
+        spread = math.sqrt(kernel.integral(density * (kernel.frequencies - mean) ** 2))
+        assert spread == pytest.approx(kernel.resolution * math.sqrt(1 - (line / 30e3) ** 2), rel=2e-2)
+        # the trapezoidal sum, as users take it
+        assert np.trapezoid(density, kernel.frequencies) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("moments", [2, 31, 201, 1000, 2**20])
+def test_resolution_and_moments_belong_together(moments):
+    assert Kernel.of(12345.6, resolution=Kernel(12345.6, moments).resolution).moments == moments
+
+
+def test_kernel_refuses():
+    with pytest.raises(InputError, match="Each follows from the other"):
+        Kernel.of(1.0, resolution=0.1, moments=10)
+    with pytest.raises(InputError, match=r"takes 1.57e\+10 moments.*Give 1.5e-06 Hz or more"):
+        Kernel.of(1.0, resolution=1e-10)
+    for bad in (0.0, -1.0, math.nan, "3 Hz"):
+        with pytest.raises(InputError, match="resolution"):
+            Kernel.of(1.0, resolution=bad)
+    for bad in (1, 2.5, True):
+        with pytest.raises(InputError, match="moments"):
+            Kernel.of(1.0, moments=bad)
+
+
+# -- moments ------------------------------------------------------------------------------------------------------------
+
+
+def test_moments_are_those_of_the_matrix(waves, dense):
+    start = np.random.default_rng(4).normal(size=waves.operator.size)
+    kernel = Kernel(waves.operator.top / (2 * np.pi), 43)
+    exact = (dense.vectors.T @ start) ** 2 @ kernel.moments_of(dense.frequencies)
+    for keep in (True, False):
+        moments = Moments(waves.operator, lambda: start, keep=keep)
+        np.testing.assert_allclose(moments.first(43), exact, atol=1e-11 * exact[0])
+        parts = Moments(waves.operator, lambda: start, keep=keep)
+        for count in (1, 2, 10, 11, 5, 43):
+            np.testing.assert_array_equal(parts.first(count), moments.first(count))
+
+
+def buckled():
+    """A chain under load that moves across itself too, without friction: nothing resists that."""
+    count = 12
+    i = np.arange(count)
+    normal = np.tile([1.0, 0.0, 0.0], (count, 1))
+    return ContactNetwork(
+        cell=np.diag([count * 1e-2, 0, 0]), pbc=(True, False, False), positions=1e-2 * i[:, None] * normal,
+        radii=np.full(count, 5e-3), masses=np.full(count, 1e-3), inertias=np.full(count, 1e-8), i=i, j=(i + 1) % count,
+        shift=np.where(i[:, None] == count - 1, [1, 0, 0], [0, 0, 0]), normal=normal, normal_force=np.full(count, 50.0),
+        normal_stiffness=np.full(count, 1e5), shear_stiffness=np.zeros(count), torsion_stiffness=np.zeros(count),
+        bending_stiffness=np.zeros(count), arm_i=np.full(count, 5e-3), arm_j=np.full(count, 5e-3),
+        motions="in_plane", dimension=1, prestress=True,
+    )  # fmt: skip
+
+
+def test_network_that_buckles_is_an_error():
+    network = buckled()
+    waves = gp.Waves(network)
+    for call in (waves.dos, waves.modes, lambda: waves.spectral_function([0.0], direction=(1, 0))):
+        with pytest.raises(InstabilityError, match="prestress=False"):
+            call()
+    # polynomials grow, which is noticed where factors would be too large
+    start = np.random.default_rng(0).normal(size=waves.operator.size)
+    with pytest.raises(InstabilityError):
+        Moments(waves.operator, lambda: start, keep=False).first(200)
+
+
+# -- density of states --------------------------------------------------------------------------------------------------
+
+
+def test_dos_is_that_of_its_random_vectors(waves, dense):
+    dos = waves.dos(moments=60, vectors=3, seed=5)
+    kernel, operator = Kernel(dos.top, 60), waves.operator
+    parts = []
+    for number in range(3):
+        signs = 2 * np.random.default_rng([5, number]).integers(0, 2, (42, 3), dtype=np.int8) - 1.0
+        moved, turned = signs.copy(), signs.copy()
+        moved[:, 2], turned[:, :2] = 0.0, 0.0
+        parts.append([dense.density(kernel, operator.vector(one)) / 42 for one in (moved, turned)])
+    mean = np.mean(parts, axis=0)
+    np.testing.assert_allclose([dos.translational, dos.rotational], mean, atol=1e-10 * mean.max())
+    total = np.sum(parts, axis=1)
+    np.testing.assert_allclose(dos.total, total.mean(axis=0), atol=1e-10 * mean.max())
+    np.testing.assert_allclose(dos.error, total.std(axis=0, ddof=1) / math.sqrt(3), atol=1e-10 * mean.max())
+    assert dos.integral == pytest.approx(3.0, rel=1e-12)
+    assert Kernel(dos.top, 60).integral(dos.rotational) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_error_of_the_dos_is_honest(waves, dense):
+    """Student's t of the deviation from the exact trace: 95 % of all points are within its bounds."""
+    inside = []
+    for seed in range(40):
+        dos = waves.dos(moments=24, vectors=8, seed=seed)
+        exact = Kernel(dos.top, 24).densities(Kernel(dos.top, 24).moments_of(dense.frequencies)).sum(axis=0) / 42
+        there = exact > 1e-3 * exact.max()
+        inside.append(np.mean(np.abs(dos.total - exact)[there] <= student.ppf(0.975, 7) * dos.error[there]))
+    # points of one seed are related: over 40 seeds the mean scatters by 0.02
+    assert 0.89 < np.mean(inside) < 0.99
+
+
+def test_dos_refines_to_the_same_bits(waves, monkeypatch):
+    whole = waves.dos(moments=81, vectors=4, seed=2)
+    first = waves.dos(moments=20, vectors=2, seed=2)
+    assert first.with_moments(81).with_vectors(4) == whole
+    assert first.with_vectors(4).with_moments(81) == whole
+    assert whole.with_moments(20).with_vectors(2) == first
+    assert first.with_resolution(whole.resolution).moments == 81
+    assert waves.dos(resolution=whole.resolution, vectors=4, seed=2) == whole
+    assert waves.dos(moments=20, vectors=2, seed=3) != first
+    # where vectors would take too much memory they are made again
+    monkeypatch.setattr("granphon.waves.moments._KEPT", 0)
+    assert waves.dos(moments=20, vectors=2, seed=2).with_moments(81).with_vectors(4) == whole
+
+
+def test_refinement_keeps_the_work(waves, monkeypatch):
+    calls = []
+    advance = type(waves.operator).advance
+    monkeypatch.setattr(type(waves.operator), "advance", lambda *args: (calls.append(1), advance(*args))[1])
+    first = waves.dos(moments=20, vectors=1)
+    once = len(calls)
+    assert once == 2 * 9  # two moments of each product but the first, for displacements and for rotations
+    first.with_moments(40)
+    assert len(calls) == 2 * 19
+    first.with_moments(30)
+    assert len(calls) == 2 * 19
+
+
+def test_one_vector_has_no_error(waves):
+    dos = waves.dos(moments=20, vectors=1)
+    assert np.all(np.isnan(dos.error))
+    back = type(dos).from_dict(dos.to_dict())
+    assert back == dos
+    assert back.integral == dos.integral
+    with pytest.raises(InputError, match="was read from data"):
+        back.with_moments(30)
+    with pytest.raises(InputError, match="was read from data"):
+        back.with_vectors(2)
+
+
+def test_dos_of_a_large_array_is_that_of_its_bands():
+    packing = gp.Packing(STEEL, 8e-3)
+    state = gp.AveragedLattice(packing).at_force(18.446)
+    lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
+    units = gp.Units(8e-3, state.normal_stiffness, packing.mass)
+    waves = gp.Waves(ContactNetwork.of(lattice, units).repeat((48, 48)))
+    dos = waves.dos(moments=64, vectors=6)
+    bands = gp.Phonons(state).dos(mesh=(96, 96), points=4000)
+    kernel = Kernel(dos.top, 64)
+    lines = kernel.moments_of(bands.frequencies)
+    inside = []
+    for found, error, exact in (
+        (dos.total, dos.error, bands.total), (dos.translational, dos.translational_error, bands.translational),
+        (dos.rotational, dos.rotational_error, bands.rotational),
+    ):  # fmt: skip
+        expected = kernel.densities(exact * np.gradient(bands.frequencies) @ lines)
+        assert np.max(np.abs(found - expected)) < 0.1 * expected.max()
+        inside.append(np.mean(np.abs(found - expected) < student.ppf(0.995, 5) * error))
+    # of 99 %; neighbouring points are related
+    assert np.mean(inside) > 0.94
+
+
+def test_dos_without_rotations_has_none():
+    _, network = ideal(eta=0.0)
+    dos = gp.Waves(network).dos(moments=30, vectors=2)
+    assert not np.any(dos.rotational)
+    assert dos.integral == pytest.approx(2.0, rel=1e-12)
+
+
+def test_dos_near_zero_frequency_is_debyes():
+    """In the plane the density is proportional to the frequency near zero; polynomials of omega^2 would not resolve that."""
+    lattice, network = ideal(shape=(80, 80))
+    dos = gp.Waves(network).dos(moments=80, vectors=3)
+    q = lattice.wavevectors([[1e-4, 0.0]])
+    velocities = lattice.frequencies(q)[0][:2] / np.linalg.norm(q) * UNITS.velocity
+    slope = 2 * math.pi * UNITS.length**2 * math.sqrt(3) / 2 * np.sum(1 / velocities**2)
+    low = (dos.frequencies > 3 * dos.resolution) & (dos.frequencies < 8 * dos.resolution)
+    assert np.mean(dos.total[low] / dos.frequencies[low]) == pytest.approx(slope, rel=0.05)
+
+
+# -- spectral functions -------------------------------------------------------------------------------------------------
+
+
+def plane_wave(waves, q, polarisation):
+    """cos and sin of a plane wave by hand, (2, size), of norm one together; balls that touch none left out."""
+    network, operator = waves.network, waves.operator
+    touching = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls) > 0
+    phase = network.positions[:, : len(q)] @ q
+    values = np.stack([np.cos(phase), np.sin(phase)]) * np.sqrt(network.masses) * touching
+    vectors = [operator.vector(one[:, None] * polarisation) for one in values]
+    return np.array(vectors) / math.sqrt(np.sum(np.square(vectors)))
+
+
+@pytest.mark.parametrize(
+    ("polarisation", "row"), [("longitudinal", 0), ("transverse", 1), ("rotational", 2), ([0.6, 0.0, 0.8], None)]
+)
+def test_spectral_function_is_that_of_the_matrix(waves, dense, polarisation, row):
+    q = waves.nearest_wavevectors([[110.0, 40.0], [-20.0, 300.0]])
+    found = waves.spectral_function(q, polarisation, moments=90)
+    kernel = Kernel(found.top, 90)
+    for one, values in zip(q, found.values, strict=True):
+        ahead = one / np.linalg.norm(one)
+        frame = np.array([[*ahead, 0.0], [-ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]])
+        start = plane_wave(waves, one, np.array(polarisation) if row is None else frame[row])
+        exact = dense.density(kernel, *start)
+        np.testing.assert_allclose(values, exact, atol=1e-10 * exact.max())
+        # the mean of omega^2 is the diagonal of D between plane waves
+        diagonal = sum(x @ (waves.operator @ x) for x in start)
+        plain = sum((dense.vectors.T @ x) ** 2 for x in start) @ (2 * np.pi * dense.frequencies) ** 2
+        assert plain == pytest.approx(diagonal, rel=1e-10)
+        second = 0.5 * waves.operator.top**2 * (1.0 + _second_moment(found, values))
+        assert second == pytest.approx(diagonal, rel=1e-9)
+    np.testing.assert_allclose(found.integral, 1.0, rtol=1e-12)
+    assert found == waves.spectral_function(q, polarisation, moments=31).with_moments(90)
+    assert type(found).from_dict(found.to_dict()) == found
+
+
+def _second_moment(found, values):
+    """The moment of T_2, out of the values, without the factor of the kernel."""
+    kernel = Kernel(found.top, found.moments)
+    x = kernel.frequencies / kernel.top
+    return kernel.integral(values * (2 * x**2 - 1)) / kernel.weights[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "motions"),
+    [("triangular", (8, 6), "in_plane"), ("square", (6, 6), "all"), ("fcc", (4, 4, 4), None), ("chain", (12,), None)],
+)
+def test_ideal_array_has_the_lines_of_its_bands(name, shape, motions):
+    """Each wave is made of the bands at its q, each with the width of the kernel alone."""
+    from granphon.balls.motions import allowed_motions
+
+    p = len(shape)
+    among = allowed_motions(p)[motions] if motions else None
+    lattice, network = ideal(name, shape, 0.0 if name == "chain" else ETA, **({"motions": among} if among else {}))
+    waves = gp.Waves(network)
+    n = np.array([2, 1, 1][:p]) / np.array(shape)
+    q = q_of(lattice, n)
+    found = waves.spectral_function(q, moments=120)
+    modes = lattice.modes(lattice.wavevectors(np.atleast_2d(n)))
+    vectors = np.asarray(modes.eigenvectors[0])
+    ahead = np.zeros(3)
+    ahead[:p] = q[0] / np.linalg.norm(q[0])
+    start = np.zeros(len(vectors))
+    start[: len(waves.operator.motions.translations)] = ahead[list(waves.operator.motions.translations)]
+    share = np.abs(vectors.conj().T @ start) ** 2
+    kernel = Kernel(found.top, 120)
+    exact = share @ kernel.line(np.asarray(modes.frequencies[0]) * UNITS.frequency)
+    np.testing.assert_allclose(found.values[0], exact, atol=1e-9 * exact.max())
+    assert not found.resolved[0]
+    assert found.width[0] <= 0.02 * found.resolution
+
+
+def test_chain_has_one_line():
+    lattice, network = ideal("chain", (20,), 0.0)
+    q = q_of(lattice, np.arange(1, 11)[:, None] / 20)
+    found = gp.Waves(network).spectral_function(q, moments=400)
+    band = 2 * np.sin(0.5 * q[:, 0] * UNITS.length) * UNITS.frequency
+    np.testing.assert_allclose(found.peak[:-1], band[:-1], atol=0.05 * found.resolution)
+    np.testing.assert_allclose(found.phase_velocity[:-1], 2 * np.pi * band[:-1] / q[:-1, 0], rtol=1e-2)
+    # the sum over all q and polarisations is the density of states
+    assert np.all(found.mean_free_path[:-1] > 1e3 * UNITS.length)
+
+
+def test_transverse_waves_in_space_are_two():
+    lattice, network = ideal("fcc", (4, 4, 4))
+    waves = gp.Waves(network)
+    q = q_of(lattice, [1 / 4, 1 / 4, 1 / 2])  # along (1, 1, 0)
+    ahead = q[0] / np.linalg.norm(q[0])
+    np.testing.assert_allclose(np.sort(np.abs(ahead)), [0.0, math.sqrt(0.5), math.sqrt(0.5)], atol=1e-12)
+    first = np.eye(3)[np.argmin(np.abs(ahead))]
+    ways = [waves.spectral_function(q, "transverse", direction=way, moments=40) for way in (first, np.cross(ahead, first))]
+    mean = waves.spectral_function(q, "transverse", moments=40)
+    np.testing.assert_allclose(mean.values, 0.5 * (ways[0].values + ways[1].values), atol=1e-12 * mean.values.max())
+    assert abs(ways[0].peak[0] - ways[1].peak[0]) > 0.5 * mean.resolution
+    turns = [waves.spectral_function(q, "rotational", direction=way, moments=40).values for way in np.eye(3)]
+    whole = waves.spectral_function(q, "rotational", moments=40)
+    np.testing.assert_allclose(whole.values, np.mean(turns, axis=0), atol=1e-12 * whole.values.max())
+
+
+def test_uniform_motion_is_a_line_at_zero(waves):
+    found = waves.spectral_function([0.0, 0.0], direction=(3, 1), moments=50)
+    line = Kernel(found.top, 50).line(0.0)
+    np.testing.assert_allclose(found.values[0], line, atol=1e-9 * line.max())
+    assert found.peak[0] == 0.0
+    with pytest.raises(InputError, match="q = 0 has no velocity"):
+        _ = found.phase_velocity
+
+
+def test_wave_vectors_are_those_of_the_cell(waves):
+    network = waves.network
+    with pytest.raises(InputError, match=r"no wave vector of the periodic cell.*nearest is \(") as caught:
+        waves.spectral_function([100.0, 3.0])
+    named = [float(one) for one in str(caught.value).split("nearest is (")[1].split(")")[0].split(",")]
+    nearest = waves.nearest_wavevectors([100.0, 3.0])
+    np.testing.assert_allclose(named, nearest, rtol=1e-7)
+    whole = network.cell[:2, :2] @ nearest / (2 * np.pi)
+    np.testing.assert_allclose(whole, np.rint(whole), atol=1e-9)
+    # no other one is nearer
+    grid = np.stack(np.meshgrid(*[np.arange(-15, 16)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    others = 2 * np.pi * grid @ np.linalg.inv(network.cell[:2, :2]).T
+    assert np.linalg.norm(nearest - [100.0, 3.0]) <= np.min(np.linalg.norm(others - [100.0, 3.0], axis=1)) + 1e-9
+    np.testing.assert_array_equal(waves.nearest_wavevectors(nearest), waves.nearest_wavevectors([nearest])[0])
+    waves.spectral_function(np.round(nearest, 6), moments=4)  # rounded to a few digits, as printed
+    assert gp.Waves(network).spectral_function([nearest, -nearest], moments=4).values.shape == (2, 17)
+
+
+def test_network_with_ends_has_any_wave_vector(disordered):
+    from dataclasses import replace
+
+    inside = ~np.any(disordered.shift, axis=1)
+    cut = {
+        name: getattr(disordered, name)[inside]
+        for name in ContactNetwork.shapes
+        if np.shape(getattr(disordered, name))[:1] == inside.shape
+    }
+    free = replace(disordered, pbc=(False, False, False), lattice=None, shape=None, **cut)
+    waves, q = gp.Waves(free), [103.4, -17.0]
+    np.testing.assert_array_equal(waves.nearest_wavevectors(q), q)
+    found = waves.spectral_function(q, moments=40)
+    ahead = np.array(q) / np.linalg.norm(q)
+    exact = Dense(free).density(Kernel(found.top, 40), *plane_wave(waves, np.array(q), np.array([*ahead, 0.0])))
+    np.testing.assert_allclose(found.values[0], exact, atol=1e-10 * exact.max())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"q": [0.0, 0.0]}, "q = 0 has no direction"),
+        ({"q": [1.0]}, "shape"),
+        ({"q": [[[0.0, 0.0]]]}, "shape"),
+        ({"q": [math.nan, 0.0]}, "q"),
+        ({"polarisation": "shear"}, "longitudinal, transverse, rotational"),
+        ({"polarisation": [1.0]}, "2 displacements, or all 3 motions x, y, w"),
+        ({"polarisation": [0.0, 0.0]}, "not all zero"),
+        ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "They say the same"),
+        ({"polarisation": "transverse", "direction": "q"}, "is along q"),
+        ({"polarisation": "transverse", "direction": (0, 0, 1)}, "Balls move in x, y, w alone"),
+        ({"polarisation": "rotational", "direction": (1, 0, 0)}, "across all motions"),
+        ({"direction": (0, 0)}, "direction"),
+        ({"resolution": 1.0, "moments": 3}, "Each follows"),
+    ],
+)  # fmt: skip
+def test_what_is_no_wave_is_refused(waves, arguments, words):
+    q = waves.nearest_wavevectors([100.0, 0.0])
+    if arguments.get("direction") == "q":
+        arguments = arguments | {"direction": tuple(q)}
+    with pytest.raises(InputError, match=words):
+        waves.spectral_function(**{"q": q, **arguments})
+
+
+def test_waves_out_of_the_plane_are_transverse():
+    from granphon.balls.motions import allowed_motions
+
+    lattice, network = ideal(shape=(6, 6), motions=allowed_motions(2)["out_of_plane"], bending=0.02)
+    waves, q = gp.Waves(network), q_of(lattice, [1 / 6, 0.0])
+    found = waves.spectral_function(q, "transverse", moments=60)
+    np.testing.assert_allclose(found.values, waves.spectral_function(q, [1.0, 0.0, 0.0], moments=60).values, rtol=1e-12)
+    with pytest.raises(InputError, match="no longitudinal wave"):
+        waves.spectral_function(q)
+    lattice, network = ideal(shape=(6, 6), motions=allowed_motions(2)["all"], bending=0.02, torsion=0.02)
+    waves = gp.Waves(network)
+    inside = waves.spectral_function(q, "transverse", moments=60)
+    np.testing.assert_allclose(
+        waves.spectral_function(q, "transverse", direction=(0, 0, 1), moments=60).values.shape, (1, 241)
+    )
+    across = np.array([-q[0, 1], q[0, 0], 0.0])
+    np.testing.assert_allclose(inside.values, waves.spectral_function(q, across, moments=60).values, rtol=1e-9, atol=1e-15)
+
+
+# -- lines --------------------------------------------------------------------------------------------------------------
+
+
+def lorentz(kernel, peak, width):
+    """The density of a Lorentz curve that the kernel has broadened, and continued evenly; of a line for each 15 Hz."""
+    f = np.linspace(0.0, 0.5 * kernel.top, 1001)
+    weights = sum(0.5 * width / ((f - way * peak) ** 2 + 0.25 * width**2) for way in (1.0, -1.0))
+    return kernel.densities(weights / weights.sum() @ kernel.moments_of(f))
+
+
+@pytest.mark.parametrize(("width", "accuracy"), [(600.0, 2e-2), (150.0, 2e-2), (60.0, 5e-2)])
+def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
+    kernel = Kernel.of(30e3, resolution=75.0)
+    density = lorentz(kernel, 9e3, width)[None]
+    line, own = find_lines(kernel, density), find_lines(kernel, kernel.line([9e3]))
+    assert line.peak[0] == pytest.approx(9e3, abs=0.05 * kernel.resolution)
+    assert own.width[0] == pytest.approx(2.355 * kernel.resolution * math.sqrt(1 - 0.3**2), rel=0.03)
+    assert true_width(line.width, own.width)[0] == pytest.approx(width, rel=accuracy)
+
+
+def test_true_width_undoes_the_broadening():
+    for own in (0.3, 1.0, 4.0):
+        seen = 0.465 * own + math.sqrt((0.535 * own) ** 2 + 1.0)
+        assert true_width(np.array([seen]), np.array([1.0]))[0] == pytest.approx(own, rel=1e-12)
+    assert true_width(np.array([0.9, 1.0]), np.array([1.0, 1.0])).tolist() == [0.0, 0.0]
+
+
+def of_lines(peaks, widths, moments=300):
+    """A spectral function with Lorentz curves, at wave vectors on a straight band."""
+    kernel = Kernel(30e3, moments)
+    values = np.array([lorentz(kernel, p, w) for p, w in zip(peaks, widths, strict=True)])
+    q = np.stack([np.asarray(peaks) / 80.0, 0.0 * np.asarray(peaks)], axis=1)
+    return SpectralFunction(q, "longitudinal", (), kernel.frequencies, values, 30e3, moments)
+
+
+def test_mean_free_path_and_ioffe_regel():
+    """A velocity of 2 pi 80 m/s, and widths that grow with the fourth power of the frequency: width = f at 5 kHz."""
+    peaks = np.arange(2e3, 6e3, 5e2)
+    found = of_lines(peaks, 5e3 * (peaks / 5e3) ** 4)
+    np.testing.assert_allclose(found.phase_velocity[:2], 2 * np.pi * 80.0, rtol=2e-2)
+    np.testing.assert_allclose(found.mean_free_path, found.phase_velocity / (2 * np.pi * found.width), rtol=1e-12)
+    np.testing.assert_allclose(found.attenuation, np.pi * found.width / found.phase_velocity, rtol=1e-12)
+    np.testing.assert_allclose(found.width[1], 5e3 * 0.5**4, rtol=2e-2)
+    assert found.resolved.tolist()[1:] == [True] * 7
+    limit = found.ioffe_regel()
+    n = np.flatnonzero(found.width > found.peak)[0]
+    assert found.peak[n - 1] < limit < found.peak[n]
+    # at the limit the mean free path is the wavelength over 2 pi
+    path = np.interp(limit, found.peak[n - 1 : n + 1], (found.wavenumber * found.mean_free_path)[n - 1 : n + 1])
+    assert path == pytest.approx(1.0, abs=0.1)
+    assert found.ioffe_regel(math.pi) < limit
+    assert of_lines(peaks, 50.0 + 0 * peaks).ioffe_regel() is None
+    with pytest.raises(InputError, match="already beyond"):
+        of_lines(peaks, 5e3 + 0 * peaks).ioffe_regel(10.0)
+
+
+def test_disorder_broadens_lines(disordered):
+    """The shorter the wave, the more it scatters."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    waves = gp.Waves(gp.DirectSimulation(packing, shape=(32, 32), seed=1).at_force(1.0).sample)
+    q = waves.nearest_wavevectors([[0.0, 30.0], [0.0, 110.0], [0.0, 220.0]])
+    found = waves.spectral_function(q, resolution=200.0)
+    assert found.width[0] < found.width[1] < found.width[2]
+    assert found.mean_free_path[0] > found.mean_free_path[1] > found.mean_free_path[2]
+    assert found.resolved[2]
+
+
+# -- a second engine ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_kwant_finds_the_same_density(waves):
+    kpm = pytest.importorskip("kwant.kpm")
+    start = np.random.default_rng(8).choice([-1.0, 1.0], waves.operator.size)
+    top, moments = waves.operator.top, 50
+    kernel = Kernel(top / (2 * np.pi), moments)
+    theirs = kpm.SpectralDensity(
+        waves.operator.matrix.astype(complex), num_moments=moments, vector_factory=[start.astype(complex)], num_vectors=1,
+        bounds=(0.0, top**2), eps=1e-13, kernel=lambda found: np.transpose(found.T * kernel.weights),
+    )  # fmt: skip
+    ours = kernel.densities(Moments(waves.operator, lambda: start, keep=False).first(moments))
+    inner = slice(1, -1)
+    omega = 2 * np.pi * kernel.frequencies[inner]
+    np.testing.assert_allclose(theirs(omega**2) * 2 * omega * 2 * np.pi, ours[inner], atol=1e-9 * ours.max())

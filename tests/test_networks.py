@@ -1,0 +1,505 @@
+"""Networks of contacts, and the dynamical matrix of a network: against the bands of lattices and the matrices of arrays."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.networks.network import ContactNetwork
+from granphon.networks.pieces import number_pieces
+from granphon.waves.array_operator import ArrayOperator, find_kinds, make_operator
+from granphon.waves.chebyshev import polynomials
+from granphon.waves.operator import WaveOperator
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+LATTICES = [
+    ("triangular", "in_plane", (4, 3)), ("square", "all", (3, 4)), ("kagome", "in_plane", (2, 3)), ("fcc", "all", (3, 2, 3)),
+    ("hcp", "all", (2, 2, 2)), ("chain", "longitudinal", (7,)), ("triangular", "out_of_plane", (3, 3)),
+]  # fmt: skip
+
+
+def dense_frequencies(network: ContactNetwork) -> np.ndarray:
+    """Angular frequencies, rad/s, by the dense singular values of A, padded with the zeros of fewer rows."""
+    root = WaveOperator(network).root.toarray()
+    values = np.zeros(root.shape[1])
+    found = np.linalg.svd(root, compute_uv=False)
+    values[: found.size] = found
+    return np.sort(values)
+
+
+@pytest.mark.parametrize(("name", "motions", "shape"), LATTICES)
+def test_network_of_cells_has_the_bands_of_the_lattice(name, motions, shape):
+    from granphon.balls.motions import allowed_motions
+
+    structure = gp.Packing(STEEL, 8e-3, lattice=name).structure
+    among = allowed_motions(structure.dimension)[motions]
+    torsion, bending = (0.02, 0.03) if among.twist else (0.0, 0.0)
+    lattice = gp.ContactLattice.of(
+        name, 0.0 if motions == "longitudinal" else 0.8, torsion=torsion, bending=bending, motions=among
+    )
+    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    bands = np.sort(lattice.frequencies(lattice.wavevectors(mesh)).ravel()) * UNITS.angular_frequency
+    np.testing.assert_allclose(dense_frequencies(network), bands, atol=2e-8 * bands[-1])
+    operator = WaveOperator(network)
+    assert bands[-1] <= operator.top * (1 + 1e-12)
+    np.testing.assert_allclose(np.sqrt(np.abs(np.linalg.eigvalsh(operator.matrix.toarray()))), bands, atol=1e-7 * bands[-1])
+
+
+def test_network_of_a_sample_has_its_elastic_energy():
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    sample = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample
+    network = sample.network
+    assert network.n_contacts == round(3 * 48 * sample.contact_fraction(0.0))
+    pull = np.zeros((48, 3))
+    np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
+    np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
+    assert np.max(np.abs(pull)) <= 1e-9 * sample.force
+    # balls move by an arbitrary u, w: the energy of the springs, contact by contact
+    rng = np.random.default_rng(1)
+    u, phi = rng.normal(size=(48, 2)), rng.normal(size=48) / packing.diameter
+    normal, d = network.normal[:, :2], packing.diameter
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    apart = u[network.j] - u[network.i]
+    slip = np.sum(apart * tangent, axis=1) - 0.5 * d * (phi[network.i] + phi[network.j])
+    energy = 0.5 * np.sum(network.normal_stiffness * np.sum(apart * normal, axis=1) ** 2 + network.shear_stiffness * slip**2)
+    weighted = np.sqrt(packing.mass) * np.column_stack([u, phi * d / np.sqrt(10.0)])
+    operator = gp.Waves(sample).operator
+    x = operator.vector(weighted)
+    assert 0.5 * x @ (operator @ x) == pytest.approx(energy, rel=1e-12)
+
+
+def test_polynomials_are_even_in_the_frequency():
+    network = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS).repeat((3, 4))
+    operator = WaveOperator(network)
+    squares, vectors = np.linalg.eigh(operator.matrix.toarray())
+    omega = np.sqrt(np.maximum(squares, 0.0)) / operator.top
+    start = np.random.default_rng(0).normal(size=(operator.size, 2))
+    for order, found in zip(range(40), polynomials(operator, start), strict=False):
+        expected = vectors @ (np.cos(2 * order * np.arccos(omega))[:, None] * (vectors.T @ start))
+        np.testing.assert_allclose(found, expected, atol=1e-11)
+
+
+@pytest.mark.parametrize(("name", "motions", "shape"), LATTICES)
+def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
+    from granphon.balls.lattices import find_lattice
+    from granphon.balls.motions import allowed_motions
+
+    shape = tuple(max(3, one) for one in shape)
+    among = allowed_motions(find_lattice(name).dimension)[motions]
+    torsion, bending = (0.02, 0.03) if among.twist else (0.0, 0.0)
+    eta = 0.0 if motions == "longitudinal" else 0.8
+    lattice = gp.ContactLattice.of(name, eta, torsion=torsion, bending=bending, motions=among)
+    network = ContactNetwork.of(lattice, UNITS, lattice=find_lattice(name)).repeat(shape)
+    rng = np.random.default_rng(5)
+    open_ones = rng.random(network.n_contacts) < 0.2  # the rest of the springs differ
+    kept = {
+        field: getattr(network, field)[~open_ones]
+        for field in ("i", "j", "shift", "normal", "normal_force", "arm_i", "arm_j")
+    }
+    springs = {
+        field: (getattr(network, field) * rng.uniform(0.1, 1.0, network.n_contacts))[~open_ones]
+        for field in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+    }
+    network = replace(network, **kept, **springs)
+    kinds = find_kinds(network)
+    assert kinds is not None
+    stencils, sparse = ArrayOperator(network, kinds), WaveOperator(network)
+    x = rng.normal(size=(network.n_balls, network.ball_motions.count))
+    expected = sparse.matrix @ sparse.vector(x)
+    np.testing.assert_allclose(stencils.values(stencils @ stencils.vector(x)).ravel(), expected, atol=1e-13 * sparse.top**2)
+    np.testing.assert_allclose(
+        stencils.matrix @ stencils.vector(x), stencils @ stencils.vector(x), atol=1e-13 * sparse.top**2
+    )
+    assert stencils.top == pytest.approx(sparse.top, rel=1e-12)
+    two = rng.normal(size=(stencils.size, 2))
+    before = rng.normal(size=(stencils.size, 2))
+    expected = 4.0 / stencils.top**2 * (stencils.matrix @ two) - 2.0 * two - before
+    np.testing.assert_allclose(stencils.advance(two, before), expected, atol=1e-12)
+
+
+def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    network = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0).sample.network
+    assert find_kinds(network) is not None
+    uneven = np.linspace(1.0, 1.1, network.n_contacts)
+    turned = {"i": network.j, "j": network.i, "shift": -network.shift, "normal": -network.normal}
+    masses = network.masses * np.linspace(1.0, 1.1, 48)
+    for change in ({"masses": masses}, {"prestress": True}, {"lattice": None}, {"arm_i": network.arm_i * uneven}, turned):
+        assert find_kinds(replace(network, **change)) is None
+
+
+def test_only_large_arrays_go_without_a_matrix():
+    from granphon.balls.lattices import TRIANGULAR
+
+    one = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS, lattice=TRIANGULAR)
+    assert type(make_operator(one.repeat((9, 10)))) is WaveOperator
+    assert isinstance(make_operator(one.repeat((60, 50))), ArrayOperator)
+
+
+# -- from states and Atoms ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+@pytest.mark.parametrize(
+    ("name", "motions", "shape"),
+    [
+        ("chain", "longitudinal", (5,)),
+        ("triangular", "in_plane", (4, 3)),
+        ("square", "all", (3, 3)),
+        ("hcp", "all", (3, 2, 3)),
+    ],
+)
+def test_network_of_a_state_is_that_of_its_atoms(name, motions, shape, finite_overlap):
+    packing = gp.Packing(STEEL, 8e-3, lattice=name, motions=motions, friction=name != "chain")
+    state = gp.AveragedLattice(packing).at_force(18.446, finite_overlap=finite_overlap)
+    network = ContactNetwork.from_state(state, shape=shape)
+    assert network.shape == shape
+    assert network.lattice == packing.structure
+    assert network.prestress == finite_overlap
+    np.testing.assert_allclose(network.normal_force, 18.446, rtol=1e-14)
+    np.testing.assert_allclose(network.radii, 4e-3)
+    distance = 8e-3 - state.overlap * finite_overlap
+    np.testing.assert_allclose(np.linalg.norm(network.vector, axis=1), distance, rtol=1e-12)
+    balls = gp.atoms(state).repeat((*shape, 1, 1)[:3])
+    balls.calc = gp.HertzMindlin(state)
+    operator = gp.Waves(balls).operator
+    squares = np.linalg.eigvalsh(operator.matrix.toarray())
+    atol = 1e-12 * squares[-1]
+    np.testing.assert_allclose(np.linalg.eigvalsh(WaveOperator(network).matrix.toarray()), squares, atol=atol)
+    # the calculator's own force constants, in units of k, and masses of one
+    constants = balls.calc.get_force_constants(balls, format="csr").toarray() * state.scales.angular_frequency**2
+    np.testing.assert_allclose(np.linalg.eigvalsh(constants)[-squares.size :], squares, atol=atol)
+
+
+def test_network_of_atoms_that_are_open_and_lack_balls():
+    """A slab with a vacancy repeats along x alone; balls that are missing, and contacts across an end, are not there."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
+    slab = gp.atoms(state).repeat((5, 4, 1))
+    slab.pbc = (True, False, False)
+    slab.calc = gp.HertzMindlin(state)
+    whole = slab.calc.contact_network(slab)
+    assert whole.pbc == (True, False, False)
+    assert whole.n_contacts == 3 * 20 - 2 * 5
+    assert not whole.shift[:, 1:].any()
+    assert not whole.cell[1:].any()
+    del slab[6]
+    network = slab.calc.contact_network(slab, motions="in_plane")
+    assert (network.n_balls, network.n_contacts) == (19, whole.n_contacts - 6)
+
+
+def test_network_of_the_atoms_of_a_sample_is_nearly_its_own():
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(6, 8), seed=3).at_force(2.0)
+    balls = state.sample.atoms()
+    balls.calc = gp.HertzMindlin(state)
+    own, other = state.sample.network, gp.Waves(balls).network
+    assert other.n_contacts == own.n_contacts
+    np.testing.assert_allclose(np.sort(other.normal_force), np.sort(own.normal_force), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(np.sort(other.radii), np.sort(own.radii), rtol=1e-12)
+    # masses and arms are those of each ball there, and of the mean ball here: they differ by 1.3e-4
+    np.testing.assert_allclose(dense_frequencies(other), dense_frequencies(own), atol=1e-3 * dense_frequencies(own)[-1])
+
+
+def test_what_has_no_network_is_one_error():
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
+    with pytest.raises(gp.GranphonError, match=r"from_state\(state, shape=\(24, 24\)\)"):
+        gp.Waves(state)
+    with pytest.raises(gp.GranphonError, match="2 loads"):
+        ContactNetwork.from_state(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]), shape=(3, 3))
+    simulated = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3).at_force(2.0)
+    with pytest.raises(gp.GranphonError, match=r"of 1 simulated samples.* state.samples\[0\].network"):
+        ContactNetwork.from_state(simulated, shape=(6, 8))
+    with pytest.raises(gp.GranphonError, match=r"gp.Waves\(state.samples\[0\]\)"):
+        gp.Waves(simulated)
+    with pytest.raises(gp.GranphonError, match="not a state"):
+        ContactNetwork.from_state("a state", shape=(3, 3))
+    with pytest.raises(gp.GranphonError, match="shape: found"):
+        ContactNetwork.from_state(state, shape=(3, 3, 3))
+    with pytest.raises(gp.GranphonError, match="no network of contacts"):
+        gp.Waves(3.0)
+
+
+# -- plain data -----------------------------------------------------------------------------------------------------
+
+
+def test_networks_go_through_json():
+    """Also with walls, whose masses are infinite, and with labels."""
+    network = ContactNetwork.of(gp.ContactLattice.of("triangular", 0.8), UNITS).repeat((3, 2))
+    masses = network.masses.copy()
+    masses[2] = np.inf
+    for one in (network, replace(network, masses=masses), network.select([5, 1, 0]), with_lattice((3, 2))):
+        again = ContactNetwork.from_dict(json.loads(json.dumps(one.to_dict())))
+        assert again == one
+        assert again.lattice == one.lattice
+    damaged = network.to_dict()
+    damaged["masses"][3] *= 1.0 + 1e-9
+    with pytest.raises(gp.GranphonError, match="digest"):
+        ContactNetwork.from_dict(damaged)
+
+
+def with_lattice(shape):
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
+    return ContactNetwork.from_state(state, shape=shape)
+
+
+# -- rattlers and pieces --------------------------------------------------------------------------------------------
+
+
+def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
+    """A network of balls of 1 m radius at some places, which touch along the lines between them."""
+    places = np.zeros((len(positions), 3))
+    places[:, : np.shape(positions)[1]] = positions
+    i, j = np.array(contacts, int).reshape(-1, 2).T
+    vector = places[j] - places[i]
+    distance = np.linalg.norm(vector, axis=1)
+    n, count = len(places), len(i)
+    fields = dict(  # noqa: C408
+        cell=np.zeros((3, 3)), pbc=(False,) * 3, positions=places, radii=np.ones(n), masses=np.ones(n),
+        inertias=0.4 * np.ones(n), i=i, j=j, shift=np.zeros((count, 3), int), normal=vector / distance[:, None],
+        normal_force=np.broadcast_to(force, count), normal_stiffness=np.ones(count), shear_stiffness=np.full(count, slip),
+        torsion_stiffness=np.zeros(count), bending_stiffness=np.zeros(count), arm_i=0.5 * distance, arm_j=0.5 * distance,
+        motions="in_plane" if dimension == 2 else "all", dimension=dimension,
+    )  # fmt: skip
+    return ContactNetwork(**(fields | more))
+
+
+HEXAGON = 2.0 * np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3.0])
+
+
+def test_rattlers_are_found_one_after_the_other():
+    """A tail of two balls on a hexagon of seven; the ball at its end is loose first, and so the next."""
+    balls = [(0.0, 0.0), *HEXAGON, (4.0, 0.0), (6.0, 0.0), (0.0, 9.0)]
+    contacts = [*((0, k) for k in range(1, 7)), *((k, k % 6 + 1) for k in range(1, 7)), (1, 7), (7, 8)]
+    network = make(balls, contacts, slip=0.5)
+    np.testing.assert_array_equal(network.rattlers, [7, 8, 9])
+    kept = network.without_rattlers()
+    assert (kept.n_balls, kept.n_contacts, kept.left_out) == (7, 12, 3)
+    np.testing.assert_array_equal(kept.labels, np.arange(7))
+    assert kept.without_rattlers() is kept
+    assert network.without_rattlers(held_by=1).n_balls == 9
+    # without slip three contacts hold a ball, and those of the rim have three; but all is lost where it takes four
+    slippery = make(balls, contacts)
+    np.testing.assert_array_equal(slippery.rattlers, [7, 8, 9])
+    with pytest.raises(gp.GranphonError, match="all balls of the network are rattlers"):
+        slippery.without_rattlers(held_by=4)
+    # contacts of almost no force carry none; the tail is held by a wall at its end
+    np.testing.assert_array_equal(make(balls, contacts, [*[1.0] * 12, 1.0, 1e-9], slip=0.5).rattlers, [7, 8, 9])
+    walls = [*np.ones(8), np.inf, 1.0]
+    np.testing.assert_array_equal(make(balls, contacts, slip=0.5, masses=walls).rattlers, [9])
+
+
+def test_balls_in_a_straight_row_are_held():
+    """Two contacts hold a ball without friction if their forces are in balance, and not at an angle."""
+    rows = with_lattice((4, 4)).select(np.arange(16))
+    assert not rows.rattlers.size
+    square = gp.ContactLattice.of("square", 0.0)
+    network = ContactNetwork.of(square, UNITS).repeat((3, 3))
+    one_row = replace(
+        network, **{
+            name: getattr(network, name)[np.abs(network.normal[:, 0]) > 0.5]
+            for name, layout in network.shapes.items() if layout.split()[0] == "c"
+        },
+    )  # fmt: skip
+    assert not one_row.rattlers.size
+    bent = make([(0.0, 0.0), (2.0, 0.0), (3.0, 3.0**0.5)], [(0, 1), (1, 2)], masses=[np.inf, 1.0, np.inf])
+    np.testing.assert_array_equal(bent.rattlers, [1])
+
+
+def test_rattlers_by_brute_force():
+    """Removal one ball at a time, in any order, leaves the same balls."""
+    rng = np.random.default_rng(8)
+    places = rng.uniform(0.0, 13.0, (60, 2))
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    contacts = np.argwhere(np.triu(np.abs(apart - 2.0) < 0.45, 1))
+    for slip, least in ((0.5, 2), (0.0, 3)):
+        # forces of one contact's own size, so that no two of them are in balance
+        network = make(places, contacts, rng.uniform(0.5, 1.5, len(contacts)), slip=slip)
+        kept = set(range(60))
+        while True:
+            counts = {ball: sum(ball in pair and set(pair) <= kept for pair in contacts.tolist()) for ball in kept}
+            loose = [ball for ball, count in counts.items() if count < least]
+            if not loose:
+                break
+            kept.remove(loose[rng.integers(len(loose))])
+        assert set(network.rattlers.tolist()) == set(range(60)) - kept
+        assert 0 < len(kept) < 60
+
+
+def test_pieces():
+    """Two triangles and a ball alone; a wall between the triangles does not join them, and belongs to both."""
+    triangle = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 3.0**0.5]])
+    balls = [*triangle, *(triangle + np.array([10.0, 0.0])), (4.0, 0.0), (30.0, 0.0)]
+    contacts = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (1, 6)]
+    masses = [*np.ones(6), np.inf, 1.0]
+    network = make(balls, contacts, slip=0.5, masses=masses)
+    pieces = network.pieces()
+    assert [piece.labels.tolist() for piece in pieces] == [[0, 1, 2, 6], [3, 4, 5], [7]]
+    assert [piece.n_contacts for piece in pieces] == [4, 3, 0]
+    assert pieces[1].pieces() == (pieces[1],)
+    frequencies = np.concatenate([dense_frequencies(piece) for piece in pieces[:2]])
+    both = dense_frequencies(network.select([0, 1, 2, 3, 4, 5, 6]))
+    np.testing.assert_allclose(both, np.sort(frequencies), atol=1e-12)
+    np.testing.assert_array_equal(np.unique(number_pieces(network)[:6]), number_pieces(network)[[0, 3]])
+    with pytest.raises(gp.GranphonError, match=r"The balls fall into 4 parts\. .* network\.pieces\(\)"):
+        gp.Waves(network).transmit(0.1, (1.0, 0.0), 10.0, source=0)
+    with pytest.raises(gp.GranphonError, match="no waves run"):
+        gp.Waves(pieces[2]).operator  # noqa: B018
+
+
+def test_walls_and_prestress():
+    """A ball that is held from both sides is pushed sideways by fixed balls, with -f/r each, and not by flat walls."""
+    for radius, sideways in ((1.0, -2.0 * 0.3 / 2.0), (np.inf, 0.0)):
+        network = make(
+            [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0)], [(0, 1), (2, 0)], 0.3, masses=[1.0, np.inf, np.inf], prestress=True,
+            radii=[1.0, radius, radius],
+        )  # fmt: skip
+        np.testing.assert_allclose(WaveOperator(network).matrix.toarray(), np.diag([2.0, sideways]), atol=1e-15)
+
+
+def test_turning_a_cluster_as_a_whole_costs_nothing():
+    """Balls of any sizes, in any contacts: displacements and rotations of a rigid body deform no contact."""
+    rng = np.random.default_rng(4)
+    places = rng.uniform(0.0, 6.0, (30, 3))
+    pairs = np.argwhere(np.triu(np.linalg.norm(places[:, None] - places, axis=-1) < 2.4, 1))
+    distance = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+    part = rng.uniform(0.3, 0.7, len(pairs))
+    network = make(
+        places, pairs, slip=0.7, dimension=3, masses=rng.uniform(0.5, 2.0, 30), inertias=rng.uniform(0.1, 0.5, 30),
+        arm_i=part * distance, arm_j=(1.0 - part) * distance, torsion_stiffness=np.full(len(pairs), 0.1),
+        bending_stiffness=np.full(len(pairs), 0.2),
+    )  # fmt: skip
+    operator = WaveOperator(network)
+    for omega, drift in zip(np.eye(3), rng.normal(size=(3, 3)), strict=True):
+        motion = np.column_stack([drift + np.cross(omega, places), np.tile(omega, (30, 1))])
+        motion *= np.sqrt(np.column_stack([network.masses] * 3 + [network.inertias] * 3))
+        np.testing.assert_allclose(operator @ operator.vector(motion), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("balls", [[0, 0], [-1], [9], [0.5], "01", [[0, 1]], [], [True, False]])
+def test_balls_that_cannot_be_selected(balls):
+    with pytest.raises(gp.GranphonError):
+        with_lattice((3, 3)).select(balls)
+
+
+# -- what a network cannot be ---------------------------------------------------------------------------------------
+
+NAN, INF = float("nan"), float("inf")
+
+
+def change(name, place, value):
+    """A change of one number of a field."""
+
+    def changed(network):
+        values = np.array(getattr(network, name), None if name in ("i", "j", "shift") else float)
+        values = values.astype(float) if isinstance(value, float) else values
+        values[place] = value
+        return {name: values}
+
+    return changed
+
+
+def listed_twice(network, turned):
+    found = {name: np.concatenate([getattr(network, name)] * 2)[: network.n_contacts + 1] for name in CONTACT_FIELDS}
+    if turned:
+        for name, value in (("i", network.j), ("j", network.i), ("shift", -network.shift), ("normal", -network.normal)):
+            found[name][-1] = value[0]
+    return found
+
+
+CONTACT_FIELDS = [name for name, layout in ContactNetwork.shapes.items() if layout.split()[0] == "c"]
+BAD = {
+    "place": (change("positions", (1, 0), NAN), "ball 1 .* not finite"),
+    "radius": (change("radii", 0, -1.0), "ball 0 .* radii .* above zero"),
+    "endless radius": (change("radii", 0, INF), "ball 0 .* not finite, but moves"),
+    "mass": (change("masses", 3, 0.0), "ball 3 .* masses"),
+    "mass nan": (change("masses", 3, NAN), "ball 3 .* masses"),
+    "inertia": (change("inertias", 3, INF), "ball 3 .* not finite, but moves"),
+    "ball": (change("j", 2, 99), "contact 2 .* not there; balls are 0 to 11"),
+    "negative ball": (change("i", 2, -1), "contact 2 .* not there"),
+    "part of a ball": (change("i", 2, 1.5), "1.5 where a whole number is needed"),
+    "no number of a ball": (change("i", 2, NAN), "nan where a whole number is needed"),
+    "huge ball": (lambda _: {"i": [10**30] * 36}, "1e\\+30 where a whole number"),
+    "texts": (lambda n: {"i": ["a"] * n.n_contacts}, "i: found"),
+    "complex": (lambda n: {"masses": n.masses * 1j}, "complex"),
+    "masked": (lambda n: {"masses": np.ma.masked_less(n.masses, 1.0)}, "masked"),
+    "truth values": (lambda n: {"masses": n.masses > 0.0}, "masses: found"),
+    "itself": (lambda n: {"j": n.i, "shift": 0 * n.shift}, "joins a ball with itself"),
+    "tension": (change("normal_force", 5, -1e-9), "contact 5 .* forces that pull .* between balls"),
+    "endless force": (change("normal_force", 5, INF), "contact 5 .* normal_force"),
+    "stiffness": (change("normal_stiffness", 5, 0.0), "contact 5 .* normal_stiffness that is not above zero"),
+    "shear": (change("shear_stiffness", 5, -1.0), "contact 5 .* shear_stiffness that is not zero or above"),
+    "twist": (change("torsion_stiffness", 5, NAN), "contact 5 .* torsion_stiffness"),
+    "arm": (change("arm_i", 5, NAN), "contact 5 .* arm_i that is not finite"),
+    "long arm": (change("arm_i", 5, 1.0), "contact 5 .* not the sum of the two arms"),
+    "normal": (change("normal", 5, [0.6, 0.6, 0.0]), "contact 5 .* whose length is not one"),
+    "normal upwards": (change("normal", 5, [0.0, 0.0, 1.0]), "contact 5 .* leaves the plane"),
+    "normal backwards": (lambda n: {"normal": -n.normal}, "contact 0 .* does not lead from ball i to ball j"),
+    "ball above": (change("positions", (4, 2), 1e-4), "not both in the plane"),
+    "shift": (change("shift", (5, 2), 1), "contact 5 .* crosses a side"),
+    "wrong shift": (change("shift", (5, 0), 7), "contact 5 .* (does not lead|sum of the two arms)"),
+    "part of a shift": (change("shift", (5, 0), 0.5), "0.5 where a whole number"),
+    "twice": (lambda n: listed_twice(n, False), "contacts 0 and 36 of the network are the same"),
+    "from both ends": (lambda n: listed_twice(n, True), "contacts 0 and 36 of the network are the same"),
+    "no cell": (lambda n: {"cell": np.zeros((3, 3))}, "vector 0 of the cell .* periodic"),
+    "endless cell": (change("cell", (0, 0), INF), "vector 0 of the cell"),
+    "flat cell": (lambda n: {"cell": n.cell[[0, 0, 2]]}, "not independent"),
+    "tilted cell": (change("cell", (0, 2), 0.01), "leaves the plane"),
+    "period across": (lambda n: {"cell": np.diag([1.0, 1.0, 1.0]), "pbc": (True,) * 3}, "leaves the plane"),
+    "cell of two": (lambda n: {"cell": n.cell[:2, :2]}, "cell .* shape"),
+    "periods": (lambda _: {"pbc": (True, True)}, "three truth values"),
+    "period": (lambda _: {"pbc": True}, "three truth values"),
+    "words": (lambda _: {"pbc": ("yes", "yes", "no")}, "Did you mean true"),
+    "length": (lambda n: {"masses": n.masses[1:]}, "masses .* shape"),
+    "one number": (lambda _: {"masses": np.array(1.0)}, "masses .* shape"),
+    "length of contacts": (lambda n: {"shift": n.shift[1:]}, "shift .* shape"),
+    "flat places": (lambda n: {"positions": n.positions[:, :2]}, "positions .* shape"),
+    "motions": (lambda _: {"motions": "sideways"}, "no motions 'sideways'. Use in_plane"),
+    "dimension": (lambda _: {"dimension": 4}, "dimension: found 4"),
+    "whole dimension": (lambda _: {"dimension": 2.0}, "dimension: found 2.0"),
+    "prestress": (lambda _: {"prestress": "no"}, "prestress"),
+    "labels": (lambda _: {"labels": [1] * 12}, "same label"),
+    "count": (lambda _: {"left_out": -1}, "left_out"),
+    "cells": (lambda _: {"shape": (4, 4)}, "have 16 balls, and the network has 12"),
+    "numbers of cells": (lambda _: {"shape": (12,)}, "triangular lattice"),
+    "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_a_network_cannot_be(name):
+    """Each has one error, which names the ball or contact."""
+    network = with_lattice((4, 3))
+    wrong, said = BAD[name]
+    with pytest.raises(gp.GranphonError, match=said) as error:
+        replace(network, **wrong(network))
+    assert "\n" not in str(error.value)
+
+
+def test_what_a_network_may_be():
+    """Left-handed cells, whole numbers as floats, lists, one ball, a wall that touches a ball twice."""
+    network = with_lattice((4, 3))
+    mirror = np.array([-1.0, 1.0, 1.0])
+    turned = replace(
+        network, cell=network.cell * mirror, positions=network.positions * mirror, normal=network.normal * mirror
+    )
+    np.testing.assert_allclose(
+        dense_frequencies(turned), dense_frequencies(network), atol=1e-8 * dense_frequencies(network)[-1]
+    )
+    listed = replace(network, i=network.i.astype(float), masses=network.masses.tolist(), pbc=np.array(network.pbc))
+    assert listed == network
+    alone = network.select([3])
+    assert (alone.n_balls, alone.n_contacts, alone.coordination) == (1, 0, 0.0)
+    with pytest.raises(gp.GranphonError, match="no ball"):
+        replace(alone, **{name: getattr(alone, name)[:0] for name in ("positions", "radii", "masses", "inertias", "labels")})
+    # a wall, which is one body, has two sides; its place and its arms do not matter
+    corner = make(
+        [(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF], normal=[[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],
+        radii=[1.0, INF],
+    )  # fmt: skip
+    np.testing.assert_allclose(dense_frequencies(corner), [1.0, 1.0])
+    with pytest.raises(gp.GranphonError, match="the same"):
+        make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])

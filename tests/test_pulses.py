@@ -1,0 +1,448 @@
+"""Pulses through networks of contacts: against closed forms of chains, dense matrices, another integrator, and the bands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import jv
+
+import granphon as gp
+from granphon.balls.motions import allowed_motions
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, UnreachableFrequencyError
+from granphon.networks.network import ContactNetwork
+from granphon.waves.operator import WaveOperator
+from granphon.waves.planes import Course
+from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.viscous import ViscousPropagation
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+D, OMEGA = UNITS.length, UNITS.angular_frequency
+#: (k/M)^1/2 / 2 pi, Hz
+HERTZ = OMEGA / (2.0 * np.pi)
+
+
+def ideal(name, shape, mindlin_ratio=0.8, **more):
+    return ContactNetwork.of(gp.ContactLattice.of(name, mindlin_ratio, **more), UNITS).repeat(shape)
+
+
+def chain(count):
+    return ideal("chain", (count,), 0.0)
+
+
+@pytest.fixture(scope="module")
+def disordered():
+    """A triangular array whose contacts have stiffnesses from a third to five thirds of the mean."""
+    network = ideal("triangular", (5, 12))
+    factor = np.random.default_rng(5).uniform(1 / 3, 5 / 3, network.n_contacts)
+    return replace(
+        network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness
+    )
+
+
+def convolve(kernel, burst, times, count=160):
+    """The integral of kernel(t - t') s(t') over t' up to t, by Gauss and Legendre's rule on each half period."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    found = np.zeros(np.shape(times))
+    for place, t in np.ndenumerate(times):
+        end = min(t, burst.duration)
+        past = 0.5 * end * (nodes + 1.0)
+        found[place] = 0.5 * end * np.sum(weights * kernel(t - past) * burst(past))
+    return found
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("ends", "image"), [("periodic", None), ("free", (1.0, 1)), ("walls", (-1.0, 2))])
+def test_chain_responds_with_the_bessel_functions_of_schroedinger(ends, image):
+    # ball n answers to a unit of momentum of ball 0 with J_2n(2 (k/M)^1/2 t)/M; a free end adds the image in phase of a ball
+    # one behind the source, a wall that holds the ball there the image out of phase of a ball two behind
+    pulse = gp.Waves(chain(60)).transmit(
+        0.6 * HERTZ, (1,), 8.4 * D, cycles=2, source="ball", ends=ends, duration=14.0 / HERTZ / (2 * np.pi) * 2.0
+    )
+    assert pulse.distance == pytest.approx(8.0 * D)
+    times = pulse.times[:: len(pulse.times) // 9]
+
+    def kernel(t):
+        found = jv(16, 2.0 * OMEGA * t)
+        return found if image is None else found + image[0] * jv(16 + 2 * image[1], 2.0 * OMEGA * t)
+
+    expected = convolve(kernel, ToneBurst(pulse.frequency, 2.0), times) / UNITS.mass
+    np.testing.assert_allclose(
+        pulse.signals[0, :: len(pulse.times) // 9], expected, atol=1e-12 * np.max(np.abs(pulse.signals))
+    )
+    assert np.max(np.abs(expected)) > 0.1 * np.max(np.abs(pulse.signals))
+
+
+def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwidth():
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    height = np.sqrt(0.75)
+    q = np.linspace(0.0, np.pi / height, 400)[1:-1]
+    modes = lattice.modes(q[:, None] * [0.0, 1.0])
+    branch = np.argmax(modes.longitudinal_fraction, axis=1)
+    omega = np.take_along_axis(modes.frequencies, branch[:, None], 1)[:, 0]
+    at = int(np.argmin(np.abs(omega - 1.0)))
+    group = modes.group_velocities[at, branch[at], 1] * D * OMEGA
+    errors = []
+    for cycles in (10, 20, 40):
+        lasting = cycles / (omega[at] * HERTZ)
+        network = ideal("triangular", (1, int(60.0 + 1.5 * group * lasting / D)))
+        pulse = gp.Waves(network).transmit(
+            omega[at] * HERTZ, (0, 1), 20.0 * D, cycles, ends="periodic", duration=lasting + 1.6 * 20.0 * D / group
+        )
+        errors.append(abs(pulse.velocity / group - 1.0))
+    assert errors[2] < 1e-4
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("name", "shape", "direction", "polarisation", "hertz"), [
+    ("fcc", (1, 1, 260), (1, 1, -1), "longitudinal", 0.9), ("square", (300, 1), (1, 0), "transverse", 0.5),
+    ("chain", (500,), (1,), "longitudinal", 1.2), ("kagome", (1, 150), (0, 1), "longitudinal", 0.5),
+])  # fmt: skip
+def test_envelope_travels_with_the_group_velocity_in_other_lattices(name, shape, direction, polarisation, hertz):
+    lattice = gp.ContactLattice.of(name, 0.0 if name == "chain" else 0.8)
+    network = ContactNetwork.of(lattice, UNITS).repeat(shape)
+    along = np.array(direction) / np.linalg.norm(direction)
+    pulse = gp.Waves(network).transmit(
+        hertz * HERTZ, direction, 25.0 * D, 20, polarisation, ends="periodic", duration=40.0 / (hertz * HERTZ)
+    )
+    # of the branches at this frequency the one whose balls move along the polarisation
+    q = np.linspace(0.01, 3.0, 3000)
+    modes = lattice.modes(q[:, None] * along)
+    axes = list(lattice.motions.translations)
+    part = np.abs(np.einsum("i,qib->qb", pulse.polarisation[axes], modes.eigenvectors[:, : len(axes)])) ** 2
+    near = np.where(part > 0.3, np.abs(modes.frequencies - hertz), np.inf)
+    at = np.unravel_index(np.argmin(near), near.shape)
+    group = modes.group_velocities[at] @ along * D * OMEGA
+    assert pulse.velocity == pytest.approx(group, rel=3e-3)
+
+
+def test_long_waves_arrive_alike_by_all_three_readings():
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    sound = lattice.sound_velocities((0.0, 1.0))[0] * D * OMEGA
+    for name, velocity in zip(lattice.wave_names, sound, strict=True):
+        pulse = gp.Waves(ideal("triangular", (1, 640))).transmit(
+            0.06 * HERTZ,
+            (0, 1),
+            150.0 * D,
+            1.5,
+            name,
+            ends="periodic",
+            duration=1.5 / (0.06 * HERTZ) + 1.3 * 150.0 * D / velocity,
+        )
+        for method in ("envelope", "first", "correlation"):
+            assert pulse.distance / pulse.arrival(method) == pytest.approx(velocity, rel=4e-3)
+        assert pulse.velocity == pytest.approx(pulse.distance / pulse.time_of_flight)
+
+
+# -- twins --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
+def test_signals_and_states_are_those_of_another_integrator(disordered, damping):
+    tau = damping / OMEGA
+    waves = gp.Waves(disordered)
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, "transverse", source=[3, 17], ends="periodic", damping=tau,
+                           duration=30.0 / OMEGA, frames=[5.0 / OMEGA, 29.0 / OMEGA])  # fmt: skip
+    matrix, size = waves.operator.matrix, waves.operator.size
+    burst, push = ToneBurst(0.5 * HERTZ, 2.0), np.zeros(size)
+    push[[3 * 3, 3 * 17]] = pulse.polarisation[0] / np.sqrt(UNITS.mass)
+
+    def change(t, state):
+        x, v = state[:size], state[size:]
+        return np.concatenate([v, push * burst(np.array(t)) - matrix @ (x + tau * v)])
+
+    few = np.arange(0, pulse.times.size, 10)
+    when = np.concatenate([pulse.times[few], [burst.duration, *pulse.frames]])
+    order = np.argsort(when)
+    method, rtol, atol = ("DOP853", 1e-11, 1e-15) if damping < 1.0 else ("Radau", 1e-8, 1e-12)  # the second one is stiff
+    found = solve_ivp(change, (0.0, pulse.times[-1]), np.zeros(2 * size), method, when[order], rtol=rtol, atol=atol)
+    states = np.empty_like(found.y)
+    states[:, order] = found.y
+    tolerance = 1e-9 if damping < 1.0 else 1e-6
+    largest = np.max(np.abs(pulse.signals))
+    heard = states[size + 3 * pulse.receivers][:, : few.size] * pulse.polarisation[0] / np.sqrt(UNITS.mass)
+    np.testing.assert_allclose(pulse.signals[:, few], heard, atol=tolerance * largest)
+    for frame, state in zip(pulse.velocities, states[size:, few.size + 1 :].T, strict=True):
+        expected = state.reshape(-1, 3)[:, :2] / np.sqrt(UNITS.mass)
+        np.testing.assert_allclose(frame[:, :2], expected, atol=tolerance * np.max(np.abs(expected)))
+    x, v = states[:size, few.size], states[size:, few.size]
+    assert pulse.energies[0] == pytest.approx(0.5 * (v @ v + x @ (matrix @ x)), rel=10 * tolerance)
+    assert (pulse.loss > 0.02) == (damping > 0.0)
+
+
+def test_energy_is_what_the_source_gives_each_mode_and_stays(disordered):
+    waves = gp.Waves(disordered)
+    pulse = waves.transmit(
+        0.7 * HERTZ, (0, 1), 3.0 * D, 3, ends="periodic", duration=300.0 * 2.0 * np.pi / waves.operator.top
+    )
+    burst = ToneBurst(0.7 * HERTZ, 3.0)
+    squares, vectors = np.linalg.eigh(waves.operator.matrix.toarray())
+    push = np.zeros((disordered.n_balls, 3))
+    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
+    nodes, weights = np.polynomial.legendre.leggauss(120)
+    past = 0.5 * burst.duration * (nodes + 1.0)
+    given = np.exp(1j * np.sqrt(np.maximum(squares, 0.0))[:, None] * past) @ (0.5 * burst.duration * weights * burst(past))
+    expected = 0.5 * np.sum((vectors.T @ push.ravel()) ** 2 * np.abs(given) ** 2)
+    np.testing.assert_allclose(pulse.energies, expected, rtol=1e-11)
+    assert abs(pulse.loss) < 1e-9
+
+
+def test_source_and_receiver_may_be_exchanged(disordered):
+    waves = gp.Waves(disordered)
+    there = waves.transmit(
+        0.5 * HERTZ, (0, 1), 4.0 * D, 2, "longitudinal", source=12, ends="periodic", duration=40.0 / OMEGA
+    )
+    ball = int(there.receivers[1])
+    back = waves.transmit(
+        0.5 * HERTZ, (0, -1), 4.0 * D, 2, "longitudinal", source=ball, ends="periodic", duration=40.0 / OMEGA
+    )
+    place = int(np.flatnonzero(back.receivers == 12)[0])
+    np.testing.assert_allclose(back.signals[place], there.signals[1], atol=1e-12 * np.max(np.abs(there.signals)))
+
+
+def test_nothing_is_heard_before_contacts_could_carry_it(disordered):
+    # n contacts away, the first 2 n powers of the time are missing
+    pulse = gp.Waves(disordered).transmit(0.5 * HERTZ, (0, 1), 5.0 * D, 2, source=0, ends="periodic", duration=40.0 / OMEGA)
+    rows = round(pulse.distance / (D * np.sqrt(0.75)))
+    early = pulse.times < 0.4 * rows / OMEGA
+    assert np.count_nonzero(early) >= 5
+    assert np.max(np.abs(pulse.signals[:, early])) < 1e-6 * np.max(np.abs(pulse.signals))
+
+
+@pytest.mark.parametrize("tau", [0.05, 1.1, 4.0])
+def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
+    operator = WaveOperator(disordered)
+    squares, vectors = np.linalg.eigh(operator.matrix.toarray())
+    mode, omega = vectors[:, 100], np.sqrt(squares[100])
+    burst, damping = ToneBurst(0.5 * HERTZ, 2.0), tau / OMEGA
+    walk = Propagation(operator, mode, burst, 40.0 / OMEGA, damping)
+    moments, *_ = walk.run(lambda vector: np.array([mode @ vector]), np.zeros(0))
+    times = np.arange(0.0, 40.0 / OMEGA, 0.2 / OMEGA)
+    heard = walk.hear(moments, times)[0]
+    later = heard[times > burst.duration + 0.2 / OMEGA]
+    decay, step = 0.5 * damping * omega**2, 0.2 / OMEGA
+    turn = np.emath.sqrt(omega**2 - decay**2)
+    factor = 2.0 * np.exp(-decay * step) * np.real(np.cos(turn * step))
+    rest = later[2:] - factor * later[1:-1] + np.exp(-2.0 * decay * step) * later[:-2]
+    assert np.max(np.abs(rest)) < 1e-12 * np.max(np.abs(heard))
+    assert np.max(np.abs(later)) > 1e-6 * np.max(np.abs(heard))
+
+
+@pytest.mark.parametrize("taus", [(0.03, 0.2), (0.4, 0.0)])
+def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus):
+    more = {"cycles": 2, "ends": "periodic", "duration": 25.0 / OMEGA, "frames": [11.0 / OMEGA]}
+    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, damping=taus[0] / OMEGA, tangential_damping=taus[1] / OMEGA, **more)
+    operator = WaveOperator(disordered)
+    normal = WaveOperator(replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)).matrix
+    viscous = (taus[0] * normal + taus[1] * (operator.matrix - normal)) / OMEGA
+    push = np.zeros((disordered.n_balls, 3))
+    push[pulse.sources] = pulse.polarisation / np.sqrt(UNITS.mass)
+    size = operator.size
+
+    def change(t, state):
+        x, v = state[:size], state[size:]
+        return np.concatenate([v, push.ravel() * burst(np.array(t)) - operator.matrix @ x - viscous @ v])
+
+    few = np.arange(0, pulse.times.size, 7)
+    when = np.concatenate([pulse.times[few], pulse.frames])
+    order = np.argsort(when)
+    found = solve_ivp(change, (0.0, np.max(when)), np.zeros(2 * size), "DOP853", when[order], rtol=1e-11, atol=1e-15)
+    states = np.empty_like(found.y)
+    states[:, order] = found.y
+    balls = states[size:].reshape(-1, 3, when.size)[:, 1] / np.sqrt(UNITS.mass)
+    largest = np.max(np.abs(pulse.signals))
+    np.testing.assert_allclose(pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest)
+    np.testing.assert_allclose(pulse.velocities[0, :, 1], balls[:, -1], atol=1e-9 * largest)
+
+
+def test_damping_in_spans_agrees_with_that_of_each_mode(disordered):
+    operator, burst, tau = WaveOperator(disordered), ToneBurst(0.5 * HERTZ, 3.0), 0.1 / OMEGA
+    push = np.zeros(operator.size)
+    push[:9] = 1.0
+    times, frames = np.arange(150) * 0.3 / OMEGA, np.array([burst.duration, 44.0 / OMEGA])
+    whole = Propagation(operator, push, burst, times[-1], tau).follow(lambda v: v[30:40], times, frames)
+    spans = ViscousPropagation(operator, push, burst, (tau, tau)).follow(lambda v: v[30:40], times, frames)
+    for one, other in zip(whole, spans, strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12 * np.max(np.abs(one)))
+
+
+# -- coherent, speckle, samples -----------------------------------------------------------------------------------------
+
+
+def test_ideal_array_has_no_speckle_and_a_disordered_one_has(disordered):
+    even = gp.Waves(ideal("triangular", (5, 12))).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2)
+    assert np.max(np.abs(even.speckle)) < 1e-13 * np.max(np.abs(even.signals))
+    assert even.coherent_fraction == pytest.approx(1.0)
+    other = gp.Waves(disordered).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, planes=[2.0 * D, 4.0 * D])
+    assert 0.3 < other.coherent_fraction < 0.999
+    np.testing.assert_allclose(other.coherent + other.speckle, other.signals)
+    np.testing.assert_allclose(other.speckle_amplitude**2 + other.coherent**2, np.mean(other.signals**2, axis=0))
+    np.testing.assert_allclose(other.planes[1], other.coherent)
+    assert other.plane_distances[0] == pytest.approx(2.5 * np.sqrt(0.75) * D)
+    assert other.arrivals().shape == (5,)
+    assert Pulse.from_dict(other.to_dict()) == other
+
+
+def test_pulses_of_several_samples_have_one_coherent_part():
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    found = []
+    for seed in (1, 2):
+        network = gp.DirectSimulation(packing, shape=(6, 40), seed=seed).at_force(20.0).sample.network
+        found.append(gp.Waves(network).transmit(12e3, (0, 1), 0.15, 3))
+    both = average_pulses(found)
+    count = both.times.size
+    np.testing.assert_allclose(both.coherent, 0.5 * (found[0].coherent[:count] + found[1].coherent[:count]))
+    assert both.samples.tolist() == [0] * 6 + [1] * 6
+    assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
+    with pytest.raises(InputError, match="pulses differ in frequency"):
+        average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
+
+
+def test_open_network_has_the_ends_that_it_has():
+    whole = chain(40)
+    kept = ~np.any(whole.shift, axis=1)
+    names = [name for name, layout in whole.shapes.items() if layout.startswith("c")]
+    fields = {name: getattr(whole, name)[kept] for name in names}
+    fields |= {"cell": np.zeros((3, 3)), "pbc": (False, False, False), "lattice": None, "shape": None}
+    opened = gp.Waves(replace(whole, **fields))
+    one = gp.Waves(whole).transmit(0.4 * HERTZ, (1,), 20.4 * D, 3)
+    other = opened.transmit(0.4 * HERTZ, (1,), 19.9 * D, 3, duration=one.times[-1])
+    assert one.receivers.tolist() == other.receivers.tolist() == [20]
+    np.testing.assert_allclose(other.signals, one.signals, atol=1e-12 * np.max(np.abs(one.signals)))
+    with pytest.raises(InputError, match="no place for walls"):
+        opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
+
+
+def test_network_that_would_buckle_is_refused():
+    network = ideal("triangular", (4, 12))
+    pushed = replace(network, normal_force=np.full(network.n_contacts, 0.9 * D * UNITS.stiffness), prestress=True)
+    with pytest.raises(InstabilityError, match="below zero"):
+        gp.Waves(pushed).transmit(0.5 * HERTZ, (0, 1), 4.0 * D)
+
+
+def test_frames_are_the_signals_at_their_times():
+    pulse = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2)
+    moments = pulse.times[[30, 80]]
+    again = gp.Waves(ideal("triangular", (2, 30))).transmit(0.5 * HERTZ, (0, 1), 8.0 * D, 2, frames=moments)
+    np.testing.assert_allclose(
+        again.velocities[:, again.receivers, 1].T, pulse.signals[:, [30, 80]], atol=1e-12 * np.max(np.abs(pulse.signals))
+    )
+
+
+# -- planes -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "shape", "direction", "period"), [
+    ("triangular", (5, 12), (0, 1), 12 * np.sqrt(0.75)), ("triangular", (8, 2), (1, 0), 1.0),
+    ("square", (4, 6), (1, 0), 4.0), ("fcc", (3, 3, 3), (1, 1, 1), 3 * np.sqrt(2.0 / 3.0)), ("chain", (9,), (1, 0), 9.0),
+])  # fmt: skip
+def test_planes_close_after_the_period_of_the_cell(name, shape, direction, period):
+    network = ideal(name, shape, 0.0 if name == "chain" else 0.8)
+    along = np.pad(np.array(direction, float), (0, 3 - len(direction)))
+    course = Course.along(network, along / np.linalg.norm(along))
+    assert course.period == pytest.approx(period * D)
+    # a way around the array crosses its beginning once a period
+    full = network.vector @ course.direction
+    np.testing.assert_allclose(
+        full - course.places[network.j] + course.places[network.i], course.period * course.crossings, atol=1e-9 * D
+    )
+    assert np.min(course.places) > 0.1 * D
+
+
+def test_cut_array_keeps_all_but_one_plane_of_contacts():
+    network = ideal("triangular", (5, 12))
+    course = Course.along(network, np.array([0.0, 1.0, 0.0]))
+    assert course.with_ends("free").network.n_contacts == network.n_contacts - 10
+    walls = course.with_ends("walls")
+    assert np.count_nonzero(~walls.network.moving) == 5
+    assert walls.face == pytest.approx(-np.sqrt(0.75) / 2 * D)
+    assert gp.Waves(walls.network).operator.size == 3 * 55
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_source_and_receivers_of_a_packing_without_planes_are_apart(seed):
+    whole = ideal("square", (20, 6))
+    moved = np.random.default_rng(seed).uniform(-0.5, 0.5, 120) * D
+    places = whole.positions + moved[:, None] * [1.0, 0.0, 0.0]
+    apart = places[whole.j] + whole.shift @ whole.cell - places[whole.i]
+    size = np.linalg.norm(apart, axis=1)
+    network = replace(
+        whole, positions=places, normal=apart / size[:, None], arm_i=0.5 * size, arm_j=0.5 * size, lattice=None, shape=None
+    )
+    course = Course.along(network, np.array([1.0, 0.0, 0.0])).with_ends("free")
+    source, heard = course.find_plane(0.0, "source"), course.find_plane(8.0 * D, "receivers")
+    assert np.max(course.places[source]) <= np.min(course.places) + 0.9 * D
+    assert np.ptp(course.places[heard]) <= 0.9 * D
+    assert course.find_distance(0.0, heard) == pytest.approx(8.0 * D, abs=0.5 * D)
+    pulse = gp.Waves(network).transmit(0.5 * HERTZ, (1, 0), 8.0 * D, 2)
+    assert pulse.sources.tolist() == source.tolist()
+    assert pulse.velocity > 0.0
+
+
+# -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+def test_bad_pulses_are_refused(disordered):
+    waves = gp.Waves(disordered)
+    with pytest.raises(
+        UnreachableFrequencyError, match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz"
+    ):
+        gp.Waves(chain(40)).transmit(2.1 * HERTZ, (1,), 8 * D)
+    with pytest.raises(InputError, match=r"come back to themselves .* or a longer array"):
+        waves.transmit(0.5 * HERTZ, (0, 1), 7.0 * D, ends="periodic")
+    with pytest.raises(InputError, match=r"or the direction .* or \(0.866025, 0.5\), with"):
+        gp.Waves(ideal("triangular", (8, 3))).transmit(0.5 * HERTZ, (1, 0), 1.0 * D, ends="periodic")
+    with pytest.raises(InputError, match="do not close"):
+        waves.transmit(0.5 * HERTZ, (0.3, 1), 2.0 * D)
+    with pytest.raises(InputError, match="no contact resists"):
+        gp.Waves(ideal("square", (3, 12), 0.0)).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, polarisation="transverse")
+    with pytest.raises(InputError, match="no transverse waves"):
+        gp.Waves(chain(40)).transmit(0.5 * HERTZ, (1,), 8 * D, polarisation="transverse")
+    for wrong in ({"source": "side"}, {"source": 60}, {"ends": "soft"}, {"polarisation": "odd"}, {"cycles": 0.5},
+                  {"damping": -1.0}, {"duration": 0.0}, {"planes": [-1.0]}):  # fmt: skip
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, **wrong)
+    with pytest.raises(ConvergenceError, match="does not arrive within the record"):
+        gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 90.0 * D, 1, duration=1.0 / HERTZ).arrival()
+    with pytest.raises(InputError, match="not known"):
+        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D).arrival("ear")
+
+
+def test_what_does_not_travel_has_no_time_of_flight():
+    # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
+    lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
+    network = ContactNetwork.of(lattice, UNITS).repeat((1, 60))
+    pulse = gp.Waves(network).transmit(
+        0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", ends="periodic", duration=40 / HERTZ
+    )
+    with pytest.raises(ConvergenceError, match="not after the burst"):
+        pulse.arrival()
+
+
+def test_network_that_is_not_joined_is_refused():
+    whole = chain(40)
+    cut = (whole.i == 3) | (whole.i == 30)
+    names = [name for name, layout in whole.shapes.items() if layout.startswith("c")]
+    parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
+    with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
+        gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
+def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(6, 130), seed=seed).at_force(18.4)
+    waves = gp.Waves(state.sample)
+    pulse = waves.transmit(6500.0, (0, 1), 0.2, ends=ends)
+    heights = waves.network.positions[:, 1]
+    period = waves.network.cell[1, 1]
+    ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
+    assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
+    assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)

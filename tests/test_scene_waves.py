@@ -1,0 +1,137 @@
+"""Scenes that observe the waves in a simulated array: files, figures, what is read back, and what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.phonons.paths import BandPath
+from granphon.scene.redraw import redraw
+from granphon.scene.run import expected_files
+from granphon.scene.sample_waves import read_waves
+from granphon.waves.path_spectra import find_path_spectra
+
+HEAD = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\nload: {force: 5 N}\n"
+)
+ARRAY = HEAD + "medium: {simulation: {shape: [12, 24]}}\ndirection: [0, 1]\n"
+ALL = (
+    ARRAY + "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n"
+    "pulse: {frequency: 4 kHz, cycles: 2, distance: 40 mm}\nphonopy: {mesh: 6 6 1}\n"
+)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A run of all that waves in samples give, and its folder."""
+    folder = tmp_path_factory.mktemp("waves") / "out"
+    scene = gp.Scene.from_text(ALL)
+    return scene, scene.run(folder, figures=False), folder
+
+
+def test_files_hold_what_the_library_finds(done):
+    scene, result, folder = done
+    names = {path.name for path in result.files}
+    for stem in ("sample_dos", "spectrum", "pulse"):
+        assert {f"{stem}.json", f"{stem}.csv"} <= names
+        assert f"{stem}.png" in expected_files(scene)
+        assert read_waves(folder / f"{stem}.json") == result.waves._results[stem]
+    waves = gp.Waves(scene.state().sample)
+    assert waves.dos() == result.waves.dos
+    assert waves.transmit(4000.0, (0, 1), 0.04, 2.0, ends="free") == result.waves.pulse
+    spectra = result.waves.spectra
+    assert [one.polarisation for one in spectra.spectra] == ["longitudinal", "rotational"]
+    again = waves.spectral_function(spectra.spectra[0].q)
+    np.testing.assert_array_equal(again.values, spectra.spectra[0].values)
+    summary = result.summary()["pulse"]
+    assert summary["velocity"] == result.waves.pulse.velocity
+    assert "pulse:" in (folder / "summary.yaml").read_text()
+
+
+def test_tables_are_those_of_the_results(done):
+    _, result, folder = done
+    dos = np.loadtxt(folder / "sample_dos.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(dos[:, 1], result.waves.dos.total)
+    pulse = np.loadtxt(folder / "pulse.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(pulse[:, 2], result.waves.pulse.coherent)
+    rows = (folder / "spectrum.csv").read_text().splitlines()
+    assert rows[0].startswith("polarisation,distance (1/m),qx (1/m),qy (1/m),peak (Hz),width (Hz)")
+    assert len(rows) == 1 + 2 * len(result.waves.spectra.distances)
+
+
+def test_scene_with_waves_is_written_and_read_back(done):
+    scene, _, folder = done
+    again = gp.Scene.from_yaml(folder / "scene.yaml")
+    assert again.spectrum == scene.spectrum
+    assert again.pulse == scene.pulse
+    assert again == scene
+
+
+@pytest.mark.parametrize("stem", ["sample_dos", "spectrum", "pulse"])
+def test_figures_are_drawn_again(done, tmp_path, stem):
+    _, _, folder = done
+    assert redraw(folder, out=tmp_path / f"{stem}.svg").stat().st_size > 5000
+
+
+def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(12, 12)).at_force(50.0)
+    waves, path = gp.Waves(state.sample), BandPath.default(packing.structure)
+    lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
+    found = find_path_spectra(
+        waves, lattice, state.scales, path.arrays, path.labels, points=13, polarisations=["longitudinal"]
+    )
+    assert found.labels == ("G", "K", "M", "G")
+    q = found.spectra[0].q
+    np.testing.assert_allclose(waves.nearest_wavevectors(q), q, rtol=1e-12)
+    assert len(np.unique(q.round(6), axis=0)) == len(q) > 8
+    assert np.all(np.any(q != 0.0, axis=1))
+    # far above the spread, the coherent wave has the frequency of the lattice's branch
+    first = np.argmin(found.spectra[0].wavenumber)
+    bands = lattice.frequencies(q[first : first + 1] * packing.diameter)[0] * state.scales.frequency
+    assert np.min(np.abs(bands / found.spectra[0].peak[first] - 1.0)) < 0.02
+
+
+REFUSED = {
+    "no array": (HEAD + "observe: [spectrum]\n", "medium: simulation"),
+    "no array for a pulse": (HEAD + "observe: [pulse]\npulse: {frequency: 1 kHz}\n", "medium: simulation"),
+    "several loads": (ARRAY.replace("5 N", "[5 N, 6 N]") + "observe: [spectrum]\n", "one state|each state"),
+    "no frequency": (ARRAY + "observe: [pulse]\n", "frequency: 6.5 kHz"),
+    "an empty block": (ARRAY + "observe: [pulse]\npulse: {cycles: 3}\n", "frequency"),
+    "a frequency without unit": (ARRAY + "observe: [pulse]\npulse: {frequency: 6500}\n", "without a unit"),
+    "an unknown key": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, cycle: 3}\n", "cycles"),
+    "an unknown polarisation": (ARRAY + "observe: [spectrum]\nspectrum: {polarisation: long}\n", "longitudinal"),
+    "a polarisation twice": (
+        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: [transverse, transverse]}\n", "once",
+    ),
+    "few points": (ARRAY + "observe: [spectrum]\nspectrum: {points: 1}\n", "2"),
+    "few cycles": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, cycles: 0.5}\n", "1"),
+    "negative damping": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, damping: -1 us}\n", "negative|zero"),
+    "two directions": (
+        ARRAY.replace("[0, 1]", "[[0, 1], [1, 0]]") + "observe: [pulse]\npulse: {frequency: 1 kHz}\n", "one direction",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_is_one_error_with_its_place(text, said):
+    with pytest.raises(gp.GranphonError, match=said) as caught:
+        gp.Scene.from_text(text)
+    assert "<scene>:" in str(caught.value)
+
+
+def test_frequency_above_the_top_is_an_error_and_nothing_is_written(tmp_path):
+    scene = gp.Scene.from_text(ARRAY + "observe: [pulse]\npulse: {frequency: 900 kHz, distance: 40 mm}\n")
+    with pytest.raises(gp.GranphonError, match=r"kHz|Hz"):
+        scene.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").glob("*.yaml"))
+
+
+def test_settings_are_checked_in_python_too():
+    scene = gp.Scene.from_text(ALL)
+    with pytest.raises(gp.GranphonError, match="cycles"):
+        dataclasses.replace(scene.pulse, cycles=0.0)
+    with pytest.raises(gp.GranphonError, match="points"):
+        dataclasses.replace(scene.spectrum, points=1)
