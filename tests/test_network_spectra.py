@@ -190,6 +190,7 @@ def test_dos_is_that_of_its_random_vectors(waves, dense):
     assert Kernel(dos.top, 60).integral(dos.rotational) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.claim("spectra-errors")
 def test_error_of_the_dos_is_honest(waves, dense):
     """Student's t of the deviation from the exact trace: 95 % of all points are within its bounds."""
     inside = []
@@ -294,6 +295,7 @@ def plane_wave(waves, q, polarisation):
     return np.array(vectors) / math.sqrt(np.sum(np.square(vectors)))
 
 
+@pytest.mark.claim("spectra-exact")
 @pytest.mark.parametrize(
     ("polarisation", "row"), [("longitudinal", 0), ("transverse", 1), ("rotational", 2), ([0.6, 0.0, 0.8], None)]
 )
@@ -481,6 +483,7 @@ def lorentz(kernel, peak, width):
     return kernel.densities(weights / weights.sum() @ kernel.moments_of(f))
 
 
+@pytest.mark.claim("spectra-width")
 @pytest.mark.parametrize(("width", "accuracy"), [(600.0, 2e-2), (150.0, 2e-2), (60.0, 5e-2)])
 def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
     kernel = Kernel.of(30e3, resolution=75.0)
