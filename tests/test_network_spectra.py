@@ -541,6 +541,34 @@ def test_disorder_broadens_lines(disordered):
     assert found.resolved[2]
 
 
+def test_average_over_arrays():
+    """The mean of spectra is that of the mean moments, on one scale; tops differ from array to array."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    every = [gp.Waves(gp.DirectSimulation(packing, shape=(8, 8), seed=seed).at_force(0.5).sample) for seed in (1, 2, 3)]
+    q = every[0].nearest_wavevectors([[100.0, 0.0], [0.0, 200.0]])
+    found = [one.spectral_function(q, resolution=500.0) for one in every]
+    mean = SpectralFunction.average(found)
+    assert len({one.top for one in found}) == 3
+    assert mean.top == max(one.top for one in found)
+    np.testing.assert_allclose(mean.integral, 1.0, rtol=1e-12)
+    kernel = Kernel(mean.top, mean.moments)
+    exact = []
+    for waves in every:
+        dense = Dense(waves.network)
+        for one in q:
+            ahead = one / np.linalg.norm(one)
+            exact.append(dense.density(kernel, *plane_wave(waves, one, np.array([*ahead, 0.0]))))
+    exact = np.mean(np.reshape(exact, (3, 2, -1)), axis=0)
+    np.testing.assert_allclose(mean.values, exact, atol=0.02 * exact.max())
+    np.testing.assert_allclose(SpectralFunction.average(found[:1]).values, found[0].values, rtol=1e-12)
+    with pytest.raises(InputError, match="same resolution"):
+        SpectralFunction.average([found[0], every[1].spectral_function(q, resolution=200.0)])
+    with pytest.raises(InputError, match="other wave vectors"):
+        SpectralFunction.average([found[0], every[1].spectral_function(q[:1], resolution=500.0)])
+    with pytest.raises(InputError, match="no spectral functions"):
+        SpectralFunction.average([])
+
+
 # -- a second engine ----------------------------------------------------------------------------------------------------
 
 
