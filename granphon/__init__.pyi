@@ -45,6 +45,7 @@ from .sweeps.archive import load_sweep as load_sweep
 from .sweeps.sweep import sweep as sweep
 from .tradeoffs.measure import tradeoff as tradeoff
 from .waves.dos import SpectralDensity as SpectralDensity
+from .waves.modes import NetworkModes as NetworkModes
 from .waves.pulses import Pulse as Pulse
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
 from .waves.waves import Waves as Waves

@@ -190,6 +190,7 @@ def test_dos_is_that_of_its_random_vectors(waves, dense):
     assert Kernel(dos.top, 60).integral(dos.rotational) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.claim("spectra-errors")
 def test_error_of_the_dos_is_honest(waves, dense):
     """Student's t of the deviation from the exact trace: 95 % of all points are within its bounds."""
     inside = []
@@ -294,6 +295,7 @@ def plane_wave(waves, q, polarisation):
     return np.array(vectors) / math.sqrt(np.sum(np.square(vectors)))
 
 
+@pytest.mark.claim("spectra-exact")
 @pytest.mark.parametrize(
     ("polarisation", "row"), [("longitudinal", 0), ("transverse", 1), ("rotational", 2), ([0.6, 0.0, 0.8], None)]
 )
@@ -481,6 +483,7 @@ def lorentz(kernel, peak, width):
     return kernel.densities(weights / weights.sum() @ kernel.moments_of(f))
 
 
+@pytest.mark.claim("spectra-width")
 @pytest.mark.parametrize(("width", "accuracy"), [(600.0, 2e-2), (150.0, 2e-2), (60.0, 5e-2)])
 def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
     kernel = Kernel.of(30e3, resolution=75.0)
@@ -536,6 +539,34 @@ def test_disorder_broadens_lines(disordered):
     assert found.width[0] < found.width[1] < found.width[2]
     assert found.mean_free_path[0] > found.mean_free_path[1] > found.mean_free_path[2]
     assert found.resolved[2]
+
+
+def test_average_over_arrays():
+    """The mean of spectra is that of the mean moments, on one scale; tops differ from array to array."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
+    every = [gp.Waves(gp.DirectSimulation(packing, shape=(8, 8), seed=seed).at_force(0.5).sample) for seed in (1, 2, 3)]
+    q = every[0].nearest_wavevectors([[100.0, 0.0], [0.0, 200.0]])
+    found = [one.spectral_function(q, resolution=500.0) for one in every]
+    mean = SpectralFunction.average(found)
+    assert len({one.top for one in found}) == 3
+    assert mean.top == max(one.top for one in found)
+    np.testing.assert_allclose(mean.integral, 1.0, rtol=1e-12)
+    kernel = Kernel(mean.top, mean.moments)
+    exact = []
+    for waves in every:
+        dense = Dense(waves.network)
+        for one in q:
+            ahead = one / np.linalg.norm(one)
+            exact.append(dense.density(kernel, *plane_wave(waves, one, np.array([*ahead, 0.0]))))
+    exact = np.mean(np.reshape(exact, (3, 2, -1)), axis=0)
+    np.testing.assert_allclose(mean.values, exact, atol=0.02 * exact.max())
+    np.testing.assert_allclose(SpectralFunction.average(found[:1]).values, found[0].values, rtol=1e-12)
+    with pytest.raises(InputError, match="same resolution"):
+        SpectralFunction.average([found[0], every[1].spectral_function(q, resolution=200.0)])
+    with pytest.raises(InputError, match="other wave vectors"):
+        SpectralFunction.average([found[0], every[1].spectral_function(q[:1], resolution=500.0)])
+    with pytest.raises(InputError, match="no spectral functions"):
+        SpectralFunction.average([])
 
 
 # -- a second engine ----------------------------------------------------------------------------------------------------

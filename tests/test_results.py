@@ -242,6 +242,10 @@ def every(packing, results):
         point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),
     ]  # fmt: skip
     found.append(next(result.waves for result in found if hasattr(result, "waves")))
+    waves = gp.Waves(simulated.samples[0])
+    q = waves.nearest_wavevectors([100.0, 0.0])
+    found += [waves.dos(moments=4, vectors=2), waves.spectral_function(q, moments=4), waves.modes(1)]
+    found += [waves.network, waves.transmit(6.5e3, direction=(0, 1), distance=0.03, cycles=1)]
     return {type(result): result for result in found}
 
 

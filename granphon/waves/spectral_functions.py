@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -23,6 +24,8 @@ __all__ = ["SpectralFunction", "find_spectral_function"]
 Array = NDArray[np.float64]
 #: width of a line over that of the kernel, from which it counts as resolved
 _RESOLVED = 0.2
+#: relative difference of wave vectors, and of resolutions, of spectral functions that are averaged
+_SAME, _ALIKE = 1e-9, 0.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,6 +164,39 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         return float(peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1]))
 
     # -- more of it -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def average(cls, found: Sequence[SpectralFunction]) -> SpectralFunction:
+        """Return the mean over arrays of one shape, at the points of the array with the highest ``top``.
+
+        The others are interpolated (cubic splines), to about 1e-3 of their peaks. The mean does not refine.
+
+        Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or resolutions by more
+        than 2 %: give all of them the same ``resolution``.
+        """
+        if not found:
+            raise InputError(message("there are no spectral functions to average"))
+        first = max(found, key=lambda one: one.top)
+        for one in found:
+            same = one.q.shape == first.q.shape and np.allclose(
+                one.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
+            )
+            if not same or (one.polarisation, one.direction) != (first.polarisation, first.direction):
+                raise InputError(message("spectral functions of other wave vectors or polarisations have no mean"))
+            if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
+                what = f"the spectral functions have resolutions of {one.resolution:.6g} and {first.resolution:.6g} Hz"
+                raise InputError(message(what, mend="Give all of them the same resolution"))
+        values = np.mean([one._at(first.frequencies) for one in found], axis=0)
+        return replace(first, values=values / first._kernel.integral(values)[:, None])
+
+    def _at(self, frequencies: Array) -> Array:
+        """Return the values (n, m) at other frequencies, interpolated, and zero from ``top`` on."""
+        from scipy.interpolate import CubicSpline
+
+        if np.array_equal(frequencies, self.frequencies):
+            return self.values
+        found = CubicSpline(self.frequencies, self.values, axis=1)(frequencies)
+        return np.where(frequencies <= self.frequencies[-1], found, 0.0)
 
     def _refine(self, resolution: float | None, moments: int | None) -> SpectralFunction:
         return self._known_work().find(Kernel.of(self.top, resolution, moments).moments)

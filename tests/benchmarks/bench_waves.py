@@ -1,0 +1,130 @@
+"""Benchmarks of waves in arrays as they are: densities of states, and the product of an array with a vector.
+
+    python tests/benchmarks/bench_waves.py [--json FILE] [--repeats N]
+
+The exit code is 1 if a bound is missed. The rivals are the same recursion with SciPy's sparse product, and kwant where it is
+installed (its kpm, on the same matrix, with the same numbers of moments and of vectors).
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_crystals import peak
+from numpy.typing import NDArray
+from side_by_side import Part, Row, against, alternate, command_line
+
+Array = NDArray[np.float64]
+#: balls on a side of the array that rivals take too, and of the largest one
+SIDE, LARGE = 316, 1000
+#: moments of the comparison, and of the largest density of states
+MOMENTS, MANY = 64, 1000
+
+
+def array(side: int) -> Any:
+    """Return the waves of a triangular array of steel balls with rotations, whose springs all differ."""
+    import granphon as gp
+    from granphon.balls.lattices import find_lattice
+
+    lattice, units = gp.ContactLattice.of("triangular", 0.8), gp.Units(8e-3, 3e6, 2e-3)
+    network = gp.ContactNetwork.of(lattice, units, lattice=find_lattice("triangular")).repeat((side, side))
+    factor = np.random.default_rng(0).uniform(0.2, 1.0, network.n_contacts)
+    stiffness, shear = factor * network.normal_stiffness, factor * network.shear_stiffness
+    return gp.Waves(replace(network, normal_stiffness=stiffness, shear_stiffness=shear))
+
+
+def by_scipy(half: Any, start: Array, count: int) -> Array:
+    """Return ``count`` moments of a vector by the plain recursion, as it is typed; ``half`` is D / top^2 - 1/2, sparse."""
+    before, now = start, 2.0 * (half @ start)
+    moments = [start @ start, now @ start, 2.0 * (now @ now) - start @ start]
+    while len(moments) < count:
+        before, now = now, 4.0 * (half @ now) - before
+        moments += [2.0 * (now @ before) - moments[1], 2.0 * (now @ now) - moments[0]]
+    return np.array(moments[:count])
+
+
+def waves(repeats: int) -> list[Row]:
+    """Densities of states of a hundred thousand balls against rivals, products of arrays, and a million balls alone."""
+    from scipy.sparse import eye_array
+
+    from granphon.waves.kernel import Kernel
+
+    ours = array(SIDE)
+    operator = ours.operator
+    half = (operator.matrix / operator.top**2 - 0.5 * eye_array(operator.size)).tocsr()
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], operator.size)
+    starts = [np.where(operator.is_rotation == turns, signs, 0.0) for turns in (False, True)]
+    other, vector = array(SIDE).operator, np.ones(operator.size)
+    theirs = np.sum([by_scipy(half, start, MOMENTS) for start in starts], axis=0) / operator.balls.size
+    dos = ours.dos(moments=MOMENTS, vectors=1)
+    error = np.max(np.abs(Kernel(dos.top, MOMENTS).densities(theirs) - dos.total)) / np.max(dos.total)
+    assert error < 0.05, "the other recursion finds another density"
+    assert np.max(np.abs(operator.matrix @ vector - other @ vector)) < 1e-9 * operator.top**2, "the products disagree"
+
+    calls = {
+        "ours": lambda: ours.dos(moments=MOMENTS, vectors=1),
+        "scipy": lambda: [by_scipy(half, start, MOMENTS) for start in starts],
+        "product": lambda: other @ vector,
+        "csr": lambda: operator.matrix @ vector,
+    }
+    try:
+        from kwant import kpm
+    except ImportError:
+        kpm = None
+    if kpm is not None:
+        matrix, bounds = operator.matrix, (0.0, operator.top**2)
+        calls["kwant"] = lambda: kpm.SpectralDensity(matrix, num_moments=MOMENTS, num_vectors=1, bounds=bounds)
+    seconds = alternate(repeats, **calls)
+    what = f"{SIDE}x{SIDE} balls with rotations, springs that differ"
+    found = [
+        Row(f"density of states in two parts, {what}, {MOMENTS} moments: over the same recursion by scipy's sparse product",
+            seconds["ours"] / seconds["scipy"], "", 1.0 / 3.0, note=against(seconds, "ours", "scipy")),
+        Row(f"D x, {what}: over scipy's sparse product of the same matrix", seconds["product"] / seconds["csr"], "", 1.0,
+            note=against(seconds, "product", "csr")),
+    ]  # fmt: skip
+    if kpm is not None:
+        found.append(
+            Row(f"density of states, its two parts, {what}, {MOMENTS} moments: over kwant's kpm, the total alone",
+                seconds["ours"] / seconds["kwant"], "", 1.0, note=against(seconds, "ours", "kwant"))
+        )  # fmt: skip
+    return found + large(repeats)
+
+
+# -- a million balls, alone in a process --------------------------------------------------------------------------------
+
+
+def alone(side: int, moments: int) -> None:
+    """Print what the density of states of a large array takes."""
+    ours = array(side)
+    start, busy = time.perf_counter(), time.process_time()
+    dos = ours.dos(moments=moments, vectors=1)
+    took = time.perf_counter() - start
+    print(json.dumps({"s": took, "busy": time.process_time() - busy, "GiB": peak(), "motions": dos.integral}))
+
+
+def large(repeats: int) -> list[Row]:
+    """The density of states of a million balls, with one vector."""
+    command = [sys.executable, "-c", f"import bench_waves; bench_waves.alone({LARGE}, {MANY})"]
+    runs = []
+    for _ in range(min(repeats, 2)):
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+        runs.append(json.loads(done.stdout))
+        assert abs(runs[-1]["motions"] - 3.0) < 1e-9, "some modes are missing: the time would mean nothing"
+    what = f"density of states of {LARGE}x{LARGE} balls with rotations, {MANY} moments, one vector"
+    return [
+        Row(f"{what}: time", float(np.median([run["s"] for run in runs])), "s", 300.0),
+        Row(f"{what}: peak memory of the process", max(run["GiB"] for run in runs), "GiB", 1.5),
+    ]
+
+
+PARTS: dict[str, Part] = {"waves": waves}
+
+if __name__ == "__main__":
+    sys.exit(command_line("Benchmarks of waves in arrays", PARTS))
