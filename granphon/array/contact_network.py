@@ -36,13 +36,14 @@ def make_network(packing: Packing, positions: Array, diameters: Array, force: Ar
     places, cell = np.zeros((diameters.size, 3)), np.zeros((3, 3))
     places[:, :p], cell[:p, :p] = positions.reshape(-1, p), d * structure.vectors[:, :p] * np.array(shape)[:, None]
     arm_i, arm_j = (np.broadcast_to(d * arm, number.shape)[live] for arm in (table.arm_i, table.arm_j))
-    spring, mass = stiffness.reshape(number.shape)[live], np.full(len(places), packing.mass)
+    carried, spring = (values.reshape(number.shape)[live] for values in (force, stiffness))
+    mass, twist = np.full(len(places), packing.mass), packing.find_torsion(carried, spring)
     return ContactNetwork(
         cell=cell, pbc=(p > 0, p > 1, p > 2), positions=places, radii=0.5 * diameters.ravel(), masses=mass,
         inertias=(GYRATION * d) ** 2 * mass, i=(n * np.arange(len(cells))[:, None] + table.i)[live],
         j=(n * number + table.j)[live], shift=shift[live], normal=normal[live],
-        normal_force=force.reshape(number.shape)[live], normal_stiffness=spring,
-        shear_stiffness=packing.mindlin_ratio * spring, torsion_stiffness=float(packing.torsion) * d * d * spring,
+        normal_force=carried, normal_stiffness=spring,
+        shear_stiffness=packing.mindlin_ratio * spring, torsion_stiffness=twist * d * d * spring,
         bending_stiffness=packing.bending * d * d * spring, arm_i=arm_i, arm_j=arm_j,
         motions=packing.named_motions.name, dimension=structure.dimension, lattice=structure, shape=shape,
     )  # fmt: skip

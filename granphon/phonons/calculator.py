@@ -15,18 +15,8 @@ from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
 from granphon.array.atoms import (
-    ARRAYS,
-    FINITE,
-    LATTICE,
-    SAMPLE,
-    adopt,
-    count_coordinates,
-    find_kind,
-    has_masses,
-    has_sampled,
-    require_lying,
-    take_arrays,
-)
+    ARRAYS, FINITE, LATTICE, SAMPLE, adopt, count_coordinates, find_kind, has_masses, has_sampled, require_lying, take_arrays,
+)  # fmt: skip
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, Motions, select_motions

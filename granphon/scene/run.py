@@ -13,10 +13,8 @@ forces.png             force chains of that sample, and the distribution of the 
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
 sweep.png              of a sweep: velocities and exponents over the load
-sample_dos.json, .csv   of a simulation: density of states of the first sample
-spectrum.json, .csv    spectral functions of the first sample along the path, and their peaks
-pulse.json, .csv       a pulse through all samples: signals, coherent part, speckle
-sample_dos.png, ...    the figures of these three
+sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
+spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
