@@ -7,7 +7,7 @@ is moved as a whole.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from ase import Atoms
@@ -15,7 +15,17 @@ from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
 from granphon.array.atoms import (
-    ARRAYS, FINITE, LATTICE, SAMPLE, adopt, count_coordinates, find_kind, has_masses, has_sampled, require_lying, take_arrays,
+    ARRAYS,
+    FINITE,
+    LATTICE,
+    SAMPLE,
+    adopt,
+    count_coordinates,
+    find_kind,
+    has_masses,
+    has_sampled,
+    require_lying,
+    take_arrays,
 )  # fmt: skip
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
@@ -29,7 +39,7 @@ from granphon.dynamics.modes import ContactLattice
 from granphon.dynamics.rows import contact_rows
 from granphon.media.state import ContactState, Law, with_keyword
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.contacts import ContactFinder, find_motions
+from granphon.phonons.contacts import ContactFinder, Deformations, find_motions
 from granphon.phonons.force_constants import assemble
 from granphon.phonons.neighbours import keep_rows
 
@@ -248,7 +258,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             )
         return self.state.law
 
-    def _find_deformations(self, balls: Atoms) -> _Deformations:
+    def _find_deformations(self, balls: Atoms) -> Deformations:
         """Find the contacts that are closed at the positions of the balls, with their energies, forces and torques."""
         law = self._choose_law(balls)
         apart = law.least_overlap / self.scales.length
@@ -298,7 +308,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 for turn_j, turn_i, on_j, on_i in zip(head[m:], tail[m:], torque_j, torque_i, strict=True):
                     on_i += tension * turn_i
                     on_j -= tension * turn_j
-        return _Deformations(i, j, vector, energy, pull, torque_i, torque_j)
+        return Deformations(i, j, vector, energy, pull, torque_i, torque_j)
 
     def _find_stiffness(self, law: Law, overlap: Array) -> Array:
         """Find the normal stiffness of contacts over that of the state; exactly 1 for its law at its overlap."""
@@ -427,18 +437,3 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             return found[:, :, slots][..., slots]
         index = (size * np.arange(lattice.n_balls)[:, None] + slots).ravel()
         return found[index][:, index]
-
-
-class _Deformations(NamedTuple):
-    """Closed contacts in reduced units: vectors (n, m) from ball i to j, energies (n,), forces (n, m).
-
-    The torques are (n,) about z, or about each of x, y and z.
-    """
-
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    vector: Array
-    energy: Array
-    force_on_j: Array
-    torque_on_i: list[Array]
-    torque_on_j: list[Array]

@@ -19,7 +19,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, message
 from granphon.phonons.neighbours import PairList, Pairs, keep_rows
 
-__all__ = ["ContactFinder", "Rest", "find_motions"]
+__all__ = ["ContactFinder", "Deformations", "Rest", "find_motions"]
 
 Array = NDArray[np.float64]
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
@@ -41,6 +41,21 @@ class Rest(NamedTuple):
     axis: Array
     overlap: Array
     distance: Array
+
+
+class Deformations(NamedTuple):
+    """Closed contacts in reduced units: vectors (n, m) from ball i to j, energies (n,), forces (n, m).
+
+    The torques are (n,) about z, or about each of x, y and z.
+    """
+
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    vector: Array
+    energy: Array
+    force_on_j: Array
+    torque_on_i: list[Array]
+    torque_on_j: list[Array]
 
 
 class ContactFinder:
