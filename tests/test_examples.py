@@ -23,12 +23,12 @@ from granphon.tradeoffs.study import Stopwatch
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: of those that do not write a picture that stands still
-SUFFIX = {"rolling_wave": ".gif"}
+SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: simulations of many balls under many loads, which the documentation runs too
 LONG = {
     "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "ladder", "paper_figures6_7_8",
     "paper_figures9_10_11",
-    "soft_modes", "spectral_function", "work_precision",
+    "soft_modes", "spectral_function", "wave_crossing", "work_precision",
 }  # fmt: skip
 
 

@@ -94,7 +94,16 @@ def waves(repeats: int) -> list[Row]:
             Row(f"density of states, its two parts, {what}, {MOMENTS} moments: over kwant's kpm, the total alone",
                 seconds["ours"] / seconds["kwant"], "", 1.0, note=against(seconds, "ours", "kwant"))
         )  # fmt: skip
-    return found + large(repeats)
+    return [*found, *large_product(repeats), *large(repeats)]
+
+
+def large_product(repeats: int) -> list[Row]:
+    """The product of a million balls against scipy's."""
+    ours, other = array(LARGE).operator, array(LARGE).operator
+    vector, _ = np.ones(ours.size), other.matrix
+    seconds = alternate(repeats, product=lambda: ours @ vector, csr=lambda: other.matrix @ vector)
+    what = f"D x, {LARGE}x{LARGE} balls with rotations, springs that differ: over scipy's sparse product of the same matrix"
+    return [Row(what, seconds["product"] / seconds["csr"], "", 1.0, note=against(seconds, "product", "csr"))]
 
 
 # -- a million balls, alone in a process --------------------------------------------------------------------------------
