@@ -135,3 +135,14 @@ def test_settings_are_checked_in_python_too():
         dataclasses.replace(scene.pulse, cycles=0.0)
     with pytest.raises(gp.GranphonError, match="points"):
         dataclasses.replace(scene.spectrum, points=1)
+
+
+def test_cost_of_waves_grows_with_what_is_asked():
+    def seconds(text):
+        return gp.Scene.from_text(ARRAY.replace("[12, 24]", "[1000, 1000]") + text).cost().known
+
+    alone = seconds("observe: [spectrum]\nspectrum: {points: 11}\n")
+    assert alone > 100.0  # a million balls
+    twice = seconds("observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n")
+    assert twice == pytest.approx(2.0 * alone)
+    assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone

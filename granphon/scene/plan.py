@@ -24,7 +24,7 @@ from granphon.laws.cluster import ClusterLaw
 from granphon.media import cost as costs
 from granphon.media.acoustics import contact_lattice, ideal_lattice
 from granphon.media.cases import Case, Grid
-from granphon.media.choice import Rung
+from granphon.media.choice import MediumChoice, Rung
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import Cost
 from granphon.media.mean_field import EffectiveMedium
@@ -39,6 +39,8 @@ __all__ = ["Plan", "PlannedCase"]
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
+#: moments of the waves of an array, if no resolution is given
+_MOMENTS = 256
 #: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
 MOST_CASES = 100
 #: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
@@ -289,10 +291,30 @@ class Plan:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
             out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.grid, branches)))
+        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
+        out.append((("medium",), smaller, self._estimate_waves()))
         if seen and scene.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
+
+    def _estimate_waves(self) -> Cost:
+        """Memory and time of the density of states and of the spectral functions of a simulated array."""
+        scene, structure = self.scene, self.scene.packing.structure
+        if not {"dos", "spectrum"} & set(scene.observe) or not scene.rung.medium.simulates:
+            return Cost()
+        medium = scene.rung.medium.of(scene.packing)
+        legs = sum(len(piece) - 1 for piece in scene.path.paths)
+        half = 0.5 * _MOMENTS  # each product gives two moments
+        products = 20.0 * half * ("dos" in scene.observe)
+        if "spectrum" in scene.observe:
+            if (fine := scene.spectrum.resolution) is not None:
+                ideal = MediumChoice("ala").of(scene.packing).at(scene.load.applied)[0]
+                top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency
+                half = max(half, 0.25 * math.pi * top / fine)
+            products += 2.0 * half * legs * scene.spectrum.points * len(scene.spectrum.polarisation)
+        rows = len(structure.contacts) / structure.n_balls * (1 + bool(scene.packing.friction) * (structure.periods - 1))
+        return costs.array_waves(products, math.prod(medium.shape) * structure.n_balls, rows)
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
