@@ -301,9 +301,9 @@ class Plan:
     def _estimate_waves(self) -> Cost:
         """Memory and time of the density of states and of the spectral functions of a simulated array."""
         scene, structure = self.scene, self.scene.packing.structure
-        if not {"dos", "spectrum"} & set(scene.observe) or not scene.rung.medium.simulates:
-            return Cost()
         medium = scene.rung.medium.of(scene.packing)
+        if not ({"dos", "spectrum"} & set(scene.observe) and isinstance(medium, DirectSimulation)):
+            return Cost()
         legs = sum(len(piece) - 1 for piece in scene.path.paths)
         half = 0.5 * _MOMENTS  # each product gives two moments
         products = 20.0 * half * ("dos" in scene.observe)
