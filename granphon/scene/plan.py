@@ -314,7 +314,7 @@ class Plan:
                 half = max(half, 0.25 * math.pi * top / fine)
             products += 2.0 * half * legs * scene.spectrum.points * len(scene.spectrum.polarisation)
         rows = len(structure.contacts) / structure.n_balls * (1 + bool(scene.packing.friction) * (structure.periods - 1))
-        return costs.array_waves(products, math.prod(medium.shape) * structure.n_balls, rows)
+        return costs.array_waves(products, medium.balls, rows)
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
