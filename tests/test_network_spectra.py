@@ -442,7 +442,8 @@ def test_network_with_ends_has_any_wave_vector(disordered):
         ({"polarisation": "transverse", "direction": "q"}, "is along q"),
         ({"polarisation": "transverse", "direction": (0, 0, 1)}, "Balls move in x, y, w alone"),
         ({"polarisation": "rotational", "direction": (1, 0, 0)}, "across all motions"),
-        ({"direction": (0, 0)}, "direction"),
+        ({"direction": (0, 0), "polarisation": "transverse"}, "direction"),
+        ({"direction": (0, 1)}, "moves along q"),
         ({"resolution": 1.0, "moments": 3}, "Each follows"),
     ],
 )  # fmt: skip

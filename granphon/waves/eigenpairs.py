@@ -36,8 +36,8 @@ _SHIFT = 1e-6
 _SPARE = 8
 #: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square over the distance of others
 _RESIDUAL = 1e-8
-#: first standard deviation of the filter in theta, the least one, and most rounds
-_FIRST, _NARROWEST, _ROUNDS = 0.05, 5e-4, 60
+#: first standard deviation of the filter in theta, and most products of D with a vector
+_FIRST, _PRODUCTS = 0.05, 100_000
 #: number of terms of the filter, over the inverse of its standard deviation: what is left out is 1e-11
 _TERMS = 3.5
 #: distance of the farthest mode that is wanted, over the standard deviation of the filter
@@ -214,9 +214,9 @@ def _find_factored(problem: _Problem, count: int, target: float) -> Eigenpairs:
 def _find_filtered(problem: _Problem, count: int, target: float) -> Eigenpairs:
     operator, top = problem.operator, problem.top
     vectors = np.random.default_rng(0).normal(size=(problem.live.size, count + max(_SPARE, count)))
-    width, last, worst = _FIRST, np.zeros(0), math.inf
-    for _ in range(_ROUNDS):
-        block = np.zeros((operator.size, vectors.shape[1]))
+    width, last, worst, left = _FIRST, np.zeros(0), math.inf, _PRODUCTS
+    while (left := left - math.ceil(_TERMS / width) * vectors.shape[1]) >= 0:
+        block = np.zeros((operator.size, vectors.shape[1]), order="F")
         block[problem.live] = vectors
         omega, whole, residual = problem.refine(_filtered(operator, block, target, width)[problem.live])
         vectors, chosen = whole[problem.live], problem.choose(omega, count, target)
@@ -234,10 +234,11 @@ def _find_filtered(problem: _Problem, count: int, target: float) -> Eigenpairs:
             return Eigenpairs(omega[chosen], whole[:, chosen], worst, counted)
         last, reach = omega[chosen], float(np.max(np.abs(omega[chosen] - target)))
         across = max(math.sqrt(max(1.0 - (target / top) ** 2, 0.0)), _FIRST)
-        width = max(reach / (_REACH * top * across), 0.25 * width, _NARROWEST)
+        width = max(reach / (_REACH * top * across), 0.25 * width)
     raise ConvergenceError(
-        message(f"the modes have residuals of {worst:.1g} after {_ROUNDS} rounds of the filter",
-                mend="Ask for more modes at once, or for fewer")
+        message(f"the modes take more than {_PRODUCTS} products of D with a vector; so far their residuals are {worst:.1g}",
+                "In a large network modes of one frequency range lie close together",
+                "Take a smaller network, or its density of states")
     )  # fmt: skip
 
 

@@ -224,6 +224,10 @@ class _PlaneWaves:
     def __init__(self, operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None) -> None:
         self._operator, self._q = operator, q
         word = isinstance(polarisation, str)
+        if word and polarisation == "longitudinal" and direction is not None and np.all(np.any(q, axis=1)):
+            raise InputError(
+                message("a direction is given for a longitudinal wave, which moves along q", mend="Leave it out")
+            )
         self._polarisation = str(polarisation) if word else "given"
         numbers = direction if word else polarisation
         self._direction = () if numbers is None else finite_list("direction", numbers)

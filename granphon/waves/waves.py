@@ -106,7 +106,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, or more modes than there are;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
-        :class:`~granphon.base.errors.ConvergenceError` if modes do not converge.
+        :class:`~granphon.base.errors.ConvergenceError` if modes do not converge, as those amid the spectrum of a network
+        that is too large to be factorised: they lie too close together.
         """
         return find_modes(self._stable_operator, count, nearest)
 
