@@ -49,7 +49,7 @@ from granphon.balls.material import Material
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import Refused
-from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH
+from granphon.base.quantities import DENSITY, FREQUENCY, LENGTH, LOADS, MODULUS, TIME, WIDTH
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import parse_yaml
@@ -70,7 +70,7 @@ from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 HERE = Path(__file__).parent
 PAGES = [HERE / "development.md", *(HERE / "reference" / f"{name}.md" for name in ("api", "scene", "commands", "files"))]
 _REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
-_UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, *LOADS.values())}
+_UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, FREQUENCY, TIME, *LOADS.values())}
 #: what the fields of all files mean, and their units
 MEANINGS = {name: one.meaning for name, one in CATALOGUE.items()} | FIELDS
 UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS

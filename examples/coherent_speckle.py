@@ -1,5 +1,5 @@
 r"""Coherent and speckle
-=====================
+====================
 
 What a ball of a disordered array hears of a pulse has two parts. The mean over a plane of balls, and over arrays, is the
 coherent wave, which travels with the sound velocity and fades. The rest differs from ball to ball: the speckle, which

@@ -1,5 +1,5 @@
 r"""A pulse through the hexagon of the experiment
-================================================
+=============================================
 
 Gilles and Coste pressed 2,791 steel balls, 31 on a side, into a hexagon between walls, sent pulses from one side to the
 opposite one, and took the sound velocity from the time of flight. Here the balls are simulated one by one, with a uniform

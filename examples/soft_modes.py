@@ -1,5 +1,5 @@
 r"""From sound to soft modes
-=========================
+========================
 
 The density of states of an array of balls that differ, divided by the frequency: in the plane sound gives a constant at low
 frequencies, as Debye has it. As the load falls towards the rigidity threshold the excess moves down, and close to it the

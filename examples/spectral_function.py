@@ -1,5 +1,5 @@
 r"""Bands that dissolve
-====================
+===================
 
 In an array of balls that differ a plane wave is no mode: it scatters, and its line has a width. The spectral function
 :math:`A(\mathbf q,f)` says which frequencies a wave of the wave vector q has in the array itself; the kernel polynomial

@@ -1,5 +1,5 @@
 r"""A wave that crosses the array
-================================
+=============================
 
 One ball in the middle of a disordered array is pushed by a burst of three periods. The wave runs out as a ring, and leaves
 the speckle behind: balls that go on moving where it has been. Colours are velocities along the push, red forward and blue

@@ -21,6 +21,7 @@ def add_up(network, balls):
     return pull
 
 
+@pytest.mark.claim("hexagon-force")
 @pytest.mark.parametrize("side_force", [990.0, 30.0, 0.1])
 @pytest.mark.parametrize("spread", [None, SPREAD])
 def test_balls_and_walls_are_in_balance(spread, side_force):

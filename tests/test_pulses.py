@@ -77,6 +77,7 @@ def test_chain_responds_with_the_bessel_functions_of_schroedinger(ends, image):
     assert np.max(np.abs(expected)) > 0.1 * np.max(np.abs(pulse.signals))
 
 
+@pytest.mark.claim("pulses-bandwidth")
 def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwidth():
     lattice = gp.ContactLattice.of("triangular", 0.8)
     height = np.sqrt(0.75)

@@ -219,6 +219,7 @@ def every(packing, results):
     from granphon.sweeps.records import RecordedState, SampleRecord
     from granphon.tradeoffs.ensemble import Ensemble
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
+    from granphon.waves.path_spectra import find_path_spectra
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
@@ -245,6 +246,11 @@ def every(packing, results):
     waves = gp.Waves(simulated.samples[0])
     q = waves.nearest_wavevectors([100.0, 0.0])
     found += [waves.dos(moments=4, vectors=2), waves.spectral_function(q, moments=4), waves.modes(1)]
+    path = find_path_spectra(
+        waves, gp.ContactLattice.of("triangular", 0.8), simulated[0].scales, [np.array([[0.0, 0.0], [0.5, 0.0]])], "GM",
+        points=4, polarisations=["longitudinal"],
+    )  # fmt: skip
+    found += [path, gp.Hexagon(gp.Packing(packing.material, 8e-3), 2).at_side_force(10.0)]
     found += [waves.network, waves.transmit(6.5e3, direction=(0, 1), distance=0.03, cycles=1)]
     return {type(result): result for result in found}
 

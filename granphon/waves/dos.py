@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sample import standard_error
+from granphon.balls.diameters import uniform_numbers
 from granphon.base.arguments import whole_number
 from granphon.base.results import Result
 from granphon.waves.kernel import Kernel
@@ -102,8 +103,9 @@ def find_dos(
 
 def _random_signs(operator: WaveOperator, seed: int, number: int, rotations: bool) -> Array:
     """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
-    shape = operator.balls.size, operator.motions.count
-    signs = 2.0 * np.random.default_rng([seed, number]).integers(0, 2, shape, dtype=np.int8) - 1.0
+    # each vector has a seed of its own, and numbers that are the same on every machine
+    own = int(uniform_numbers(number + 1, seed)[number] * 2.0**52)
+    signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), own) - 0.5)
     signs[:, operator.motions.is_rotation != rotations] = 0.0
     return np.asarray(operator.vector(signs))
 
