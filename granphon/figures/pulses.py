@@ -32,13 +32,17 @@ _BALLS = 6
 def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
     """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
 
-    Each trace is over time, ms; those of balls and of their mean are in proportion to the greatest signal. A mark shows
-    the time of flight by the envelope.
+    Means over further planes are drawn too, if the pulse has them. Each trace is over time, ms; those of balls and of means
+    are in proportion to the greatest signal. A mark shows the time of flight by the envelope.
     """
     t = 1e3 * pulse.times
     most = float(np.max(np.abs(pulse.signals)))
     chosen = np.unique(np.linspace(0, len(pulse.signals) - 1, balls).round().astype(int))
     traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
+    traces += [
+        (f"at {1e3 * distance:.3g} mm", trace / most, BLUE)
+        for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
+    ]
     traces += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
     for row, (_, trace, colour) in enumerate(traces):
         ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)

@@ -16,7 +16,19 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from granphon.base.scales import HertzPrefix
-from granphon.figures.style import BLUE, COLOURS, COLUMN_WIDTH, DPI, FRAME, GUIDE, ORANGE, STYLE, print_hertz
+from granphon.figures.style import (
+    BLUE,
+    COLOURS,
+    COLUMN_WIDTH,
+    DPI,
+    FRAME,
+    GUIDE,
+    ORANGE,
+    PURPLE,
+    STYLE,
+    VERMILION,
+    print_hertz,
+)
 from granphon.figures.zones import print_label
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
@@ -89,13 +101,20 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:
-    """Draw a figure of all polarisations of a path, one under the other, one column wide."""
+    """Draw a figure of all polarisations of a path, one under the other, and of their attenuation, one column wide.
+
+    The attenuation is left out if fewer than two lines are resolved.
+    """
     count = len(spectra.spectra)
+    resolved = [one for one in spectra.spectra if np.sum(one.resolved & (one.width > 0.0)) > 1]
     with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 0.3 + 2.8 * count), dpi=DPI, layout="constrained")
-        panels = figure.subplots(count, 1, squeeze=False)[:, 0]
-        for number, ax in enumerate(panels):
+        figure = Figure((COLUMN_WIDTH, 0.3 + 2.8 * count + 2.0 * bool(resolved)), dpi=DPI, layout="constrained")
+        ratios = [1.4] * count + [1.0] * bool(resolved)
+        panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
+        for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
+        for one, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
+            plot_attenuation(one, panels[-1], colour=colour)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -114,9 +133,12 @@ def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | Non
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
         first = int(np.argmin(f))
         line = np.array([f.min(), f.max()])
-        ax.plot(line, a[first] * (line / f[first]) ** exponent, color=GUIDE, linewidth=0.9, label=f"$f^{{{exponent:g}}}$")
-        for which, values in (("x", f), ("y", a)):
-            scale_axis(ax, which, values)
+        label = f"$f^{{{exponent:g}}}$"
+        known = ax.get_legend_handles_labels()[1]
+        style: dict[str, Any] = {"color": GUIDE, "linewidth": 0.9, "label": "_" if label in known else label}
+        ax.plot(line, a[first] * (line / f[first]) ** exponent, **style)
+        ax.set(yscale="log")
+        scale_axis(ax, "x", f)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
