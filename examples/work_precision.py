@@ -18,7 +18,7 @@ from granphon.figures.work_precision import tradeoff_figure
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
 result = gp.tradeoff(packing, force=19.9, budget=20.0)  # twenty seconds, at f* = 1, where all contacts are closed
-print("\n".join(describe_tradeoff(result)))
+print("\n".join(describe_tradeoff(result, packing.structure.periods)))
 
 # %%
 # The averaged force is about three times more accurate than the averaged lattice, and the effective medium three times
