@@ -21,9 +21,8 @@ from granphon.figures.scales import FORCES
 from granphon.figures.spectra import plot_sample_dos
 from granphon.figures.style import STYLE
 
-folder = Path(globals().get("__file__", "examples/random_packing.py")).parent / "packings"
-if not folder.is_dir():  # the gallery runs this where it is shown
-    folder = Path("examples/packings")
+here = Path(globals().get("__file__", "random_packing.py")).parent  # the gallery runs this in its folder, without a name
+folder = here / "packings"
 glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
 files = folder / "glass_atoms.dump", folder / "glass_pairs.dump"
 network = gp.ContactNetwork.from_lammps(*files, glass)

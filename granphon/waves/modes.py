@@ -34,7 +34,7 @@ class NetworkModes(Result):
     zero_modes : number of modes of the network that cost no energy, at or below 1e-6 of the top frequency: of the whole at
         rest, of balls that nothing holds, of mechanisms. They are not among the modes. None if they were not counted,
         which is so for modes nearest to a frequency of a network too large to be factorised.
-    residual : largest |D x - omega^2 x| / top^2 of a mode x.
+    residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
     """
 
     units = {"frequencies": "Hz"}

@@ -30,7 +30,7 @@ _SAME, _ALIKE = 1e-9, 0.02
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectralFunction(Refinable["_PlaneWaves"], Result):
-    """A(q, f) of plane waves on a network: the spectrum of <s| delta(f - D^1/2 / 2 pi) |s>, with s the wave of norm one.
+    """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s the wave of norm one.
 
     It is exact for the network but for the kernel, which broadens each line. A plane wave that is no mode of the network
     scatters into other modes, and its line has a width.
@@ -109,12 +109,12 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) |q|, 1/m."""
+        """(n,) ``|q|``, 1/m."""
         return np.asarray(np.linalg.norm(self.q, axis=1))
 
     @property
     def phase_velocity(self) -> Array:
-        """(n,) 2 pi peak / |q|, m/s.
+        """(n,) 2 pi peak / ``|q|``, m/s.
 
         Raises :class:`~granphon.base.errors.InputError` for q = 0.
         """
@@ -137,7 +137,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         return _ratio(math.pi * self.width, self.phase_velocity)
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
-        """Return the frequency, Hz, from which |q| times the mean free path is below ``product``; None if it stays above.
+        """Return the frequency, Hz, from which ``|q|`` times the mean free path is below ``product``; None if never.
 
         With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi it is half the
         wavelength. It lies between two wave vectors, in the order of their lengths: the first that is above and the next
