@@ -7,14 +7,11 @@ from typing import Annotated
 
 import typer
 
-from granphon.base.errors import Refused
-from granphon.base.text import show
 from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
 
 __all__ = [
     "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "Force", "SceneFile", "app", "command",
-    "read_direction",
 ]  # fmt: skip
 
 #: groups of commands, in the order of the help
@@ -69,11 +66,3 @@ def _granphon(
 
 Force = Annotated[bool, typer.Option("--force", help=FORCE)]
 SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]
-
-
-def read_direction(value: str) -> list[float]:
-    """Read the numbers of a direction, parted by spaces or commas; :class:`Refused` if they are no numbers."""
-    try:
-        return [float(word) for word in value.replace(",", " ").split()]
-    except ValueError:
-        raise Refused(show(value), "numbers parted by spaces, such as '0 1'") from None

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granphon.base.errors import InputError, message
-from granphon.cli.app import COMPARISONS, Force, SceneFile, command, read_direction
+from granphon.base.errors import InputError, Refused, message
+from granphon.base.text import show
+from granphon.cli.app import COMPARISONS, Force, SceneFile, command
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_fit, write_direction
 
@@ -142,12 +143,20 @@ def _choose_direction(scene: str, read: Scene, option: str | None) -> Sequence[f
     from granphon.base.validation import require
 
     if option is not None:
-        given: list[float] = require("--direction", read_direction, option)
+        given: list[float] = require("--direction", _read_direction, option)
         return given
     if len(read.directions) > 1:
         why = "A fit takes sound along one direction"
         raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))
     return read.directions[0] if read.directions else None
+
+
+def _read_direction(value: str) -> list[float]:
+    """Read the numbers of a direction, parted by spaces or commas."""
+    try:
+        return [float(word) for word in value.replace(",", " ").split()]
+    except ValueError:
+        raise Refused(show(value), "numbers parted by spaces, such as '0 1'") from None
 
 
 @command("tradeoff", rich_help_panel=COMPARISONS)
