@@ -46,6 +46,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli
+from granphon.scene.notebook import Summarised
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
     DIAMETERS_FILE,
@@ -77,7 +78,7 @@ _EXTENTS = ("force", "overlap", "longitudinal", "transverse", "transverse_slow",
 
 
 @dataclass(frozen=True)
-class RunResult:
+class RunResult(Summarised):
     """Results of a scene of one state; those that the scene did not ask for are None.
 
     Attributes
@@ -193,7 +194,7 @@ class RunResult:
 
 
 @dataclass(frozen=True)
-class SweepResult:
+class SweepResult(Summarised):
     """Results of a scene of many states: ``dataset`` is that of :func:`granphon.sweeps.sweep.sweep`.
 
     ``files`` are the paths written into ``folder``. ``failures`` has one sentence for each figure that could not be drawn,
