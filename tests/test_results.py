@@ -219,6 +219,7 @@ def every(packing, results):
     from granphon.sweeps.records import RecordedState, SampleRecord
     from granphon.tradeoffs.ensemble import Ensemble
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
+    from granphon.waves.path_spectra import find_path_spectra
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
@@ -246,6 +247,14 @@ def every(packing, results):
     q = waves.nearest_wavevectors([100.0, 0.0])
     found += [waves.dos(moments=4, vectors=2), waves.spectral_function(q, moments=4), waves.modes(1)]
     found += [waves.network, waves.transmit(6.5e3, direction=(0, 1), distance=0.03, cycles=1)]
+    path = [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])]
+    lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
+    found.append(
+        find_path_spectra(
+            waves, lattice, simulated[0].scales, path, ["G", "M"], points=3, polarisations=["longitudinal"], resolution=1e4
+        )
+    )
+    found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     return {type(result): result for result in found}
 
 
