@@ -286,7 +286,7 @@ def commands() -> str:
         parts += [
             f"## granphon {command.name or call.__name__}",
             _as_code(re.sub(r"(?<!\n)\n(?!\n)", " ", text)),
-            table(("argument or option", "what it is", "value", "default"), rows),
+            *([table(("argument or option", "what it is", "value", "default"), rows)] if rows else []),
             "```text\n" + "\n".join(line.strip() for line in examples.splitlines()[1:]) + "\n```",
         ]
     return "\n\n".join(parts)

@@ -18,6 +18,7 @@ from .balls.packing import Packing as Packing
 from .base.errors import GranphonError as GranphonError
 from .base.scales import Units as Units
 from .dynamics.modes import ContactLattice as ContactLattice
+from .figures.plot import plot as plot
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium

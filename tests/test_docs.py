@@ -375,7 +375,8 @@ def test_every_medium_and_every_option_has_its_row():
 def test_every_command_and_every_option_is_listed(capsys):
     sections = dict(re.findall(r"^## granphon (\w+)\n(.*?)(?=^## |\Z)", reference("commands"), re.MULTILINE | re.DOTALL))
     main(["--help"])
-    listed = re.findall(r"^  (\w+) ", capsys.readouterr().out.partition("Commands:")[2].partition("\n\n")[0], re.MULTILINE)
+    groups = capsys.readouterr().out.partition("Scenes:")[2].partition("Exit codes:")[0]
+    listed = re.findall(r"^  (\w+) ", groups, re.MULTILINE)
     assert listed == list(sections)
     for name, section in sections.items():
         main([name, "--help"])

@@ -246,12 +246,15 @@ def every(packing, results):
     waves = gp.Waves(simulated.samples[0])
     q = waves.nearest_wavevectors([100.0, 0.0])
     found += [waves.dos(moments=4, vectors=2), waves.spectral_function(q, moments=4), waves.modes(1)]
-    path = find_path_spectra(
-        waves, gp.ContactLattice.of("triangular", 0.8), simulated[0].scales, [np.array([[0.0, 0.0], [0.5, 0.0]])], "GM",
-        points=4, polarisations=["longitudinal"],
-    )  # fmt: skip
-    found += [path, gp.Hexagon(gp.Packing(packing.material, 8e-3), 2).at_side_force(10.0)]
     found += [waves.network, waves.transmit(6.5e3, direction=(0, 1), distance=0.03, cycles=1)]
+    path = [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])]
+    lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
+    found.append(
+        find_path_spectra(
+            waves, lattice, simulated[0].scales, path, ["G", "M"], points=3, polarisations=["longitudinal"], resolution=1e4
+        )
+    )
+    found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     return {type(result): result for result in found}
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.arguments import real_array
 from granphon.base.errors import InputError, brief, message
+from granphon.base.notebook import write_html
 from granphon.base.results import read_only
 
 __all__ = [
@@ -192,6 +193,14 @@ class Lattice:
                 )
             )
         return pressure
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("name", self.name, ""), ("dimension", self.dimension, ""), ("periods", self.periods, ""),
+            *((f"lattice vector {n}", vector, "spacing") for n, vector in enumerate(self.cell, 1)),
+            ("balls in the cell", self.n_balls, ""), ("contacts of a ball", self.coordination, ""),
+        ]  # fmt: skip
+        return write_html("Lattice", rows)
 
     def units_of(self, names: Iterable[str]) -> dict[str, str]:
         """The SI units of quantities of an array of balls: "pressure", "effective_density", "modulus"."""

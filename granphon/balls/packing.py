@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,11 @@ from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arguments import not_negative, positive
 from granphon.base.errors import InputError, brief, message
+from granphon.base.notebook import write_html
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import require, truth
 
-__all__ = ["MINDLIN", "Packing"]
+__all__ = ["MINDLIN", "Packing", "describe_packing"]
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -209,3 +210,23 @@ class Packing:
         if self.structure.periods == 1:
             return self.mass / (self.diameter * per_ball)
         return math.pi / 6.0 * self.material.density / per_ball
+
+    def _repr_html_(self) -> str:
+        return write_html("Packing", describe_packing(self))
+
+
+def describe_packing(packing: Packing) -> list[tuple[str, Any, str]]:
+    """Return names, values and SI units of what describes a packing, as a notebook shows them."""
+    ball = packing.material
+    given = [("yield strength", ball.yield_strength, "Pa")] * (ball.yield_strength is not None)
+    resisted = [(name, getattr(packing, name), "k d^2") for name in ("torsion", "bending") if getattr(packing, name)]
+    return [
+        ("lattice", packing.structure.name, ""), ("diameter", packing.diameter, "m"),
+        ("spread", "none" if packing.spread is None else type(packing.spread).__name__.lower(), ""),
+        *([("width of the spread", packing.width, "m")] * (packing.spread is not None)),
+        ("Young modulus", ball.young_modulus, "Pa"), ("Poisson ratio", ball.poisson_ratio, ""),
+        ("density", ball.density, "kg/m^3"), *given, ("mass of a ball", packing.mass, "kg"),
+        ("friction", packing.friction, ""), ("shear over normal stiffness", packing.mindlin_ratio, ""),
+        ("motions", packing.named_motions.name.replace("_", " "), ""),
+        *resisted,
+    ]  # fmt: skip

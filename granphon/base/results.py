@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
@@ -11,6 +12,7 @@ import numpy as np
 
 from granphon.base.digests import damage_error, digest
 from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.notebook import write_html
 from granphon.base.text import show
 
 __all__ = ["Result", "plain", "read_only", "restore"]
@@ -32,7 +34,8 @@ class Result:
 
     A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``shapes`` (the shapes of its arrays,
     for :meth:`check`) and, when the meaning of a field changes, a higher ``schema``. Fields that came later within a schema
-    are named in ``added``: they take their defaults where older data lack them. Arrays are made read-only; scalars stay
+    are named in ``added``: they take their defaults where older data lack them. ``shown`` names properties, quick to find,
+    that a notebook shows after the fields. Arrays are made read-only; scalars stay
     floats. Two results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array
     by its shape.
 
@@ -45,6 +48,7 @@ class Result:
     added: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, str]] = {}
     shapes: ClassVar[Mapping[str, str]] = {}
+    shown: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -73,6 +77,15 @@ class Result:
         values = ((f.name, getattr(self, f.name)) for f in fields(self) if f.repr)
         shown = (f"{n}=<array {v.shape}>" if isinstance(v, np.ndarray) and v.size > 8 else f"{n}={v!r}" for n, v in values)
         return f"{type(self).__name__}({', '.join(shown)})"
+
+    def _repr_html_(self) -> str:
+        units, rows = self.said_units(), []
+        for name in (*(f.name for f in fields(self) if f.repr), *self.shown):
+            with suppress(GranphonError):  # a property that this result does not have, such as the pressure of some lattices
+                value = getattr(self, name)
+                if value is not None and not (isinstance(value, tuple) and not value):
+                    rows.append((name, value, units.get(name, "")))
+        return write_html(type(self).__name__, rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data: class name, schema, the unit of each field, the fields, and a digest of all these.

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
 
+from granphon.cli.help import GroupedCommand, GroupedGroup
 from granphon.cli.terminal import say
 
-__all__ = ["Force", "SceneFile", "app"]
+__all__ = [
+    "ABOUT", "COMPARISONS", "FORCE", "GROUPS", "PICTURES", "SCENES", "Force", "SceneFile", "app", "command",
+]  # fmt: skip
+
+#: groups of commands, in the order of the help
+GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"
+#: what the option --force says
+FORCE = "Replace files that granphon wrote and that were not changed since."
 
 #: last paragraph of the help of ``granphon``; \b keeps its line breaks
 _EXIT_CODES = """\b
@@ -18,11 +27,13 @@ Exit codes:
   2    the input or the command line is wrong
   130  interrupted"""
 
-#: the command ``granphon``; the modules :mod:`.scenes` and :mod:`.studies` add their subcommands to it
+#: the command ``granphon``; the modules beside this one add their subcommands to it
 app = typer.Typer(
-    add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+    cls=GroupedGroup, rich_markup_mode=None, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )  # fmt: skip
+#: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands, ``rich_help_panel``
+command = partial(app.command, cls=GroupedCommand)
 
 
 def _print_version(wanted: bool) -> None:
@@ -47,9 +58,11 @@ def _granphon(
       granphon check scene.yaml           is it right, and what will be computed?
       granphon run scene.yaml -o out      compute, and write the folder out
       granphon plot out -o figure.pdf     draw the results again
+      granphon mode scene.yaml --at K -o mode.png
+                                          draw how balls move in a mode
       granphon tradeoff scene.yaml        what accuracy costs, measured
     """
 
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that granphon wrote and that were not changed since.")]
+Force = Annotated[bool, typer.Option("--force", help=FORCE)]
 SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.")]

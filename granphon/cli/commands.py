@@ -14,11 +14,14 @@ from typing import Any
 import typer
 
 from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning
-from granphon.cli import scenes, studies  # noqa: F401  importing them adds their commands to app
-from granphon.cli.app import app
+from granphon.cli import doctor, modes, scenes, studies  # noqa: F401  importing them adds their commands to app
+from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 
 __all__ = ["app", "main"]
+
+# by groups, whatever the order in which the modules were imported
+app.registered_commands.sort(key=lambda one: GROUPS.index(one.rich_help_panel))
 
 #: the class ClickException, base of typer's usage errors; found by its name, as its module depends on the version of typer
 _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from granphon.base.errors import InputError, message
-from granphon.cli.app import Force, SceneFile, app
+from granphon.cli.app import FORCE, PICTURES, SCENES, Force, SceneFile, command
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
 
@@ -22,11 +22,13 @@ PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membr
 MOST_WORKERS = 1024
 #: estimated time of a run, s, above which its cost is printed before it starts
 _LONG = 10.0
+#: groups of the options of ``run`` in its help
+_FILES, _WORK = "Files", "Work"
 #: what the message of an interruption adds if a part of a sweep has been finished
 _GO_ON = "The finished parts of the sweep are kept: run the same command again to continue."
 
 
-@app.command("init")
+@command("init", rich_help_panel=SCENES)
 def write_preset(
     path: Annotated[str, typer.Argument(metavar="[PATH]", help="The file to write.")] = "scene.yaml",
     preset: Annotated[str, typer.Option(help="What to start from: " + ", ".join(PRESETS) + ".")] = PRESETS[0],
@@ -60,7 +62,7 @@ def write_preset(
     say(f"Wrote {path}. Next: granphon check {path}")
 
 
-@app.command("check")
+@command("check", rich_help_panel=SCENES)
 def check_scene(scene: SceneFile) -> None:
     """Check a scene, and show what it means.
 
@@ -90,22 +92,32 @@ def check_scene(scene: SceneFile) -> None:
     warn(warnings)
 
 
-@app.command("run")
+@command("run", rich_help_panel=SCENES)
 def run_scene(
     scene: SceneFile,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.")],
-    force: Force = False,
+    out: Annotated[
+        str,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.", rich_help_panel=_FILES),
+    ],
+    force: Annotated[bool, typer.Option("--force", help=FORCE, rich_help_panel=_FILES)] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.")
+        bool,
+        typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=_WORK),
     ] = False,
     workers: Annotated[
         int,
         typer.Option(
-            min=1, max=MOST_WORKERS, metavar="N", help="Processes that share the work of a sweep; no more than it has tasks."
+            min=1,
+            max=MOST_WORKERS,
+            metavar="N",
+            help="Processes that share the work of a sweep; no more than it has tasks.",
+            rich_help_panel=_WORK,
         ),
     ] = 1,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.")] = False,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.", rich_help_panel=_FILES)] = True,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=_WORK)
+    ] = False,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
@@ -153,7 +165,7 @@ def run_scene(
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 
-@app.command("plot")
+@command("plot", rich_help_panel=PICTURES)
 def draw_results(
     folder: Annotated[str, typer.Argument(metavar="DIR", help="A folder that 'granphon run' wrote.")],
     out: Annotated[

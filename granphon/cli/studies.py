@@ -11,7 +11,7 @@ import typer
 
 from granphon.base.errors import InputError, Refused, message
 from granphon.base.text import show
-from granphon.cli.app import Force, SceneFile, app
+from granphon.cli.app import COMPARISONS, Force, SceneFile, command
 from granphon.cli.terminal import NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_fit, write_direction
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["fit_measurements", "measure_tradeoff"]
 
 
-@app.command("fit")
+@command("fit", rich_help_panel=COMPARISONS)
 def fit_measurements(
     scene: SceneFile,
     data: Annotated[str, typer.Argument(metavar="DATA.csv", help="The table of measured velocities.")],
@@ -156,7 +156,7 @@ def _read_direction(value: str) -> list[float]:
         raise Refused(show(value), "numbers parted by spaces, such as '0 1'") from None
 
 
-@app.command("tradeoff")
+@command("tradeoff", rich_help_panel=COMPARISONS)
 def measure_tradeoff(
     scene: SceneFile,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png.")] = None,

@@ -29,13 +29,13 @@ from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
 from granphon.dynamics.modes import ContactLattice
 from granphon.figures.spheres import draw_moved_spheres, draw_spheres
-from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, STYLE, VERMILION, print_hertz
 from granphon.figures.views import View
 
 if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
 
-__all__ = ["animate_mode", "plot_mode"]
+__all__ = ["animate_mode", "mode_figure", "plot_mode"]
 
 Array = NDArray[np.float64]
 #: longest displacement in the drawing, in diameters; spins are drawn on the same scale
@@ -114,6 +114,14 @@ def plot_mode(
         draw_spheres(ax, view or motion.view, motion.places, radii, motion.pairs, shift, turn, motion.gyration)
     ax.set_title(motion.title)
     return ax
+
+
+def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> Figure:
+    """Draw a figure of one mode, one column wide; ``options`` are those of :func:`plot_mode`."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI, layout="constrained")
+        plot_mode(phonons, q, branch, figure.subplots(), **options)
+    return figure
 
 
 def animate_mode(

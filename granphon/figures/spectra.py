@@ -34,7 +34,10 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.spectral_functions import SpectralFunction
 
-__all__ = ["plot_attenuation", "plot_sample_dos", "plot_spectrum", "sample_dos_figure", "spectrum_figure"]
+__all__ = [
+    "lines_figure", "plot_attenuation", "plot_lines", "plot_sample_dos", "plot_spectrum", "sample_dos_figure",
+    "spectrum_figure",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
@@ -142,6 +145,37 @@ def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | Non
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
+
+
+def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
+    """Draw the spectral function over frequency at each wave vector, up to six of them evenly taken.
+
+    The axis of frequency ends above the highest frequency at which a line has a thousandth of the highest peak.
+    """
+    chosen = np.unique(np.linspace(0, len(spectrum.q) - 1, len(COLOURS)).round().astype(int))
+    values = spectrum.values[chosen]
+    top = float(spectrum.frequencies[np.flatnonzero(values.max(axis=0) > 1e-3 * values.max())[-1]])
+    unit = HertzPrefix.for_top(top)
+    for colour, n in zip(COLOURS, chosen.tolist(), strict=False):
+        length = float(np.linalg.norm(spectrum.q[n]))
+        ax.plot(
+            spectrum.frequencies / unit.hertz, spectrum.values[n] * unit.hertz, color=colour, linewidth=0.9,
+            label=f"|q| = {length:.4g} /m",
+        )  # fmt: skip
+    ax.set(
+        xlabel=f"Frequency ({print_hertz(unit)})", xlim=(0.0, 1.05 * top / unit.hertz), ylim=(0.0, None),
+        ylabel=f"Spectral function, {spectrum.polarisation} (1/{print_hertz(unit)})",
+    )  # fmt: skip
+    ax.legend()
+    return ax
+
+
+def lines_figure(spectrum: SpectralFunction) -> Figure:
+    """Draw a figure, one column wide, of a spectral function at its wave vectors; see :func:`plot_lines`."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 2.6), dpi=DPI, layout="constrained")
+        plot_lines(spectrum, figure.subplots())
+    return figure
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:

@@ -1,4 +1,4 @@
-"""The looks of figures, and the one function that saves them; this module does not load matplotlib.
+"""The looks of figures, and the functions that save them; this module does not load matplotlib.
 
 Each polarisation has a colour, the same in every figure. The colours differ for every kind of colour vision, and in grey.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +16,13 @@ from granphon.base.errors import FigureError, GranphonError, message
 from granphon.base.scales import HertzPrefix, prefixed
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
 __all__ = [
     "BLUE", "COLOURS", "COLUMN_WIDTH", "FRAME", "GREEN", "GUIDE", "LONGITUDINAL_COLOUR", "ORANGE", "PAGE_WIDTH", "PURPLE",
     "DPI", "SKY_BLUE", "STYLE", "TRANSVERSE_COLOUR", "VERMILION", "draw", "print_hertz", "readable_unit", "save_figure",
-    "shorten_error",
+    "save_animation", "shorten_error",
 ]  # fmt: skip
 
 #: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(STYLE)``
@@ -83,20 +85,34 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
         backend that is not there. Nothing is left at ``path`` then.
     OSError : the file cannot be written.
     """
-    target = Path(path)
+    mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
+    # a backend that was asked for is named first: it may be missing, or lack what it needs
+    mend = f"Leave --backend (backend) out or give another, or {mend}" if options.get("backend") else mend.capitalize()
+    with _explain_failure(Path(path), mend) as target:
+        figure.savefig(target, **options)
+
+
+def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> None:
+    """Save an animation as a GIF that repeats; raises what :func:`save_figure` raises."""
+    with _explain_failure(
+        Path(path), "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed"
+    ) as target:
+        animation.save(target, writer="pillow")
+
+
+@contextmanager
+def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
+    """Make the folder of a picture that the block draws; if it cannot be drawn, raise FigureError, and leave nothing."""
     new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
-        figure.savefig(target, **options)
+        yield target
     except Exception as error:
         # an OSError with a number comes from the file system, and the caller reports it
         if isinstance(error, (GranphonError, MemoryError)) or (isinstance(error, OSError) and error.errno is not None):
             raise
         if new:
             target.unlink(missing_ok=True)
-        mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
-        # a backend that was asked for is named first: it may be missing, or lack what it needs
-        mend = f"Leave --backend (backend) out or give another, or {mend}" if options.get("backend") else mend.capitalize()
         raise FigureError(message(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend)) from error
 
 

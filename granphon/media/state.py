@@ -114,6 +114,7 @@ class ContactState(Result):
         "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
     }  # fmt: skip
     shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
+    shown = ("shear_stiffness", "pressure")
 
     packing: Packing
     medium: str

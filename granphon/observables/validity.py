@@ -124,6 +124,8 @@ class Check(Result):
 class Validity(Result):
     """The conditions under which the model holds, each with the value that the state has and the limit."""
 
+    shown = ("ok", "warnings")
+
     checks: tuple[Check, ...]
 
     @property

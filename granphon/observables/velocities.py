@@ -240,6 +240,7 @@ class Moduli(Result):
         "tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?",
         "tensor_error": "... 3 3|... 6 6|... 1 1?", "anisotropy_error": "...?",
     }  # fmt: skip
+    shown = ("bulk", "shear")
 
     tensor: Array
     isotropic: bool

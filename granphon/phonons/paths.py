@@ -18,7 +18,7 @@ from granphon.balls.lattices import Lattice
 from granphon.base.arguments import real_array, texts, whole_number
 from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.quantities import NUMBER
-from granphon.base.text import show
+from granphon.base.text import closest, show
 from granphon.base.validation import require
 
 __all__ = [
@@ -242,6 +242,32 @@ def _fraction(word: str, value: str, allowed: str) -> float:
     if math.isnan(number):
         raise Refused(f"{show(word)} in {show(value)}", allowed)
     return number + 0.0
+
+
+def read_point(value: Any, structure: Lattice) -> Array:
+    """Read a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
+
+    ``value`` is the letter of a special point, such as "K" (Gamma is G), or a text of numbers or fractions, one for each
+    period or three, parted by spaces or commas. :class:`~granphon.base.errors.Refused` if it is neither.
+    """
+    known, p = special_points(structure.vectors), structure.periods
+    example = ("1/2", "1/3 1/3", "1/2 1/4 3/4")[p - 1]
+    count = ("one number or fraction", "two numbers or fractions", "three numbers or fractions")[p - 1]
+    allowed = f"{', '.join(known)}, or {count}, such as '{example}'"
+    if not isinstance(value, str):
+        raise Refused(show(value), allowed)
+    name = "G" if value in ("Gamma", "GAMMA", "Γ") else value
+    if name in known:
+        return known[name]
+    if re.fullmatch(r"\s*[^\W\d_]\w*\s*", value):
+        meant = closest(value.strip(), known)
+        raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
+    numbers = [_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
+    if len(numbers) not in (p, 3):
+        raise Refused(f"{show(value)}, with {len(numbers)} numbers", allowed)
+    if any(numbers[p:]):
+        raise Refused(f"{show(value)}, which leaves the {('line', 'plane')[p - 1]}", allowed)
+    return np.array([*numbers[:p], *[0.0] * (3 - p)])
 
 
 def read_labels(value: Any) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all, warn_of_missing_error
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import Moduli, SoundVelocities, moduli
+from granphon.scene.notebook import Summarised
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import (
     DIAMETERS_FILE,
@@ -75,7 +76,7 @@ _EXTENTS = ("force", "overlap", "longitudinal", "transverse", "transverse_slow",
 
 
 @dataclass(frozen=True)
-class RunResult:
+class RunResult(Summarised):
     """Results of a scene of one state; those that the scene did not ask for are None.
 
     Attributes
@@ -158,9 +159,7 @@ class RunResult:
     @property
     def packages(self) -> tuple[str, ...]:
         """Names of the packages that the computation used, besides numpy and scipy."""
-        if self.phonons is not None:
-            return ("ase", "phonopy", "spglib")
-        return ("ase",) if self.state.samples else ()
+        return ("ase", "phonopy", "spglib") if self.phonons is not None else ("ase",) * bool(self.state.samples)
 
     def write(self, place: Path, step: Step) -> None:
         """Write the files of the bands, the density of states and the sample into the existing folder ``place``."""
@@ -191,7 +190,7 @@ class RunResult:
 
 
 @dataclass(frozen=True)
-class SweepResult:
+class SweepResult(Summarised):
     """Results of a scene of many states: ``dataset`` is that of :func:`granphon.sweeps.sweep.sweep`.
 
     ``files`` are the paths written into ``folder``. ``failures`` has one sentence for each figure that could not be drawn,

@@ -30,6 +30,7 @@ from granphon.media.choice import MediumChoice, Rung, no_simulation
 from granphon.media.state import ContactState
 from granphon.phonons.paths import BandPath, read_paths
 from granphon.scene import fields as rules
+from granphon.scene.notebook import write_scene
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE
@@ -239,6 +240,9 @@ class Scene:
                 raise
             with self._origin.at_load(self.load.kind, error.load_index):
                 raise
+
+    def _repr_html_(self) -> str:
+        return write_scene(self)
 
     def to_yaml(self) -> str:
         """Return the text of the scene with every default written out and quantities in SI units.

@@ -1,0 +1,149 @@
+"""The commands that draw one mode: ``mode`` makes a picture of it, and ``animate`` an animation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from granphon.base.errors import InputError, message
+from granphon.cli.app import PICTURES, Force, SceneFile, command
+from granphon.cli.terminal import require_name, say
+
+__all__ = ["animate_scene", "draw_mode"]
+
+#: most cells along a lattice vector, so that the balls can be told from each other
+_MOST_CELLS = 100
+#: most pictures in a period
+_MOST_FRAMES = 240
+
+At = Annotated[
+    str,
+    typer.Option(
+        "--at", metavar="Q", help="A special point, such as K, or fractions of the reciprocal cell, such as '1/3 1/3'."
+    ),
+]
+Branch = Annotated[int, typer.Option("--branch", min=0, metavar="N", help="Counted from 0, in ascending frequency.")]
+Cells = Annotated[
+    str | None,
+    typer.Option("--cells", metavar="'N N'", help="Cells to draw along each lattice vector; by default 8, 4 4, or a cube."),
+]
+Along = Annotated[
+    str | None,
+    typer.Option(
+        "--direction", metavar="'X Y'",
+        help="Side from which the point is approached, where branches touch; by default the scene's direction, else x.",
+    ),
+]  # fmt: skip
+
+
+@command("mode", rich_help_panel=PICTURES)
+def draw_mode(
+    scene: SceneFile,
+    at: At,
+    out: Annotated[
+        str, typer.Option("--out", "-o", metavar="FILE", help="Where to; the ending says the format (.png, .pdf, .svg).")
+    ],
+    branch: Branch = 0,
+    cells: Cells = None,
+    direction: Along = None,
+    force: Force = False,
+) -> None:
+    """Draw how the balls of a scene move and rotate in one mode.
+
+    Arrows are displacements. In a plane the angle of a ball is the sector from the upright to its mark, vermilion
+    anticlockwise and blue clockwise; balls that leave the plane, and those of crystals, are spheres, with a vermilion arrow
+    along the axis of rotation. The title says the wave vector, the frequency, and the part of the energy in rotation. The
+    scene has one state: a scene with several loads or media, or with a block 'sweep', is refused.
+
+    \b
+    Examples:
+      granphon mode scene.yaml --at K --branch 1 -o mode.png
+      granphon mode scene.yaml --at "1/4 0" --branch 2 --cells "8 2" -o mode.pdf
+    """
+
+    def draw(place: Path, *mode: Any, **options: Any) -> None:
+        from granphon.figures.modes import mode_figure
+        from granphon.figures.style import save_figure
+
+        save_figure(mode_figure(*mode, **options), place)
+
+    _write_picture(scene, at, branch, cells, direction, out, (".png", ".pdf", ".svg"), force, draw)
+
+
+@command("animate", rich_help_panel=PICTURES)
+def animate_scene(
+    scene: SceneFile,
+    at: At,
+    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where to, a name that ends in .gif.")],
+    branch: Branch = 0,
+    cells: Cells = None,
+    direction: Along = None,
+    frames: Annotated[
+        int,
+        typer.Option(min=2, max=_MOST_FRAMES, metavar="N", help="Pictures in a period, which takes two seconds."),
+    ] = 24,
+    force: Force = False,
+) -> None:
+    """Draw how the balls of a scene move and rotate in one mode, as an animation of one period that repeats.
+
+    What is drawn, and of which scenes, is as for 'granphon mode'.
+
+    \b
+    Examples:
+      granphon animate scene.yaml --at K --branch 1 -o mode.gif
+      granphon animate fcc.yaml --at "1/2 1/2 0" --frames 48 -o mode.gif
+    """
+
+    def draw(place: Path, *mode: Any, **options: Any) -> None:
+        from granphon.figures.modes import animate_mode
+        from granphon.figures.style import save_animation
+
+        save_animation(animate_mode(*mode, **options, frames=frames), place)
+
+    _write_picture(scene, at, branch, cells, direction, out, (".gif",), force, draw)
+
+
+def _write_picture(
+    scene: str, at: str, branch: int, cells: str | None, direction: str | None, out: str, endings: Sequence[str],
+    force: bool, draw: Callable[..., None],
+) -> None:  # fmt: skip
+    """Read the scene and the mode, and have ``draw`` draw it into the file ``out``, which arrives whole or not at all."""
+    from granphon.base.staging import ResultFiles
+    from granphon.base.validation import lengths, require
+    from granphon.phonons.paths import read_point
+    from granphon.scene.fields import read_directions
+    from granphon.scene.scene import Scene
+
+    require_name("--out", out)
+    target = Path(out)
+    if target.suffix not in endings:
+        what = f"--out is {out}, whose ending is not one of {', '.join(endings)}"
+        mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
+        raise InputError(message(what, mend=mend))
+    read = Scene.from_yaml(scene)
+    with ResultFiles(target.parent, [target.name], force, inputs=read.inputs).open() as locked:
+        if read.is_sweep:
+            why = "A mode is drawn of one state"
+            raise InputError(message(f"{scene} has many states", why, "Keep one load, one medium, and no block 'sweep'"))
+        lattice = read.packing.structure
+        q = require("--at", partial(read_point, structure=lattice), at)
+        options: dict[str, Any] = {}
+        if direction is not None:
+            options["direction"] = require("--direction", partial(read_directions, lattice=lattice), direction)
+        else:
+            options["direction"] = read.directions[0] if read.directions else (1.0, 0.0, 0.0)[: lattice.periods]
+        if cells is not None:
+            limited = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
+            options["cells"] = require("--cells", limited, cells)
+        count = lattice.n_balls * read.packing.ball_motions.count
+        if branch >= count:  # told here too, before a state is solved
+            raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
+        from granphon.phonons.phonons import Phonons  # after what can be refused, as it loads phonopy
+
+        with read.plan.origin.where_it_buckles(), locked.staging() as place:
+            draw(place / target.name, Phonons(read.state()), q, branch, **options)
+    say(f"Wrote {out}")

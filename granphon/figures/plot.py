@@ -1,0 +1,74 @@
+"""The picture of a result that it gets if nothing more is said; this module does not load matplotlib until it draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from granphon.base.errors import InputError, brief, message
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["plot"]
+
+#: for the class of a result, by the package and the name, so that none is imported here: the module of figures, the
+#: function that draws it, and the keyword under which the function takes it
+_PICTURES = {
+    "granphon.Bands": ("bands", "bands_figure", "bands"),
+    "granphon.DensityOfStates": ("bands", "bands_figure", "dos"),
+    "granphon.WidthFit": ("fits", "fit_figure", "fit"),
+    "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result"),
+    "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra"),
+    "granphon.SpectralFunction": ("spectra", "lines_figure", "spectrum"),
+    "granphon.SpectralDensity": ("spectra", "sample_dos_figure", "dos"),
+    "granphon.Pulse": ("pulses", "pulse_figure", "pulse"),
+    "granphon.SimulatedState": ("forces", "forces_figure", "state"),
+    "xarray.Dataset": ("sweeps", "sweep_figure", "dataset"),
+}
+#: what these are called in messages
+_WORDS = (
+    "bands, a density of states, a sweep, a fit, a trade-off, spectra, a pulse, a simulated state, or the result of a run of"
+    " a scene with bands, a density of states or a sweep"
+)
+
+
+def plot(result: Any, **options: Any) -> Figure:
+    """Draw the default picture of a result, and return the figure, which a notebook shows.
+
+    ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
+    or at single wave vectors, a pulse, a simulated state at one load, or the result of the run of a scene, of which bands,
+    density of states or sweep are drawn. ``options`` are those of the function of :mod:`granphon.figures` that draws it,
+    such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours
+    are in the same modules.
+
+    Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
+    """
+    kinds = [f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(result).__mro__]
+    if "granphon.SweepResult" in kinds:
+        return plot(result.dataset, **options)
+    known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
+    given = {} if known is None else {known[2]: result}
+    if "granphon.RunResult" in kinds and not (result.bands is None and result.dos is None):
+        known, given = _PICTURES["granphon.Bands"], {"bands": result.bands, "dos": result.dos}
+    if known is None or (kinds[0] == "xarray.Dataset" and "valid" not in result):
+        raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
+    draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
+    _require_options(draw, known[1], given, options)
+    figure = draw(**given, **options)
+    from granphon.figures.pictures import Picture
+
+    # the functions make plain figures; a picture is one that shows itself, whether pyplot is loaded or not
+    figure.__class__ = Picture
+    return figure
+
+
+def _require_options(draw: Callable[..., Figure], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
+    """Raise InputError for an option that the function does not have."""
+    from inspect import signature
+
+    allowed = [one for one in signature(draw).parameters if one not in given]
+    if unknown := [one for one in options if one not in allowed]:
+        mend = f"It has {', '.join(allowed)}" if allowed else "It has none"
+        raise InputError(message(f"{name} has no option {', '.join(unknown)}", mend=mend))

@@ -1,0 +1,56 @@
+"""What a notebook shows of a scene, and of the results of its run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from granphon.balls.packing import describe_packing
+from granphon.balls.parameters import PARAMETERS
+from granphon.base.notebook import write_html
+from granphon.base.quantities import load_quantities
+from granphon.observables.catalogue import Observable
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
+
+__all__ = ["Summarised", "write_scene"]
+
+
+def write_scene(scene: Scene) -> str:
+    """Return a table of what a scene says, in SI units; no state is computed."""
+    load, periods = scene.load, scene.packing.structure.periods
+    rows: list[tuple[str, Any, str]] = [
+        *describe_packing(scene.packing),
+        (load.kind.replace("_", " "), load.array, load_quantities(periods)[load.kind].unit),
+        *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
+        ("medium", tuple(choice.label for choice in scene.media), ""),
+        *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in scene.parameters),
+        ("finite overlap", scene.finite_overlap, ""),
+        ("observe", scene.observe, ""),
+        *(("direction", one, "") for one in scene.directions[:4]),
+    ]
+    if {"bands", "spectrum"} & set(scene.observe):
+        path = scene.path
+        rows.append(("path", " ".join(path.labels) if path.labels else str(path), ""))
+    if "dos" in scene.observe:
+        rows.append(("mesh", " x ".join(map(str, scene.grid)), ""))
+    return write_html("Scene", rows)
+
+
+class Summarised:
+    """A result with a summary, which a notebook shows."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of the result by name, in SI units."""
+        raise NotImplementedError
+
+    def entry(self, name: str) -> Observable | None:
+        """Return the entry of the catalogue for a number of the summary; None if it has none."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, value in self.summary().items():
+            entry = self.entry(name)
+            rows.append((name, value, "Hz" if name == "top_frequency" else entry.unit if entry else ""))
+        return write_html(type(self).__name__, rows)

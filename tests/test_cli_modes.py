@@ -1,0 +1,176 @@
+"""The commands ``mode`` and ``animate``, and how they read a wave vector."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import granphon as gp
+from granphon.balls.lattices import LATTICES
+from granphon.base.errors import Refused
+from granphon.base.written_files import LIST
+from granphon.cli.commands import main
+from granphon.figures.modes import mode_figure
+from granphon.figures.style import save_figure
+from granphon.phonons.paths import read_point, special_points
+
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {lattice: triangular, diameter: 8 mm}
+load: {force: 18.446 N}
+"""
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """An empty working folder with a scene in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != LIST}
+
+
+def one_error(capsys):
+    """The one line on stderr, without its prefix."""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("granphon: error: ")
+    assert err.count("\n") == 1
+    return err.removeprefix("granphon: error: ").strip()
+
+
+def test_a_mode_is_that_of_the_library(work, capsys):
+    assert main(["mode", "scene.yaml", "--at", "K", "--branch", "1", "--cells", "2 2", "-o", "mode.png"]) == 0
+    assert capsys.readouterr() == ("Wrote mode.png\n", "")
+    phonons = gp.Phonons(gp.Scene.from_yaml("scene.yaml").state())
+    save_figure(mode_figure(phonons, (1 / 3, 1 / 3), 1, cells=(2, 2), direction=(1.0, 0.0)), work / "same.png")
+    save_figure(mode_figure(phonons, (1 / 3, 1 / 3), 2, cells=(2, 2), direction=(1.0, 0.0)), work / "other.png")
+    found = files(work)
+    assert found["mode.png"] == found["same.png"]
+    assert found["mode.png"] != found["other.png"]
+
+
+def test_a_mode_is_seen_from_the_side_that_is_given(work):
+    """At Gamma all directions have their own longitudinal wave: by default the one along x, then the scene's."""
+    arguments = ["mode", "scene.yaml", "--at", "0 0", "--branch", "1", "--cells", "1 1"]
+    for name, more in {"default": [], "x": ["--direction", "1 0"], "y": ["--direction", "0 1"]}.items():
+        assert main([*arguments, *more, "-o", f"{name}.png"]) == 0
+    (work / "scene.yaml").write_text(SCENE + "direction: 0 1\n", encoding="utf-8")
+    assert main([*arguments, "-o", "scene.png"]) == 0
+    found = files(work)
+    assert found["default.png"] == found["x.png"] != found["y.png"]
+    assert found["scene.png"] == found["y.png"]
+
+
+def test_an_animation_has_a_picture_for_each_moment(work, capsys):
+    arguments = ["animate", "scene.yaml", "--at", "1/3,1/3", "--frames", "4", "--cells", "2 1", "-o", "films/mode.gif"]
+    assert main(arguments) == 0
+    assert capsys.readouterr() == ("Wrote films/mode.gif\n", "")
+    with Image.open(work / "films" / "mode.gif") as film:
+        assert film.n_frames == 4
+        assert film.info["loop"] == 0
+        pictures = []
+        for number in range(4):
+            film.seek(number)
+            assert film.info["duration"] == 500
+            pictures.append(np.asarray(film.convert("RGB")))
+    assert all(np.any(pictures[one] != pictures[other]) for one in range(4) for other in range(one))
+
+
+@pytest.mark.parametrize("command", ["mode", "animate"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"--at": "Q"}, "--at: found 'Q'; allowed: G, M, K, or two numbers"),
+        ({"--at": "k"}, "Did you mean 'K'?"),
+        ({"--at": "1/3"}, "--at: found '1/3', with 1 numbers"),
+        ({"--at": "1/3 1/3 1/3"}, "leaves the plane"),
+        ({"--at": "1/3 nan"}, "--at: found"),
+        ({"--at": ""}, "--at: found ''"),
+        ({"--branch": "3"}, "there is no branch 3. Count from 0 to 2."),
+        ({"--branch": "-1"}, "--branch"),
+        ({"--cells": "2 2 2"}, "--cells: found '2 2 2'"),
+        ({"--cells": "0 2"}, "--cells"),
+        ({"--direction": "0 0"}, "--direction: found '0 0'"),
+        ({"--direction": "up"}, "--direction: found 'up'"),
+        ({"-o": "mode.doc"}, "--out is mode.doc, whose ending is not one of"),
+        ({"-o": "mode"}, "--out is mode, whose ending is not one of"),
+        ({"-o": ""}, "--out is empty"),
+        ({"scene": "none.yaml"}, "none.yaml"),
+        ({"scene": "sweep.yaml"}, "sweep.yaml has many states. A mode is drawn of one state."),
+        ({"scene": "media.yaml"}, "media.yaml has many states"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_error_and_nothing_is_written(command, change, said, work, capsys):
+    (work / "sweep.yaml").write_text(SCENE.replace("18.446 N", "[1 N, 2 N]"), encoding="utf-8")
+    (work / "media.yaml").write_text(SCENE + "medium: [ala, afa]\n", encoding="utf-8")
+    before = files(work)
+    given = {"--at": "K", "-o": "mode.png" if command == "mode" else "mode.gif"} | change
+    scene = given.pop("scene", "scene.yaml")
+    assert main([command, scene, *(word for pair in given.items() for word in pair)]) == 2
+    assert said in one_error(capsys)
+    assert files(work) == before
+
+
+def test_a_picture_is_not_overwritten_unless_asked_for(work, capsys):
+    arguments = ["mode", "scene.yaml", "--at", "K", "--cells", "1 1", "-o", "mode.png"]
+    assert main(arguments) == 0
+    before = files(work)
+    capsys.readouterr()
+    assert main([*arguments, "--branch", "1"]) == 1
+    assert "already holds mode.png" in one_error(capsys)
+    assert files(work) == before
+    assert main([*arguments, "--branch", "1", "--force"]) == 0
+    assert files(work)["mode.png"] != before["mode.png"]
+    # what the user has drawn is never replaced
+    (work / "mode.png").write_bytes(b"mine")
+    capsys.readouterr()
+    assert main([*arguments, "--force"]) == 1
+    one_error(capsys)
+    assert files(work)["mode.png"] == b"mine"
+
+
+@pytest.mark.parametrize("command", ["mode", "animate"])
+def test_a_picture_that_fails_half_way_leaves_nothing(command, work, capsys, monkeypatch):
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.figure import Figure
+
+    def fail(self, path, **options):
+        self._draw_was_started = True  # else matplotlib warns of an animation that was never drawn
+        path.write_bytes(b"half")
+        raise ValueError("the ink is out")
+
+    monkeypatch.setattr(Figure, "savefig", fail)
+    monkeypatch.setattr(FuncAnimation, "save", fail)
+    before = files(work)
+    name = "mode.png" if command == "mode" else "mode.gif"
+    assert main([command, "scene.yaml", "--at", "K", "--cells", "1 1", "-o", name]) == 1
+    assert one_error(capsys).startswith(f"{name} could not be drawn: the ink is out")
+    assert files(work) == before
+
+
+@pytest.mark.parametrize(("lattice", "at"), [("chain", "X"), ("kagome", "M"), ("fcc", "W")])
+def test_modes_of_other_lattices_are_drawn(lattice, at, work):
+    (work / "scene.yaml").write_text(SCENE.replace("triangular", lattice), encoding="utf-8")
+    assert main(["mode", "scene.yaml", "--at", at, "-o", "mode.svg"]) == 0
+    assert files(work)["mode.svg"].rstrip().endswith(b"</svg>")
+
+
+@pytest.mark.parametrize(
+    "name", ["chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond"]
+)
+def test_a_point_is_read_by_its_letter_and_in_numbers(name):
+    structure = LATTICES[name]
+    p = structure.periods
+    for letter, point in special_points(structure.vectors).items():
+        np.testing.assert_array_equal(read_point(letter, structure), point)
+        np.testing.assert_allclose(read_point(" ".join(map(repr, point.tolist())), structure), point, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(read_point(",".join(map(repr, point[:p].tolist())), structure), point, rtol=0, atol=1e-15)
+    for gamma in ("G", "Gamma", "Γ"):
+        np.testing.assert_array_equal(read_point(gamma, structure), np.zeros(3))
+    for bad in ("Q9", "1/0", "", 3, None, "1 2 3 4", "1e9 0 0"):
+        with pytest.raises(Refused):
+            read_point(bad, structure)

@@ -1,0 +1,303 @@
+"""What a notebook shows: short tables of results, scenes, lattices and packings, and the default picture."""
+
+import importlib
+import math
+import pkgutil
+import subprocess
+import sys
+from dataclasses import fields
+from inspect import signature
+from types import SimpleNamespace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from xarray import Dataset
+
+import granphon as gp
+from granphon.balls.lattices import LATTICES
+from granphon.base.errors import InputError
+from granphon.base.notebook import describe_value, write_html
+from granphon.base.results import Result
+from granphon.figures.plot import _PICTURES
+from granphon.waves.path_spectra import find_path_spectra
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+SCENE = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {lattice: triangular, diameter: 8 mm, spread: {uniform: 2 um}}
+load: {force: 18.446 N}
+observe: [velocities, bands, dos]
+phonopy: {band_points: 5, mesh: 4 4 1}
+"""
+#: what must not become a part of the page
+HOSTILE = "<script>alert('x')</script> & \"q\" \x00\x1b"
+
+
+def read(html: str) -> dict[str, tuple[str, str]]:
+    """The value and the unit of each row of a table, which is well-formed."""
+    table = ElementTree.fromstring(html)
+    assert {one.tag for one in table.iter()} <= {"table", "caption", "thead", "tbody", "tr", "th", "td"}
+    assert [one.text for one in table.iter("th")][:3] == ["name", "value", "unit"]
+    found = {}
+    for row in table.find("tbody"):
+        name, value, unit = (cell.text or "" for cell in row)
+        found[name] = (value, unit)
+    return found
+
+
+def panels(figure):
+    return [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
+
+
+# -- tables ---------------------------------------------------------------------------------------------------------
+
+
+def result_classes() -> list[type[Result]]:
+    """Every class of results in the package."""
+    package = importlib.import_module("granphon")
+    for module in pkgutil.walk_packages(package.__path__, "granphon."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    found, more = [], [Result]
+    while more:
+        more = [one for kind in more for one in kind.__subclasses__()]
+        found += [one for one in more if one.__module__.startswith("granphon.")]
+    return list(dict.fromkeys(found))
+
+
+VALUES = [
+    HOSTILE, np.linspace(0.0, 1.0, 30).reshape(2, 3, 5), np.array([1.0, np.nan, math.inf] * 4), np.full(9, 2.0 + 1.0j),
+    np.zeros((0, 3)), np.array([True, False] * 5), (HOSTILE,) * 9, {"<b>": HOSTILE}, math.nan, True, 3, None,
+    np.array([HOSTILE]), STEEL, object(), 1 + 2j,
+]  # fmt: skip
+
+
+def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
+    """Whatever the fields hold, so that the classes need not be computed."""
+    kinds = result_classes()
+    assert {gp.Bands, gp.ContactState, gp.SimulatedState, gp.Pulse, gp.SpectralFunction, gp.ContactNetwork} <= set(kinds)
+    for kind in kinds:
+        names = [field.name for field in fields(kind)]
+        monkeypatch.setattr(kind, "shown", ())  # properties are those of true results, see below
+        for shift in range(len(VALUES)):
+            made: Any = object.__new__(kind)
+            given = {name: VALUES[(n + shift) % len(VALUES)] for n, name in enumerate(names)}
+            # by these some classes find their units
+            needed = {"packing": gp.Packing(STEEL, 8e-3), "tensor": np.eye(3), "parameters": ("width",)}
+            for name, value in (given | {name: value for name, value in needed.items() if name in names}).items():
+                object.__setattr__(made, name, value)
+            html = made._repr_html_()
+            assert "<script" not in html
+            found, units = read(html), made.said_units()
+            assert set(found) <= set(names)
+            for name, (_, unit) in found.items():
+                assert unit == ("" if units.get(name) == "1" else units.get(name, "")), (kind, name)
+
+
+def test_tables_of_results_have_values_and_units(state):
+    found = read(state._repr_html_())
+    assert found["force"] == (f"{state.force:.6g}", "N")
+    assert found["shear_stiffness"] == (f"{state.shear_stiffness:.6g}", "N/m")
+    assert found["pressure"] == (f"{state.pressure:.6g}", "N/m")
+    moduli = gp.moduli(state)
+    assert read(moduli._repr_html_())["bulk"] == (f"{moduli.bulk:.6g}", "Pa")
+    velocities = gp.sound_velocities(state)
+    assert read(velocities._repr_html_())["longitudinal"] == (f"{velocities.longitudinal:.6g}", "m/s")
+    assert read(gp.validity(state)._repr_html_())["ok"] == ("yes", "")
+    frequencies = gp.ContactLattice.of("triangular", 0.8).modes([[0.3, 0.4]] * 7).frequencies
+    many = gp.AveragedLattice(state.packing).at_force(np.arange(1.0, 31.0))
+    assert read(many._repr_html_())["force"] == ("array 30, 1 to 30", "N")
+    assert describe_value(frequencies) == f"array 7 x 3, {frequencies.min():.6g} to {frequencies.max():.6g}"
+
+
+def test_a_table_leaves_out_what_a_result_does_not_have():
+    """The stress of this lattice is no pressure, and an anisotropic lattice has no one shear modulus."""
+    oblong = gp.Lattice("oblong", ((1.0, 0.0), (0.0, 2.0)), ((0.0, 0.0), (0.0, 0.5)))
+    chain = read(gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="chain")).at_force(1.0)._repr_html_())
+    assert chain["pressure"] == ("1", "N")
+    assert "force" in read(gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=oblong)).at_force(1.0)._repr_html_())
+
+
+@pytest.mark.parametrize("name", LATTICES)
+def test_tables_of_lattices_and_packings(name):
+    lattice = LATTICES[name]
+    found = read(lattice._repr_html_())
+    assert found["name"] == (name, "")
+    assert found["balls in the cell"] == (str(lattice.n_balls), "")
+    assert found["contacts of a ball"] == (f"{lattice.coordination:.6g}", "")
+    packing = gp.Packing(STEEL, 8e-3, lattice=name, spread=gp.Uniform(2e-6))
+    found = read(packing._repr_html_())
+    assert found["diameter"] == ("0.008", "m")
+    assert found["width of the spread"] == ("2e-06", "m")
+    assert found["Young modulus"] == ("2.1165e+11", "Pa")
+    assert found["motions"][0] == packing.named_motions.name.replace("_", " ")
+
+
+def test_the_name_of_a_lattice_is_escaped():
+    html = gp.Lattice(HOSTILE, ((1.0, 0.0), (0.0, 1.0)))._repr_html_()
+    assert "<script" not in html
+    assert read(html)["name"][0].startswith("<script>alert('x')</script> & \"q\" ??")
+
+
+def test_the_table_of_a_scene_computes_no_state(monkeypatch):
+    scene = gp.Scene.from_text(SCENE)
+    monkeypatch.setattr(type(scene), "state", None)
+    monkeypatch.setattr(type(scene), "states", None)
+    found = read(scene._repr_html_())
+    assert found["force"] == ("18.446", "N")
+    assert found["medium"] == ("ema", "")
+    assert found["path"] == ("G K M G", "")
+    assert found["mesh"] == ("4 x 4", "")
+    text = SCENE.replace("18.446 N", "[1 N, 2 N]").replace("bands, dos", "bands")
+    swept = gp.Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n")
+    assert read(swept._repr_html_())["sweep of width"] == ("1e-06, 2e-06", "m")
+
+
+def test_the_table_of_a_run_is_its_summary(tmp_path):
+    scene = gp.Scene.from_text(SCENE)
+    result = scene.run(tmp_path / "one", figures=False)
+    found = read(result._repr_html_())
+    summary = result.summary()
+    assert list(found) == list(summary)
+    assert found["longitudinal"] == (f"{summary['longitudinal']:.6g}", "m/s")
+    assert found["top_frequency"][1] == "Hz"
+    assert len(panels(gp.plot(result))) == 2  # bands, and the density of states beside them
+    swept = gp.Scene.from_text(SCENE.replace("18.446 N", "[1 N, 2 N]").replace(", bands, dos", ""))
+    result = swept.run(tmp_path / "many", figures=False)
+    assert read(result._repr_html_())["states"] == ("2", "")
+    assert gp.plot(result).axes
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (1.23456789, "1.23457"), (7, "7"), (True, "yes"), (None, "none"), ("word", "word"), ("a" * 100, "a" * 76 + " ..."),
+        (np.array([1.0, 2.5]), "1, 2.5"), (np.zeros((2, 3)), "array 2 x 3, all 0"), (np.zeros((0, 3)), "array 0 x 3"),
+        (np.array([[1.0, np.nan]]), "array 1 x 2, all 1, 1 not finite"), (np.full(3, np.nan), "nan, nan, nan"),
+        (np.full(9, np.inf), "array 9, 9 not finite"), (np.array([3j, 4.0]), "array 2, magnitudes 3 to 4"),
+        (np.array([True] * 8 + [False]), "array 9, 8 of them true"), ((), "none"), (("a", "b"), "a, b"),
+        (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"), (tuple(range(9)), "array 9, 0 to 8"),
+        ((STEEL, STEEL), "2 of Material"), (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"), ({"alpha": 0.5}, "alpha: 0.5"),
+    ],
+)  # fmt: skip
+def test_values_in_words(value, said):
+    assert describe_value(value) == said
+
+
+def test_a_table_of_nothing_is_a_table():
+    assert read(write_html(HOSTILE, [])) == {}
+
+
+def test_a_table_loads_neither_pandas_nor_matplotlib():
+    code = (
+        "import sys\nimport granphon as gp\n"
+        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)\n"
+        "for one in (state, state.packing, state.packing.structure, gp.moduli(state), gp.sound_velocities(state)):\n"
+        "    one._repr_html_()\nprint(*sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"pandas", "matplotlib", "xarray", "phonopy", "IPython"} & set(run.stdout.split())
+
+
+# -- the default picture --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    return gp.DirectSimulation(packing, shape=(12, 12)).at_force(50.0)
+
+
+@pytest.fixture(scope="module")
+def results(simulated):
+    """Results with a default picture, and the number of panels of it."""
+    packing = simulated.packing
+    phonons = gp.Phonons(simulated)
+    waves = gp.Waves(simulated.sample)
+    bands = phonons.bands("GKMG", npoints=5)
+    top = float(bands.frequencies.max())
+    force = np.array([2.0, 5.0, 9.0, 18.0])
+    return {
+        "bands": (bands, 1),
+        "density of states": (phonons.dos((4, 4), points=30), 1),
+        "sweep": (gp.sweep(packing, force=[1.0, 10.0], media=["afa"]), 2),
+        "fit": (gp.fit_width(packing, force, np.array([465.0, 603.0, 681.0, 774.0]), medium="afa"), 2),
+        "spectra along a path": (
+            find_path_spectra(
+                waves, gp.ContactLattice.of("triangular", packing.mindlin_ratio), simulated.scales,
+                [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])], ["G", "M"], points=7, polarisations=["longitudinal"],
+            ), 1,
+        ),
+        "spectral function": (waves.spectral_function(waves.nearest_wavevectors([[80.0, 0.0], [160.0, 0.0]])), 1),
+        "density of states of a sample": (waves.dos(), 1),
+        "pulse": (waves.transmit(0.2 * top, (1, 0), 3 * packing.diameter, 2), 2),
+        "simulated state": (simulated, 2),
+    }  # fmt: skip
+
+
+NAMES = [
+    "bands", "density of states", "sweep", "fit", "spectra along a path", "spectral function",
+    "density of states of a sample", "pulse", "simulated state",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_has_a_default_picture(results, name):
+    result, count = results[name]
+    figure = gp.plot(result)
+    drawn = panels(figure)
+    assert len(drawn) == count
+    assert all(ax.lines or ax.collections or ax.patches or ax.images for ax in drawn)
+    png, size = figure._repr_png_()
+    assert png.startswith(b"\x89PNG")
+    assert size["width"] == round(120 * figure.get_size_inches()[0])
+    assert "matplotlib.pyplot" not in vars(sys.modules["granphon.figures.plot"])
+
+
+def test_every_default_picture_is_drawn_by_a_function_that_exists():
+    for module, function, keyword in _PICTURES.values():
+        draw = getattr(importlib.import_module(f"granphon.figures.{module}"), function)
+        assert keyword in signature(draw).parameters
+
+
+def test_a_picture_takes_the_options_of_its_function(results):
+    bands, _ = results["bands"]
+    assert gp.plot(bands, title="steel").get_suptitle() == "steel"
+    dataset, _ = results["sweep"]
+    assert gp.plot(dataset, variable="bulk").axes[0].get_ylabel().startswith("Bulk")
+    with pytest.raises(InputError, match=r"bands_figure has no option colour, size\. It has dos, asymptotes, title"):
+        gp.plot(bands, colour="red", size=3)
+
+
+def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
+    spectrum, _ = results["spectral function"]
+    (ax,) = gp.plot(spectrum).axes
+    lines = ax.get_lines()
+    assert len(lines) == len(spectrum.q) == 2
+    for line, values in zip(lines, spectrum.values, strict=True):
+        # 1/Hz over Hz: the area is one whatever the decimal unit
+        x, y = (np.asarray(part) for part in line.get_data())
+        assert np.trapezoid(y, x) == pytest.approx(np.trapezoid(values, spectrum.frequencies))
+    assert ax.get_xlim()[1] >= x[np.argmax(y)]
+
+
+@pytest.mark.parametrize("wrong", [3, None, "bands", STEEL, SimpleNamespace(dataset=None), [1.0]], ids=repr)
+def test_what_has_no_picture_is_one_clear_error(wrong):
+    with pytest.raises(InputError, match=r"has no default picture\. Give bands, a density of states, a sweep"):
+        gp.plot(wrong)
+
+
+def test_a_data_set_that_is_no_sweep_has_no_picture():
+    with pytest.raises(InputError, match="has no default picture"):
+        gp.plot(Dataset({"x": ("n", [1.0, 2.0])}))
+
+
+def test_asking_for_a_picture_loads_matplotlib_and_no_pyplot():
+    code = (
+        "import sys\nimport granphon as gp\ngp.plot\nassert 'matplotlib' not in sys.modules\n"
+        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)\n"
+        "gp.plot(gp.Phonons(state).bands(npoints=3))._repr_png_()\nassert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
