@@ -50,7 +50,7 @@ with matplotlib.rc_context(STYLE):
             axes[name].plot(1e3 * pulse.times, pulse.speckle_amplitude / most, label=f"{label}, speckle", **style)
         axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.0), title=f"$f={force:g}$ N")
         axes[name].set_ylabel("Velocity over the greatest\ncoherent one at 0.2 m")
-    axes["high"].legend(fontsize=6.5)
+    axes["high"].legend(fontsize=7.0)
     plot_frame(networks[1.8], pulses[1.8][1], 0, axes["picture"])
     axes["picture"].set_title("Velocity upwards after 1.6 ms:\nred up, blue down")
 if "-o" in sys.argv:

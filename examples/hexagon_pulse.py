@@ -70,7 +70,7 @@ with matplotlib.rc_context(STYLE):
     left.set_xticks([2, 5, 10, 20], ["2", "5", "10", "20"])
     left.set_yticks([400, 500, 600, 700, 800], ["400", "500", "600", "700", "800"])
     left.minorticks_off()
-    left.legend(fontsize=6.5)
+    left.legend(fontsize=7.0)
     plot_seismogram(sent[0][0], right)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

@@ -32,8 +32,10 @@ away = np.linalg.norm(places - places[ball], axis=1)
 moving = np.linalg.norm(pulse.velocities[2], axis=1)
 assert np.max(moving[(away > 1.3 * front) & (away < 0.2)]) < 0.02 * np.max(moving)
 
-animation = animate_pulse(waves.network, pulse)
+figure = plt.figure(figsize=(3.4, 3.4), dpi=150, layout="constrained")
+animation = animate_pulse(waves.network, pulse, figure=figure)
 if "-o" in sys.argv:
     animation.save(sys.argv[-1], writer="pillow")
 else:
+    figure.canvas.draw()  # the animation begins, also where no window can show it
     plt.show()

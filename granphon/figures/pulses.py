@@ -95,11 +95,11 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
     return ax
 
 
-def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0) -> Any:
+def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0, figure: Figure | None = None) -> Any:
     """Return a ``matplotlib.animation.FuncAnimation`` of the wave that crosses the array, one picture for each frame.
 
-    ``interval`` is the time between pictures, ms. Raises :class:`~granphon.base.errors.InputError` for a pulse without
-    frames.
+    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new one. Raises
+    :class:`~granphon.base.errors.InputError` for a pulse without frames.
     """
     from matplotlib.animation import FuncAnimation
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -107,8 +107,9 @@ def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0)
     if not len(pulse.frames):
         raise InputError(message("the pulse has no frames", mend="Give transmit the times of frames"))
     with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")
-        FigureCanvasAgg(figure)
+        if figure is None:
+            figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")
+            FigureCanvasAgg(figure)
         ax = figure.subplots()
         most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
         plot_frame(network, pulse, 0, ax, most)
