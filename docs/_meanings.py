@@ -27,7 +27,7 @@ KEYS = {
     "load.balls_per_side": "the number n of balls that lean on a side of that frame",
     "medium": "how a spread of diameters is averaged, see [media](#media)",
     "sweep": "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
-    "observe": "what to compute; nothing else is computed. `dos` is for one state only, `spectrum` and `pulse` for one state"
+    "observe": "what to compute; nothing else is computed. `dos` is for one state only, `spectrum` for one state of a simulation, `pulse` for simulations alone"
     " of a simulation",
     "direction": "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
     "spectrum.polarisation": "`longitudinal`, `transverse`, `rotational`, one or a list",

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sample import Sample
+from granphon.array.sample import Sample, standard_error
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.tasks import TaskResult
+
+if TYPE_CHECKING:
+    from granphon.waves.settings import PulseSettings
 
 __all__ = ["RecordedState", "SampleRecord"]
 
@@ -23,12 +27,14 @@ Array = NDArray[np.float64]
 class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
-    ``fraction`` is the sample's ``contact_fraction()``.
+    ``fraction`` is the sample's ``contact_fraction()``. The last three are those of a pulse, nan if none was sent.
     """
 
+    added: ClassVar[tuple[str, ...]] = ("pulse_velocity", "time_of_flight", "coherent_fraction")
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
-        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
+        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", "pulse_velocity": "m/s",
+        "time_of_flight": "s", "coherent_fraction": "1",
     }  # fmt: skip
     shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3|2 6 6|2 1 1"}
 
@@ -40,14 +46,23 @@ class SampleRecord(Result):
     fraction: float
     elastic_tensor: Array
     elastic_tensors_beside: Array
+    pulse_velocity: float = math.nan
+    time_of_flight: float = math.nan
+    coherent_fraction: float = math.nan
 
     @classmethod
-    def of(cls, sample: Sample) -> Self:
-        """Record a sample; numbers that it has not computed yet are computed now."""
+    def of(cls, sample: Sample, pulse: PulseSettings | None = None, direction: tuple[Any, ...] | None = None) -> Self:
+        """Record a sample; what it has not computed yet is computed now, and a ``pulse`` is sent along ``direction``."""
+        heard: tuple[float, ...] = ()
+        if pulse is not None:
+            from granphon.waves.sending import send  # imported here: a sweep without pulses does not need it
+
+            found = send(sample, pulse, direction)
+            heard = found.velocity, found.time_of_flight, found.coherent_fraction
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside,
+            sample.elastic_tensors_beside, *heard,
         )  # fmt: skip
 
     @classmethod
@@ -70,3 +85,13 @@ class RecordedState(SimulatedState):
     """The state that averages records of the samples, which stand in their place in ``samples``."""
 
     samples: tuple[SampleRecord, ...] = field(default=(), repr=False)  # type: ignore[assignment]  # has what is averaged
+
+    def find_of_pulses(self, name: str) -> Array | None:
+        """Return the mean over samples of a number of the pulses; None if none was sent."""
+        values = self.over_samples(lambda one: getattr(one, name))
+        return None if np.all(np.isnan(values)) else np.asarray(np.mean(values, axis=-1))
+
+    def find_pulse_error(self) -> Array | None:
+        """Return the standard error over samples of the velocity of pulses, m/s; None without pulses or for one sample."""
+        values = self.over_samples(lambda one: one.pulse_velocity)
+        return None if self.n_samples < 2 or np.all(np.isnan(values)) else standard_error(values, axis=-1)
