@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
-    ``fraction`` is the sample's ``contact_fraction()``. The last three are those of a pulse, nan if none was sent.
+    ``fraction`` is the sample's ``contact_fraction()``. The last three are those of a pulse, None if none was sent.
     """
 
     added: ClassVar[tuple[str, ...]] = ("pulse_velocity", "time_of_flight", "coherent_fraction")
@@ -46,9 +45,9 @@ class SampleRecord(Result):
     fraction: float
     elastic_tensor: Array
     elastic_tensors_beside: Array
-    pulse_velocity: float = math.nan
-    time_of_flight: float = math.nan
-    coherent_fraction: float = math.nan
+    pulse_velocity: float | None = None
+    time_of_flight: float | None = None
+    coherent_fraction: float | None = None
 
     @classmethod
     def of(cls, sample: Sample, pulse: PulseSettings | None = None, direction: tuple[Any, ...] | None = None) -> Self:
@@ -68,12 +67,13 @@ class SampleRecord(Result):
     @classmethod
     def from_part(cls, part: TaskResult, index: int) -> Self:
         """Take the record at one of the loads from the result of a task."""
-        return cls(**{one.name: part[one.name][index] for one in fields(cls)})
+        return cls(**{one.name: part[one.name][index] for one in fields(cls) if one.name in part})
 
     @classmethod
     def to_part(cls, records: Sequence[Self]) -> TaskResult:
         """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
-        return {one.name: np.array([getattr(record, one.name) for record in records]) for one in fields(cls)}
+        every = {one.name: [getattr(record, one.name) for record in records] for one in fields(cls)}
+        return {name: np.array(values) for name, values in every.items() if values[0] is not None}
 
     def contact_fraction(self) -> float:
         """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
@@ -88,10 +88,12 @@ class RecordedState(SimulatedState):
 
     def find_of_pulses(self, name: str) -> Array | None:
         """Return the mean over samples of a number of the pulses; None if none was sent."""
-        values = self.over_samples(lambda one: getattr(one, name))
-        return None if np.all(np.isnan(values)) else np.asarray(np.mean(values, axis=-1))
+        if getattr(self.samples[0], name) is None:
+            return None
+        return np.asarray(np.mean(self.over_samples(lambda one: getattr(one, name)), axis=-1))
 
     def find_pulse_error(self) -> Array | None:
         """Return the standard error over samples of the velocity of pulses, m/s; None without pulses or for one sample."""
-        values = self.over_samples(lambda one: one.pulse_velocity)
-        return None if self.n_samples < 2 or np.all(np.isnan(values)) else standard_error(values, axis=-1)
+        if self.n_samples < 2 or self.samples[0].pulse_velocity is None:
+            return None
+        return standard_error(self.over_samples(lambda one: one.pulse_velocity), axis=-1)
