@@ -98,6 +98,11 @@ REFUSED = {
     "no array": (HEAD + "observe: [spectrum]\n", "medium: simulation"),
     "no array for a pulse": (HEAD + "observe: [pulse]\npulse: {frequency: 1 kHz}\n", "medium: simulation"),
     "several loads": (ARRAY.replace("5 N", "[5 N, 6 N]") + "observe: [spectrum]\n", "one state|each state"),
+    "a medium beside": (
+        ARRAY.replace("medium: {", "medium: [ema, {").replace("24]}}", "24]}}]")
+        + "observe: [pulse]\npulse: {frequency: 4 kHz}\n",
+        "medium: simulation",
+    ),
     "no frequency": (ARRAY + "observe: [pulse]\n", "frequency: 6.5 kHz"),
     "an empty block": (ARRAY + "observe: [pulse]\npulse: {cycles: 3}\n", "frequency"),
     "a frequency without unit": (ARRAY + "observe: [pulse]\npulse: {frequency: 6500}\n", "without a unit"),
@@ -146,3 +151,28 @@ def test_cost_of_waves_grows_with_what_is_asked():
     twice = seconds("observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n")
     assert twice == pytest.approx(2.0 * alone)
     assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
+
+
+def test_sweep_sends_a_pulse_through_each_sample_at_each_load(tmp_path):
+    text = ARRAY.replace("5 N", "[5 N, 40 N]").replace("[12, 24]", "[8, 40], samples: 2")
+    scene = gp.Scene.from_text(
+        text + "observe: [velocities, pulse]\npulse: {frequency: 4 kHz, cycles: 3, distance: 80 mm}\n"
+    )
+    data = scene.run(tmp_path / "out", figures=False).dataset
+    packing = scene.packing
+    for at, force in enumerate((5.0, 40.0)):
+        samples = gp.DirectSimulation(packing, (8, 40), samples=2).at_force(force).samples
+        sent = [gp.Waves(one).transmit(4000.0, (0, 1), 0.08, 3.0) for one in samples]
+        found = data.isel(load=at, medium=0)
+        assert float(found.pulse_velocity) == pytest.approx(np.mean([one.velocity for one in sent]), rel=1e-6)
+        assert float(found.time_of_flight) == pytest.approx(np.mean([one.time_of_flight for one in sent]), rel=1e-6)
+        error = np.std([one.velocity for one in sent], ddof=1) / np.sqrt(2.0)
+        assert float(found.pulse_velocity_error) == pytest.approx(error, rel=1e-4)
+    assert data.pulse_velocity.attrs["units"] == "m/s"
+    assert float(data.pulse_velocity[1, 0]) > float(data.pulse_velocity[0, 0])
+
+
+def test_sweep_without_pulses_has_no_word_of_them(tmp_path):
+    text = ARRAY.replace("5 N", "[5 N, 40 N]") + "observe: [velocities]\n"
+    data = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).dataset
+    assert not [name for name in data if "pulse" in name or "coherent" in name]

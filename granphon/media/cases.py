@@ -48,6 +48,7 @@ class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load.
 
     ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
+    ``pulse`` holds the settings of a pulse that is sent through each sample of a simulation; None for none.
     """
 
     packing: Packing
@@ -56,6 +57,7 @@ class Grid:
     load: Load
     finite_overlap: bool = False
     direction: tuple[Any, ...] | None = None
+    pulse: Any = None
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:

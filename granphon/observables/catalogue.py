@@ -25,8 +25,9 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 __all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "entry_of", "find_all", "warn_of_missing_error"]
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
-#: long waves at neighbouring loads, for which a simulation solves two more equilibria; or bands, along a path that is given
-CostClass = Literal["packing", "state", "velocities", "exponent", "bands"]
+#: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample; or
+#: bands, along a path that is given
+CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "bands"]
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,12 @@ def _find_of_cubic(of: Analysis, name: str) -> Any:
     """Return an attribute of the moduli of a square or cubic lattice; None if there are none, or the lattice is another."""
     found = of.moduli
     return getattr(found, name) if found is not None and found.cubic else None
+
+
+def _find_of_pulses(of: Analysis, name: str) -> Any:
+    """Return the mean over samples of a number of pulses; None of a state through whose samples none was sent."""
+    find = getattr(of.state, "find_of_pulses", None)
+    return None if find is None else find(name)
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
@@ -284,6 +291,22 @@ _OBSERVABLES = (
     Observable(
         "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
         cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
+    ),
+    Observable(
+        "pulse_velocity", "m/s", "distance over the time of flight of a pulse", cost="pulse",
+        find=lambda of: _find_of_pulses(of, "pulse_velocity"),
+    ),
+    Observable(
+        "pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", cost="pulse", sampled=True,
+        find=lambda of: found() if (found := getattr(of.state, "find_pulse_error", None)) else None,
+    ),
+    Observable(
+        "time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse",
+        find=lambda of: _find_of_pulses(of, "time_of_flight"),
+    ),
+    Observable(
+        "coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse",
+        find=lambda of: _find_of_pulses(of, "coherent_fraction"),
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),

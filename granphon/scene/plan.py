@@ -149,7 +149,9 @@ class Plan:
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
-        return Grid(scene.packing, self.axes, scene.media, self.load.applied.flat, scene.finite_overlap, scene.direction)
+        pulse = scene.pulse if "pulse" in scene.observe else None
+        loads = self.load.applied.flat
+        return Grid(scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, pulse)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:

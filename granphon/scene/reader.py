@@ -19,7 +19,7 @@ from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.phonons.paths import BandPath
 from granphon.scene.fields import choose_lattice, table_named
 from granphon.scene.schema import read_blocks
-from granphon.scene.wave_settings import PulseSettings, SpectrumSettings
+from granphon.waves.settings import PulseSettings, SpectrumSettings
 
 __all__ = ["Origin"]
 

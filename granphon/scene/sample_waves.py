@@ -19,8 +19,8 @@ from granphon.media.acoustics import contact_lattice
 from granphon.media.state import ContactState
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra, find_path_spectra
-from granphon.waves.planes import Course
 from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.sending import send
 from granphon.waves.waves import Waves
 
 if TYPE_CHECKING:
@@ -130,21 +130,6 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
             )  # fmt: skip
     if "pulse" in wanted and scene.pulse is not None:
         with progress.step("pulse"):
-            pulse = average_pulses([_send(scene, Waves(sample)) for sample in state.samples])
+            along = scene.directions[0] if scene.directions else None
+            pulse = average_pulses([send(sample, scene.pulse, along) for sample in state.samples])
     return SampleWaves(dos, spectra, pulse)
-
-
-def _send(scene: Scene, waves: Waves) -> Pulse:
-    settings = scene.pulse
-    assert settings is not None  # the caller has asked
-    periods = scene.packing.structure.periods
-    along = np.array(scene.directions[0] if scene.directions else np.eye(periods)[0])
-    distance = settings.distance
-    if distance is None:
-        unit = np.zeros(3)
-        unit[:periods] = along / np.linalg.norm(along)
-        distance = 0.5 * Course.along(waves.network, unit).period
-    return waves.transmit(
-        settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
-        ends=settings.ends, damping=settings.damping,
-    )  # fmt: skip

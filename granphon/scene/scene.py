@@ -34,7 +34,7 @@ from granphon.scene.notebook import write_scene
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE
-from granphon.scene.wave_settings import PulseSettings, SpectrumSettings, write_settings
+from granphon.waves.settings import PulseSettings, SpectrumSettings, write_settings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -348,8 +348,9 @@ class Scene:
         if "dos" in self.observe and self.is_sweep:
             allowed = "velocities, bands, where there are several loads or media or a sweep"
             raise Refused("'dos'", allowed, "Make a scene of each state whose density of states you want.", ("observe",))
-        if waves := {"spectrum", "pulse"} & set(self.observe):
-            self._require_sample(min(waves))
+        for name in ("spectrum", "pulse"):
+            if name in self.observe:
+                self._require_sample(name)
         if "bands" in self.observe and (changing := self.parameters_of_branches):
             allowed = "velocities, as the branches differ in number or zone"
             raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
@@ -362,14 +363,14 @@ class Scene:
 
     def _require_sample(self, name: str) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the scene has no array in which the waves ``name`` could run."""
-        if self.is_sweep:
-            allowed = "velocities, bands, where there are several loads or media or a sweep"
+        if name == "spectrum" and self.is_sweep:
+            allowed = "velocities, bands, pulse, where there are several loads or media or a sweep"
             raise Refused(repr(name), allowed, "Make a scene of each state.", ("observe",))
-        if not self.media[0].simulates:
+        if without := [one for one in self.media if not one.simulates]:
             allowed = f"{name} with medium: simulation, whose balls it runs through"
-            raise Refused(f"{name!r} with medium {self.media[0].label!r}", allowed, path=("observe",))
-        if "pulse" in self.observe and self.pulse is None:
+            raise Refused(f"{name!r} with medium {without[0].label!r}", allowed, path=("observe",))
+        if name == "pulse" and self.pulse is None:
             mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
             raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
-        if "pulse" in self.observe and len(self.directions) > 1:
+        if name == "pulse" and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))

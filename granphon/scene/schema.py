@@ -19,7 +19,7 @@ from granphon.base.text import Document, show
 from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key, truth, zero_or_above
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import fields
-from granphon.scene.wave_settings import pulse_rules, spectrum_rules
+from granphon.waves.settings import pulse_rules, spectrum_rules
 
 __all__ = ["REQUIRED", "read_blocks", "scene_rules"]
 

@@ -63,6 +63,7 @@ class Work:
     case: Case
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
+    pulse: Any = None
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -76,7 +77,7 @@ class Work:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
-        asked = (case.finite_overlap, self.qpoints, self.direction)
+        asked = (case.finite_overlap, self.qpoints, self.direction, self.pulse)
         return [Job(where, rung, *asked) for where, rung in zip(wheres, rungs, strict=True)]
 
     @cached_property
@@ -111,7 +112,7 @@ class Job:
     """One medium on one packing at all loads that it serves.
 
     ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``direction``
-    is that of sound, one or many; None for x.
+    is that of sound, one or many; None for x. ``pulse`` holds the settings of a pulse through each sample; None for none.
     """
 
     where: str
@@ -119,6 +120,7 @@ class Job:
     finite_overlap: bool
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
+    pulse: Any = None
 
     @property
     def load(self) -> Load:
@@ -133,6 +135,7 @@ class Job:
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
             "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
+        data |= {} if self.pulse is None else {"pulse": self.pulse}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
@@ -155,7 +158,8 @@ class Job:
             # the number of samples is left out: a sample is then the same piece, however many there are
             alone = MediumChoice(self.rung.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            out.append(_SampleJob(where, replace(self.rung, medium=alone), self.finite_overlap, None))
+            along = None if self.pulse is None else self.direction
+            out.append(_SampleJob(where, replace(self.rung, medium=alone), self.finite_overlap, None, along, self.pulse))
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -197,7 +201,7 @@ class Job:
             if self.qpoints is None:
                 raise
             notes.append(describe_mechanism(error))
-        out |= find_all(analysis, ("exponent",), swept=True)
+        out |= find_all(analysis, ("exponent", "pulse"), swept=True)
         notes += warn_of_missing_error(out)
         if self.qpoints is not None:
             out["frequencies"], free = _compute_frequencies(state, self.qpoints)
@@ -314,7 +318,7 @@ class _SampleJob(Job):
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
-            found = SampleRecord.to_part([SampleRecord.of(sample)])
+            found = SampleRecord.to_part([SampleRecord.of(sample, self.pulse, self.direction)])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
@@ -327,4 +331,4 @@ class _SampleJob(Job):
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...)."""
-        return SampleRecord.to_part([SampleRecord.of(sample) for sample in state.samples])
+        return SampleRecord.to_part([SampleRecord.of(sample, self.pulse, self.direction) for sample in state.samples])

@@ -175,7 +175,7 @@ def sweep_grid(
     if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
-    works = [Work(case, qpoints, grid.direction) for case in cases]
+    works = [Work(case, qpoints, grid.direction, grid.pulse) for case in cases]
     pieces = [work.pieces for work in works]
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
@@ -321,6 +321,8 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
         "finite_overlap": int(finite), "direction": along,
     }  # fmt: skip
+    if grid.pulse is not None:
+        attrs["pulse"] = to_json(grid.pulse)
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     variables = {} if way is None else _list_path_variables(way, finite)
@@ -330,7 +332,7 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
 def _collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media")}
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "pulse") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
     for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
         whole = frame[name].attrs.get("values")

@@ -1,4 +1,4 @@
-"""What a scene says of the waves in a simulated array: its blocks ``spectrum`` and ``pulse``."""
+"""Settings of the waves in a simulated array: the blocks ``spectrum`` and ``pulse`` of a scene."""
 
 from __future__ import annotations
 
