@@ -58,8 +58,8 @@ def find_arrivals(times: Array, signals: Array, sent: Array, method: str, thresh
         raise ConvergenceError(
             message(
                 "the signal comes not after the burst",
-                "What is heard has not travelled: no waves of this frequency and polarisation do, the plane is too near, or the "
-                "array is far shorter than the pulse",
+                "What is heard has not travelled: no waves of this frequency and polarisation do, the plane is too near, "
+                "or the array is far shorter than the pulse",
                 "Use another frequency, fewer cycles, a longer distance, or a longer array",
             )
         )

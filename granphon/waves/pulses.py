@@ -407,11 +407,11 @@ def _require_short(operator: WaveOperator, duration: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D."""
     products = 0.5 * operator.top * duration
     if products > _MOST:
-        longest = 2.0 * _MOST / operator.top
+        longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
         raise InputError(
             message(
                 f"a record of {duration:.3g} s takes {products:.3g} products with the matrix of the network",
-                f"Its frequencies go up to {operator.top / (2.0 * math.pi):.3g} Hz, and {_MOST} products reach {longest:.3g} s",
+                f"Its frequencies go up to {hertz:.3g} Hz, and {_MOST} products reach {longest:.3g} s",
                 "Use a higher frequency, fewer cycles, or a shorter distance or duration",
             )
         )
