@@ -412,6 +412,18 @@ def test_wave_vectors_are_those_of_the_cell(waves):
     assert gp.Waves(network).spectral_function([nearest, -nearest], moments=4).values.shape == (2, 17)
 
 
+@given(numbers=st.tuples(*[st.integers(-9, 9)] * 3))
+def test_wave_vectors_of_the_cell_have_the_same_digits_whoever_asks(numbers):
+    # those that are found are found again to the last bit, and what rounds to Gamma is zero: it has no direction
+    _, network = ideal("fcc", (6, 6, 4))
+    waves = gp.Waves(network)
+    q = 2.0 * np.pi * np.array(numbers) @ np.linalg.inv(network.cell).T
+    found = waves.nearest_wavevectors(q)
+    np.testing.assert_allclose(found, q, rtol=1e-12, atol=1e-12 * 2.0 * np.pi / UNITS.length)
+    np.testing.assert_array_equal(waves.nearest_wavevectors(found), found)
+    np.testing.assert_array_equal(waves.nearest_wavevectors([21.2, 21.2, 0.0]), 0.0)
+
+
 def test_network_with_ends_has_any_wave_vector(disordered):
     from dataclasses import replace
 

@@ -11,6 +11,7 @@ import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, UnreachableFrequencyError
 from granphon.networks.network import ContactNetwork
+from granphon.waves.arrivals import find_arrivals
 from granphon.waves.operator import WaveOperator
 from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
@@ -424,6 +425,46 @@ def test_what_does_not_travel_has_no_time_of_flight():
     )
     with pytest.raises(ConvergenceError, match="not after the burst"):
         pulse.arrival()
+
+
+def test_signal_that_comes_at_once_has_no_time_of_flight():
+    # an array that is far shorter than the wave moves as a whole: a hundredth of a reading is no time of flight
+    burst = ToneBurst(1.0, 5.0)
+    times = np.arange(400) / 24.0
+    with pytest.raises(ConvergenceError, match="far shorter than the pulse"):
+        find_arrivals(times, burst(times - 0.01 / 24.0)[None], burst(times), "envelope", 0.1)
+    found = find_arrivals(times, burst(times - 2.0 / 24.0)[None], burst(times), "envelope", 0.1)
+    np.testing.assert_allclose(found, 2.0 / 24.0, rtol=1e-3)
+
+
+def test_echo_within_the_pulse_is_a_warning():
+    network = ideal("triangular", (4, 48))
+    waves, velocity = gp.Waves(network), D * OMEGA * np.sqrt((9.0 + 3.0 * 0.8) / 8.0)
+    way = 2.0 * 24 * D * np.sqrt(0.75)  # to the far end and back
+    least = 2.5 * velocity / way  # five cycles rise to their maximum in half of their time
+    assert not waves.transmit(1.05 * least, (0, 1), 24 * D * np.sqrt(0.75)).warnings
+    early = waves.transmit(0.95 * least, (0, 1), 24 * D * np.sqrt(0.75))
+    assert "echo" in early.warnings[0]
+    assert len(average_pulses([early, early]).warnings) == 1
+    assert Pulse.from_dict(early.to_dict()) == early
+    # a ring has no echo; at the end itself the first is the one that has crossed the array twice more
+    assert not waves.transmit(0.95 * least, (0, 1), 16 * D, ends="periodic").warnings
+    assert not waves.transmit(0.6 * least, (0, 1), 47.5 * D * np.sqrt(0.75)).warnings
+    # of a ball in the middle, one end is as near behind it as the other is ahead of the receivers
+    course = Course.along(network, np.array([0.0, 1.0, 0.0])).with_ends("free")
+    middle, after = (course.find_plane(n * D * np.sqrt(0.75), "test") for n in (10.5, 30.5))
+    assert course.find_echo(course.find_place(middle), after) == pytest.approx(2 * 10.5 * D * np.sqrt(0.75))
+
+
+def test_record_without_end_is_refused():
+    with pytest.raises(InputError, match="products with the matrix"):
+        gp.Waves(ideal("triangular", (4, 24))).transmit(1e-7 * HERTZ, (0, 1), 8 * D)
+
+
+def test_error_of_planes_names_the_lengths_of_the_cell():
+    # along [1, 1, 0] the vectors of 6 x 6 x 8 cells go 3, 3 and 8 diameters far: planes meet themselves after one
+    with pytest.raises(InputError, match=r"The cell is 0\.024 and 0\.024 and 0\.064 m long along it"):
+        gp.Waves(ideal("fcc", (6, 6, 8))).transmit(HERTZ, (1, 1, 0), 3 * D)
 
 
 def test_network_that_is_not_joined_is_refused():

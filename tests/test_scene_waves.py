@@ -153,6 +153,7 @@ def test_cost_of_waves_grows_with_what_is_asked():
     assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
 
 
+<<<<<<< HEAD
 def test_sweep_sends_a_pulse_through_each_sample_at_each_load(tmp_path):
     text = ARRAY.replace("5 N", "[5 N, 40 N]").replace("[12, 24]", "[8, 40], samples: 2")
     scene = gp.Scene.from_text(
@@ -176,3 +177,26 @@ def test_sweep_without_pulses_has_no_word_of_them(tmp_path):
     text = ARRAY.replace("5 N", "[5 N, 40 N]") + "observe: [velocities]\n"
     data = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).dataset
     assert not [name for name in data if "pulse" in name or "coherent" in name]
+=======
+def test_columns_of_a_map_end_at_the_corners():
+    from granphon.figures.spectra import _find_columns
+
+    corners = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    # a point at a corner belongs to both legs; the leg from 2 to 3 has none
+    edges, owner = _find_columns(np.array([0.25, 0.75, 1.0, 1.5, 3.5]), corners)
+    np.testing.assert_allclose(edges, [0.0, 0.5, 0.875, 1.25, 2.0, 3.0, 4.0])
+    assert owner.tolist() == [0, 1, 2, 3, -1, 4]
+    edges, owner = _find_columns(np.array([2.5]), corners)
+    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
+    assert owner.tolist() == [-1, 0, -1]
+    edges, owner = _find_columns(np.array([1.0, 4.0]), corners)
+    np.testing.assert_allclose(edges, [0.0, 2.0, 3.0, 4.0])
+    assert owner.tolist() == [0, -1, 1]
+
+
+def test_echo_in_a_scene_is_a_warning(tmp_path):
+    scene = gp.Scene.from_text(ARRAY + "observe: [pulse]\npulse: {frequency: 4 kHz, distance: 80 mm}\n")
+    result = scene.run(tmp_path / "out", figures=False)
+    assert any("echo" in text for text in result.warnings)
+    assert "echo" in (tmp_path / "out" / "summary.yaml").read_text()
+>>>>>>> A16

@@ -66,7 +66,8 @@ def pulse_figure(pulse: Pulse) -> Figure:
         below.plot(t, size * pulse.envelope, color=BLUE, linewidth=1.0, label="coherent, envelope")
         below.plot(t, size * pulse.speckle_amplitude, color=VERMILION, linewidth=1.0, label="speckle, rms")
         below.set(xlabel="Time (ms)", ylabel="Velocity (µm/s)", ylim=(0.0, None))
-        below.legend()
+        # above the panel: within it the two curves leave no place that is always free
+        below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return figure
 
 

@@ -51,7 +51,8 @@ _MOST_ROWS = 600
 def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
     """Draw a spectral function along the path as a map, on a logarithmic scale of colours.
 
-    A column for each wave vector of the cell, as wide as reaches half way to its neighbours. The bands of the mean lattice
+    A column for each wave vector of the cell reaches half way to its neighbours, and not beyond the corners around it. Legs
+    of the path on which the cell has no wave vector are left white. The bands of the mean lattice
     are dashed; peaks are dots, with bars as long as the width (full, at half maximum) where it is resolved.
 
     Parameters
@@ -69,11 +70,14 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     rows = frequencies.size // group
     values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
     edges_y = np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
+    if edges_y[-1] < top / unit.hertz:  # nothing is above the highest frequency
+        edges_y, values = np.append(edges_y, top / unit.hertz), np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
-    edges_x = np.concatenate([corners[:1], 0.5 * (x[1:] + x[:-1]), corners[-1:]])
+    edges_x, owner = _find_columns(x, corners)
     most = float(values.max()) * unit.hertz
     norm = LogNorm(most / _SHADES, most)
-    shades = np.maximum(values.T * unit.hertz, most / _SHADES)
+    shades = np.maximum(values[owner].T * unit.hertz, most / _SHADES)
+    shades[:, owner < 0] = np.nan
     mesh = ax.pcolormesh(edges_x, edges_y, shades, norm=norm, cmap=SPECTRUM, rasterized=True, gid="spectral-function")
     if bands:
         label = "bands of the mean lattice"
@@ -86,10 +90,11 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
             lines[0].set_label(label if not leg else "_")
     if peaks:
         wide = np.where(one.resolved, 0.5 * one.width, 0.0)[order] / unit.hertz
-        ax.errorbar(
+        dots, *_ = ax.errorbar(
             x, one.peak[order] / unit.hertz, wide, fmt="o", markersize=2.2, color=ORANGE, elinewidth=0.8,
             label="peak and width", markeredgecolor="black", markeredgewidth=0.3,
         )  # fmt: skip
+        dots.set_clip_on(False)  # those at the ends of the path are drawn whole
     for corner in corners[1:-1]:
         ax.axvline(float(corner), color=FRAME, linewidth=0.5)
     ax.set_xticks(corners, [print_label(label) for label in spectra.labels])
@@ -101,6 +106,29 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")
     return ax
+
+
+def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return the edges (n + 1,) of columns along a path, and for each column (n,) which of the points ``x`` it shows.
+
+    -1 stands for none: no point lies on that leg.
+    """
+    near = 1e-9 * float(corners[-1])
+    edges, owner = [float(corners[0])], []
+    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
+        if not n and (before := corners[1:][corners[1:] < here - near]).size:
+            edges.append(float(before[-1]))
+            owner.append(-1)
+        owner.append(n)
+        between = corners[(corners > here + near) & (corners < after - near)]
+        if not between.size:  # the last point may be at the end of the path
+            edges.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
+            continue
+        edges.append(float(between[0]))
+        if between.size > 1:
+            edges.append(float(between[-1]))
+            owner.append(-1)
+    return np.array(edges), np.array(owner)
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:

@@ -114,6 +114,7 @@ class RunResult(Summarised):
         if self.velocities is None and self.mechanism is not None:
             left_out = (describe_mechanism(self.mechanism), *left_out)
         found = [text for one in (self.velocities, self.bands, self.dos) if one is not None for text in one.warnings]
+        found += self.waves.warnings if self.waves is not None else ()
         own = tuple(dict.fromkeys((*self.validity.warnings, *found)))
         return own + warn_of_missing_error(self._exponents) + left_out + self.failures
 

@@ -45,6 +45,11 @@ class SampleWaves:
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be known of the results."""
+        return () if self.pulse is None else self.pulse.warnings
+
     def summary(self) -> dict[str, Any]:
         """Return numbers of the results, by name, in SI units."""
         out: dict[str, Any] = {}

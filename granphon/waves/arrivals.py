@@ -16,6 +16,8 @@ METHODS = ("envelope", "first", "correlation")
 _HALF = 0.5
 #: the maximum is that of a parabola through the envelope where it has this part of the greatest
 _NEAR = 0.9
+#: part of a reading within which a signal has not travelled
+_AT_ONCE = 0.05
 #: a record ends, unless it is told otherwise, before what runs the other way round a periodic network comes
 _MEND = "Give a longer duration; in a periodic network fewer cycles, a longer array, or ends='free'"
 
@@ -52,12 +54,13 @@ def find_arrivals(times: Array, signals: Array, sent: Array, method: str, thresh
         find = _find_maximum if method == "envelope" else _find_beginning
         start, *arrived = (find(one, threshold) for one in find_envelope(np.vstack([sent, signals])))
         found = np.array(arrived) - start
-    if np.any(found <= 0.0):
+    if np.any(found <= _AT_ONCE):
         raise ConvergenceError(
             message(
                 "the signal comes not after the burst",
-                "What is heard has not travelled: no waves of this frequency and polarisation do, or the plane is too near",
-                "Use another frequency, or a longer distance",
+                "What is heard has not travelled: no waves of this frequency and polarisation do, the plane is too near, "
+                "or the array is far shorter than the pulse",
+                "Use another frequency, fewer cycles, a longer distance, or a longer array",
             )
         )
     return np.asarray(float(times[1] - times[0]) * found)

@@ -76,13 +76,15 @@ def _round(network: ContactNetwork, q: Array) -> Array:
     periods = _periods(network)
     if not len(periods):
         return q
-    back = 2.0 * np.pi * np.linalg.pinv(periods)  # (d, p)
-    cells = np.floor(q @ periods.T / (2.0 * np.pi))
-    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
-    # moves to the wave vectors around q: across the periods none of them moves
-    moves = (cells[:, None] + corners - (q @ periods.T / (2.0 * np.pi))[:, None]) @ back.T
-    least = np.argmin(np.sum(moves**2, axis=-1), axis=1)
-    return np.asarray(q + moves[np.arange(len(q)), least])
+    back = np.linalg.pinv(periods).T  # (p, d) rows b with b_i . L_j = delta_ij
+    waves = q @ periods.T / (2.0 * np.pi)
+    around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
+    least = np.argmin(np.sum(((around - waves[:, None]) @ back) ** 2, axis=-1), axis=1)
+    # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
+    found = 2.0 * np.pi * around[np.arange(len(q)), least] @ back
+    if len(periods) < network.dimension:
+        found += q - q @ periods.T @ back  # across the periods nothing moves
+    return np.asarray(found + 0.0)
 
 
 def _show(q: Array) -> str:

@@ -96,15 +96,20 @@ class Course:
         if self.period >= least * (1.0 - _FLAT):
             return
         shown = ", ".join(f"{one:.6g}" for one in self.direction[: self.network.dimension])
+        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        sides = " and ".join(f"{one:.6g}" for one in heights if one > _FLAT * float(np.max(heights)))
         better = self._find_better(least)
         offer = " or ".join(f"({', '.join(f'{x:.6g}' for x in one)}), with {size:.6g} m" for one, size in better)
         closes = f"come back to themselves after {self.period:.6g} m" if self.period > self.spacing else "do not close"
+        cell = f". The cell is {sides} m long along it, and the greatest common measure counts" if " and " in sides else ""
+        # where vectors of the cell go equally far along the direction, that length is the period
+        longer = "a longer array" if not cell else "an array whose numbers of cells make these lengths equal"
         raise InputError(
             message(
                 f"planes across ({shown}) {closes} in this periodic network",
-                f"{why}: {least:.6g} m are needed",
-                f"Take a shorter distance, a longer array, or the direction {offer}" if better
-                else "Take a shorter distance, or a longer array",
+                f"{why}: {least:.6g} m are needed{cell}",
+                f"Take a shorter distance, {longer}, or the direction {offer}" if better
+                else f"Take a shorter distance, or {longer}",
             )
         )  # fmt: skip
 
@@ -198,6 +203,18 @@ class Course:
         """Return the mean distance of ``balls`` ahead of the place ``start``, m."""
         ahead = self.find_place(balls) - start
         return float(np.mod(ahead, self.period)) if self._is_closed else ahead
+
+    def find_echo(self, start: float, balls: Index) -> float:
+        """Return how much longer the way of the first echo from an end is than that from ``start`` to ``balls``, m.
+
+        Balls within a diameter of an end send or hear the pulse and its reflection there as one. Infinity without ends.
+        """
+        if self._is_closed:
+            return math.inf
+        moving = self.places[self.network.moving]
+        first, last = (0.0, self.period) if math.isfinite(self.period) else (float(np.min(moving)), float(np.max(moving)))
+        ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
+        return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
 
 
 def _common_measure(a: float, b: float, least: float) -> float:

@@ -33,6 +33,12 @@ _READINGS = 24
 _LATE = 3.0
 #: part of the squared bound of frequencies that a ball reaches which moves alone, and so the highest mode: nearly a half
 _SURE = 0.45
+#: most products with D that a record may take
+_MOST = 2**20
+_ECHO = (
+    "an echo from an end of the array may come before the pulse is at its height, and the time of flight is that of both: "
+    "use a longer array, a shorter distance, a higher frequency or fewer cycles"
+)
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
 
@@ -58,6 +64,8 @@ class Pulse(Result):
     planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
     frames : (n_f,) s, if there are any.
     velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
+    warnings : a sentence if an echo from an end may come before the pulse is at its height; times of flight are then those
+        of both.
     """
 
     units = {
@@ -87,6 +95,7 @@ class Pulse(Result):
     planes: Array
     frames: Array
     velocities: Array
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
@@ -211,7 +220,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
         energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
-        velocities=np.zeros(0),
+        velocities=np.zeros(0), warnings=tuple(dict.fromkeys(text for one in pulses for text in one.warnings)),
     )  # fmt: skip
 
 
@@ -267,6 +276,7 @@ def transmit(
     times: Array = step * np.arange(max(3, math.floor(positive("duration", duration, "s") / step) + 1), dtype=np.float64)
     last = max(float(times[-1]), burst.duration)
     shown = finite_array("frames", frames, "s", "zero or above").ravel() if np.size(frames) else np.zeros(0)
+    _require_short(operator, max([last, *shown]))
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
     e = push[list(operator.motions.translations)]
@@ -292,6 +302,7 @@ def transmit(
         np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
         np.array([_spread(operator, one) for one in moving[2:]]),
+        (_ECHO,) if course.find_echo(start, groups[0]) < 0.5 * burst.duration * fastest else (),
     )  # fmt: skip
 
 
@@ -390,6 +401,20 @@ def _require_reachable(operator: WaveOperator, hertz: float) -> None:
         message(f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit:.6g} Hz",
                 "Nothing of the pulse would travel", "Lower the frequency")
     )  # fmt: skip
+
+
+def _require_short(operator: WaveOperator, duration: float) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D."""
+    products = 0.5 * operator.top * duration
+    if products > _MOST:
+        longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
+        raise InputError(
+            message(
+                f"a record of {duration:.3g} s takes {products:.3g} products with the matrix of the network",
+                f"Its frequencies go up to {hertz:.3g} Hz, and {_MOST} products reach {longest:.3g} s",
+                "Use a higher frequency, fewer cycles, or a shorter distance or duration",
+            )
+        )
 
 
 def _estimate_velocity(network: ContactNetwork, along: Array, push: Array) -> float:

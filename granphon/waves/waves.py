@@ -169,7 +169,7 @@ class Waves:
         ------
         InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
             ends, before the distance); there are no balls there, or no contacts join them with the source; nothing resists
-            the polarisation; a number out of range.
+            the polarisation; a number out of range; a record that takes more than 2^20 products with D.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative.
         """
