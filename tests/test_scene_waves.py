@@ -153,7 +153,6 @@ def test_cost_of_waves_grows_with_what_is_asked():
     assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
 
 
-<<<<<<< HEAD
 def test_sweep_sends_a_pulse_through_each_sample_at_each_load(tmp_path):
     text = ARRAY.replace("5 N", "[5 N, 40 N]").replace("[12, 24]", "[8, 40], samples: 2")
     scene = gp.Scene.from_text(
@@ -177,7 +176,8 @@ def test_sweep_without_pulses_has_no_word_of_them(tmp_path):
     text = ARRAY.replace("5 N", "[5 N, 40 N]") + "observe: [velocities]\n"
     data = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).dataset
     assert not [name for name in data if "pulse" in name or "coherent" in name]
-=======
+
+
 def test_columns_of_a_map_end_at_the_corners():
     from granphon.figures.spectra import _find_columns
 
@@ -199,4 +199,3 @@ def test_echo_in_a_scene_is_a_warning(tmp_path):
     result = scene.run(tmp_path / "out", figures=False)
     assert any("echo" in text for text in result.warnings)
     assert "echo" in (tmp_path / "out" / "summary.yaml").read_text()
->>>>>>> A16
