@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,8 @@ class Contacts:
 class Tangent:
     """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at its end.
 
-    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh, with q the unit vector of T where the contact slides
-    and zero elsewhere.
+    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where the
+    contact slides, and zero elsewhere.
     """
 
     stiffness: Array
@@ -74,11 +75,24 @@ class Tangent:
     coupling: Array
     sliding: Array
 
+    def stiffen(self, normal: float, shear: float, share: float) -> Tangent:
+        """Return a tangent of contacts that are stiffer by ``normal`` and ``shear``, and against sliding by a ``share``.
+
+        If that is one, a contact that slides has the secant stiffness, that of a spring which would carry T.
+        """
+        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, math.sqrt(1.0 - share) * self.sliding)
+
+    @cached_property
+    def springs(self) -> Array:
+        """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
+        return np.asarray(self.shear * (1.0 - self.sliding**2))
+
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
         """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
-        change = self.shear * slip - self.coupling * loss
-        if len(slip) > 1:  # in a plane a sliding contact has no shear stiffness
-            change -= self.shear * self.sliding * np.sum(self.sliding * slip, axis=0)
+        change = self.springs * slip - self.coupling * loss
+        if len(slip) == 2:
+            one, two = self.sliding
+            change -= (self.shear * one * two) * slip[::-1]
         return self.stiffness * loss, change
 
 
@@ -92,30 +106,38 @@ class FrictionLaw:
     mindlin_ratio: float
     friction_coefficient: float = math.inf
 
-    def advance(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Contacts, Tangent]:
-        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there."""
+    def advance(
+        self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0
+    ) -> tuple[Contacts, Tangent]:
+        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
+
+        A ``smoothing`` e, in units of force, rounds the corner of Coulomb's limit: a force z, without the limit c, becomes
+        2 z c/(A + B) with A^2, B^2 = (z +- c)^2 + 4 e^2, which is the lesser of the two where e is zero.
+        """
         eta, mu = self.mindlin_ratio, self.friction_coefficient
         old, new = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
         mean, slope = _mean_stiffness(before.overlaps, overlaps, old, new)
         moved, falls = slips - before.slips, (new < old) & (new > 0.0)
         part = np.divide(new, old, out=np.ones_like(new), where=new < old)
-        trial = part * before.shears + eta * mean * moved
-        # dk/dh over 3/2, infinite where a contact opens: nothing is left to be rescaled there
-        bend = np.divide(0.5, new, out=np.zeros_like(new), where=new > 0.0)
+        shears = part * before.shears + eta * mean * moved
         coupling = eta * slope * moved
-        coupling += np.divide(bend, old, out=np.zeros_like(new), where=falls) * before.shears
-        stiffness, shear, forces = 1.5 * new, eta * mean, new**3
-        sliding = np.zeros_like(trial)
+        coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
+        stiffness, shear = 1.5 * new, eta * mean
+        sliding = np.zeros_like(shears)
         if mu < math.inf:
-            size, limit = _norm(trial), mu * forces
-            slides = (size > limit) | (limit == 0.0)
-            share = np.divide(limit, size, out=np.ones_like(size), where=slides & (size > 0.0))
-            sliding = np.divide(trial, size, out=np.zeros_like(trial), where=slides & (size > 0.0))
-            trial = share * trial
-            along = np.sum(sliding * coupling, axis=0)
-            coupling = share * (coupling - sliding * along) + mu * stiffness * sliding
-            shear = np.where(slides, share * shear, shear) if len(trial) > 1 else np.where(slides, 0.0, shear)
-        return Contacts(overlaps, slips, trial), Tangent(stiffness, shear, coupling, sliding)
+            size, limit = _norm(shears), mu * new**3
+            unit = np.divide(shears, size, out=np.zeros_like(shears), where=size > 0.0)
+            above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
+            share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
+            over = np.divide(size + limit, above, out=np.ones_like(size), where=above > 0.0)
+            under = np.divide(size - limit, below, out=np.zeros_like(size), where=below > 0.0)
+            # derivatives of the force with respect to z and c, and the part by which the first is less along T than across it
+            by_size, by_limit = 0.5 * (over - under), 0.5 * (over + under)
+            drop = 1.0 - np.divide(by_size, share, out=np.zeros_like(size), where=share > 0.0)
+            shears, shear, sliding = share * shears, share * shear, np.sqrt(np.maximum(drop, 0.0)) * unit
+            coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
+            coupling += mu * by_limit * stiffness * unit
+        return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""

@@ -44,6 +44,12 @@ REFINEMENT_TOLERANCE = 1e-4
 _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved
 _NEWTON_STEPS = 40
+#: the same for the first attempt where contacts can slide
+_SHARP_STEPS = 10
+#: rounding of Coulomb's limit at the beginning of the second attempt, and that below which there is none, over the mean
+#: force; factors by which it falls in steps that leave much of the residual, and in steps that leave little
+_ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
+_SLOW, _FAST = 0.5, 0.1
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
 #: vectors that GMRES keeps, and how often it starts again
@@ -52,6 +58,9 @@ _KEPT, _RESTARTS = 60, 5
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
+#: distance from balance at which, and above, contacts that slide have their secant stiffness in a step of Newton's method:
+#: a ball all of whose contacts slide would not be held without it
+_SECANT_DISTANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,33 +259,54 @@ class LoadingHistory:
         return here.balls + part * (here.balls - before.balls), y + part * (here.overlap - before.overlap) * free
 
     def _solve(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> PressedArray | None:
-        """Return the equilibrium at the end of one step, or None if Newton's method does not find it."""
+        """Return the equilibrium at the end of one step, or None if Newton's method does not find it.
+
+        It is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to and fro
+        between the two sides of Coulomb's limit. So in a second attempt its corner is round, and less so after each step.
+        """
         balls, y = self._extrapolate(here, before, load)
-        free, krylov = load.overlap is None, 0
-        trial = self._try(here, balls, y, load)
-        for newton in range(_NEWTON_STEPS + 1):
-            if trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
-                return self._arrive(here, trial, newton, krylov)
-            if newton == _NEWTON_STEPS:
+        free, newton, krylov = load.overlap is None, 0, 0
+        mu = self.friction_coefficient
+        for rounding, most in ((0.0, _NEWTON_STEPS if mu == math.inf else _SHARP_STEPS), (_ROUNDING, _NEWTON_STEPS)):
+            if rounding and mu in (0.0, math.inf):
                 break
-            distance = max(trial.left, trial.missed)
-            way, taken = self._direct(trial, distance, free)
-            krylov += taken
-            length, best = 1.0, None
-            for _ in range(_LENGTHS):
-                new = self._try(here, trial.balls + length * way.balls, trial.overlap + length * way.compression, load)
-                if best is None or new.size < best.size:
-                    best = new
-                if new.size < (1.0 - 0.1 * length) * trial.size:
+            smoothing = rounding * max(here.force, load.force)
+            trial = self._try(here, balls, y, load, smoothing)
+            for _ in range(most):
+                if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
+                    return self._arrive(here, trial, newton, krylov)
+                distance = max(trial.left, trial.missed)
+                way, taken = self._direct(trial, distance, free)
+                newton, krylov, size = newton + 1, krylov + taken, trial.size
+                trial, length = self._search(here, trial, way, load, smoothing)
+                if not math.isfinite(trial.size):
                     break
-                length *= 0.5
-            if best is None or not math.isfinite(best.size):
-                break
-            trial = best
+                if smoothing:
+                    if length == 1.0:
+                        smoothing *= _FAST if trial.size < _FAST * size else _SLOW
+                    if smoothing < _LEAST_ROUNDING * here.force:
+                        smoothing = 0.0
+                    trial = self._try(here, trial.balls, trial.overlap, load, smoothing)
         return None
 
-    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed) -> _Trial:
-        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap))
+    def _search(
+        self, here: PressedArray, trial: _Trial, way: Motion, load: Prescribed, smoothing: float
+    ) -> tuple[_Trial, float]:
+        """Return the state after a step of Newton's method, and the length of the step: halved until less is left."""
+        length, best = 1.0, None
+        for _ in range(_LENGTHS):
+            motion, overlap = trial.balls + length * way.balls, trial.overlap + length * way.compression
+            new = self._try(here, motion, overlap, load, smoothing)
+            if best is None or new.size < best[0].size:
+                best = new, length
+            if new.size < (1.0 - 0.1 * length) * trial.size:
+                break
+            length *= 0.5
+        assert best is not None
+        return best
+
+    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, smoothing: float) -> _Trial:
+        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), smoothing)
         forces = contacts.forces
         force = float(np.mean(forces))
         pull = self.stencils.forces(self._stack(forces, -contacts.shears))
@@ -300,9 +330,8 @@ class LoadingHistory:
         stencils, n, tangent = self.stencils, self.stencils.n_contacts, trial.tangent
         mean = float(np.mean(tangent.stiffness))
         added = _ADDED_STIFFNESS * min(1.0, distance) * mean
-        eta = stencils.mindlin_ratio
-        tangent = replace(tangent, stiffness=tangent.stiffness + added, shear=tangent.shear + eta * added)
-        springs = self._stack(tangent.stiffness, np.broadcast_to(tangent.shear, trial.contacts.slips.shape))
+        tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, distance / _SECANT_DISTANCE))
+        springs = self._stack(tangent.stiffness, tangent.springs)
         inverse = self._inverses.choose(springs)
         held = 1.0 / (tangent.stiffness.size * mean)
         size = trial.balls.size
