@@ -44,8 +44,6 @@ REFINEMENT_TOLERANCE = 1e-4
 _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved
 _NEWTON_STEPS = 40
-#: the same for the first attempt where contacts can slide
-_SHARP_STEPS = 10
 #: rounding of Coulomb's limit at the beginning of the second attempt, and that below which there is none, over the mean
 #: force; factors by which it falls in steps that leave much of the residual, and in steps that leave little
 _ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
@@ -58,9 +56,9 @@ _KEPT, _RESTARTS = 60, 5
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
-#: distance from balance at which, and above, contacts that slide have their secant stiffness in a step of Newton's method:
-#: a ball all of whose contacts slide would not be held without it
-_SECANT_DISTANCE = 0.1
+#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
+#: from balance: without it nothing would hold a ball all of whose contacts slide
+_SECANT_SHARE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,12 +265,10 @@ class LoadingHistory:
         balls, y = self._extrapolate(here, before, load)
         free, newton, krylov = load.overlap is None, 0, 0
         mu = self.friction_coefficient
-        for rounding, most in ((0.0, _NEWTON_STEPS if mu == math.inf else _SHARP_STEPS), (_ROUNDING, _NEWTON_STEPS)):
-            if rounding and mu in (0.0, math.inf):
-                break
+        for rounding in (0.0,) if mu in (0.0, math.inf) else (0.0, _ROUNDING):
             smoothing = rounding * max(here.force, load.force)
             trial = self._try(here, balls, y, load, smoothing)
-            for _ in range(most):
+            for _ in range(_NEWTON_STEPS + 1):
                 if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
                     return self._arrive(here, trial, newton, krylov)
                 distance = max(trial.left, trial.missed)
@@ -330,7 +326,7 @@ class LoadingHistory:
         stencils, n, tangent = self.stencils, self.stencils.n_contacts, trial.tangent
         mean = float(np.mean(tangent.stiffness))
         added = _ADDED_STIFFNESS * min(1.0, distance) * mean
-        tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, distance / _SECANT_DISTANCE))
+        tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, _SECANT_SHARE * math.sqrt(distance)))
         springs = self._stack(tangent.stiffness, tangent.springs)
         inverse = self._inverses.choose(springs)
         held = 1.0 / (tangent.stiffness.size * mean)
