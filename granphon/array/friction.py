@@ -3,18 +3,18 @@
 Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). A contact of overlap h carries the normal force
 f = h_+^(3/2), with the stiffness k = (3/2) h_+^(1/2), and the tangential force T, a vector with one component for each slip.
 
-T follows the slip s by Mindlin's incremental law at the current overlap, dT = eta k(h) ds. Where the normal force falls, T is
-rescaled in proportion to k, dT = T dk/k + eta k ds, the rule of Thornton, Cummins and Cleary (Powder Technol. 233, 30 (2013))
-and of ``mindlin_rescale`` in LAMMPS: without it a cycle could give energy away. Coulomb's limit |T| <= mu f is met by return
-mapping: what is too much is lost by sliding along T. A contact that opens forgets T.
+T follows the slip s by Mindlin's incremental law at the current overlap, dT = eta k(h) ds. Where the normal force falls, T
+is rescaled in proportion to k, dT = T dk/k + eta k ds, the rule of Thornton, Cummins and Cleary (Powder Technology 233, 30
+(2013)) and of ``mindlin_rescale`` in LAMMPS: without it a cycle could give energy away. Coulomb's limit |T| <= mu f is met
+by return mapping: what is too much is lost by sliding along T. A contact that opens forgets T.
 
 In a step h and s change together along a straight line. While h rises, the law has the mean of k over the part of the
 line where the contact is closed, which is df/dh between its ends; while h falls it integrates exactly with k at the end.
 Steps of sliding and of sticking contacts are then of second order, and a contact that opens or closes within the step needs
 no case of its own.
 
-Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2 |dk|/(2 eta k^2) by the law: where k
-rises under a given T, and where T is rescaled, slip is not given back. Neither loss is ever below zero.
+Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2 |dk|/(2 eta k^2) by the
+law: where k rises under a given T, and where T is rescaled, slip is not given back. Neither loss is ever below zero.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Contacts:
 class Tangent:
     """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at its end.
 
-    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where the
-    contact slides, and zero elsewhere.
+    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where
+    the contact slides, and zero elsewhere.
     """
 
     stiffness: Array
@@ -106,9 +106,7 @@ class FrictionLaw:
     mindlin_ratio: float
     friction_coefficient: float = math.inf
 
-    def advance(
-        self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0
-    ) -> tuple[Contacts, Tangent]:
+    def advance(self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0) -> tuple[Contacts, Tangent]:
         """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
 
         A ``smoothing`` e, in units of force, rounds the corner of Coulomb's limit: a force z, without the limit c, becomes
@@ -131,7 +129,7 @@ class FrictionLaw:
             share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
             over = np.divide(size + limit, above, out=np.ones_like(size), where=above > 0.0)
             under = np.divide(size - limit, below, out=np.zeros_like(size), where=below > 0.0)
-            # derivatives of the force with respect to z and c, and the part by which the first is less along T than across it
+            # derivatives of the force with respect to z and c; the first is less along T than across it, by a part of it
             by_size, by_limit = 0.5 * (over - under), 0.5 * (over + under)
             drop = 1.0 - np.divide(by_size, share, out=np.zeros_like(size), where=share > 0.0)
             shears, shear, sliding = share * shears, share * shear, np.sqrt(np.maximum(drop, 0.0)) * unit

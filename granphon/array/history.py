@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,10 +40,13 @@ BALANCE_TOLERANCE = 1e-9
 START_SPACING = 0.5
 #: tolerance of f* for the refinement of steps
 REFINEMENT_TOLERANCE = 1e-4
+#: relative change of f*, over the tolerance of balance, that short steps may show from what is left of balance alone
+_NOISE = 10.0
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
-#: largest number of steps of Newton's method before a step of the load is halved
-_NEWTON_STEPS = 40
+#: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
+#: fall by half for it to go on
+_NEWTON_STEPS, _PATIENCE = 120, 15
 #: rounding of Coulomb's limit at the beginning of the second attempt, and that below which there is none, over the mean
 #: force; factors by which it falls in steps that leave much of the residual, and in steps that leave little
 _ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
@@ -127,7 +130,7 @@ class LoadingHistory:
         load is reached in one step.
     start : state without friction at which the history begins; by default that of a* = 1/2.
 
-    Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning, or the array carries no load at the start.
+    Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
     """
 
     deviations: Array
@@ -135,7 +138,6 @@ class LoadingHistory:
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
     start: Equilibrium | None = None
-    _inverses: Preconditioners = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.friction_coefficient >= 0.0:
@@ -144,7 +146,7 @@ class LoadingHistory:
             raise InputError(message(f"a tolerance of {self.tolerance:g} for the steps of the load is not above zero"))
         if not self.stencils.mindlin_ratio > 0.0:
             raise InputError(
-                message("a loading history with friction has no shear stiffness", mend="Give stencils a mindlin_ratio above 0")
+                message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         self._means = self.stencils.average_pairs(self.deviations)
@@ -190,7 +192,8 @@ class LoadingHistory:
             # at a given force the overlap differs, which the mean stiffness makes a force
             change = abs(last.force - whole.force)
             change += abs(last.overlap - whole.overlap) * 1.5 * float(np.mean(np.sqrt(last.contacts.closed)))
-            if change <= allowed * last.force:
+            # balance to a finite residual leaves f* uncertain
+            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * last.force:
                 yield half
                 yield last
                 here, before = last, half
@@ -229,10 +232,9 @@ class LoadingHistory:
 
     @staticmethod
     def _explain(load: Prescribed, why: str) -> ConvergenceError:
-        name = f"a mean force of f* = {load.force:.6g}" if load.overlap is None else f"an overlap of {load.overlap:.6g} widths"
-        return ConvergenceError(
-            message(f"the loading with friction has not reached {name}", why[0].upper() + why[1:], "End the path before this load")
-        )
+        name = f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
+        what = f"the loading with friction has not reached {name}"
+        return ConvergenceError(message(what, why[0].upper() + why[1:], "End the path before this load"))
 
     # -- one step ---------------------------------------------------------------------------------------------------
 
@@ -268,9 +270,14 @@ class LoadingHistory:
         for rounding in (0.0,) if mu in (0.0, math.inf) else (0.0, _ROUNDING):
             smoothing = rounding * max(here.force, load.force)
             trial = self._try(here, balls, y, load, smoothing)
-            for _ in range(_NEWTON_STEPS + 1):
+            before_that = math.inf
+            for count in range(_NEWTON_STEPS + 1):
                 if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
                     return self._arrive(here, trial, newton, krylov)
+                if count % _PATIENCE == 0:
+                    if not smoothing and trial.size > 0.5 * before_that:
+                        break
+                    before_that = trial.size
                 distance = max(trial.left, trial.missed)
                 way, taken = self._direct(trial, distance, free)
                 newton, krylov, size = newton + 1, krylov + taken, trial.size
