@@ -1,0 +1,186 @@
+"""The law of contacts with friction that are pressed together and slip by small increments: Hertz, Mindlin and Coulomb.
+
+Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). A contact of overlap h carries the normal force
+f = h_+^(3/2), with the stiffness k = (3/2) h_+^(1/2), and the tangential force T, a vector with one component for each slip.
+
+T follows the slip s by Mindlin's incremental law at the current overlap, dT = eta k(h) ds. Where the normal force falls, T
+is rescaled in proportion to k, dT = T dk/k + eta k ds, the rule of Thornton, Cummins and Cleary (Powder Technology 233, 30
+(2013)) and of ``mindlin_rescale`` in LAMMPS: without it a cycle could give energy away. Coulomb's limit |T| <= mu f is met
+by return mapping: what is too much is lost by sliding along T. A contact that opens forgets T.
+
+In a step h and s change together along a straight line. While h rises, the law has the mean of k over the part of the
+line where the contact is closed, which is df/dh between its ends; while h falls it integrates exactly with k at the end.
+Steps of sliding and of sticking contacts are then of second order, and a contact that opens or closes within the step needs
+no case of its own.
+
+Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2 |dk|/(2 eta k^2) by the
+law: where k rises under a given T, and where T is rescaled, slip is not given back. Neither loss is ever below zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Contacts", "FrictionLaw", "Tangent"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """State of the contacts, as far as their future depends on it.
+
+    Attributes
+    ----------
+    overlaps : (n_c, L1, ..., Lp) h, below zero where balls are apart.
+    slips : (n_s, n_c, L1, ..., Lp) slips of the motion from the sites of the lattice; n_s is 1 in a plane, 2 in space.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces T.
+    """
+
+    overlaps: Array
+    slips: Array
+    shears: Array
+
+    @property
+    def closed(self) -> Array:
+        """(n_c, L1, ..., Lp) overlaps, zero where balls are apart."""
+        return np.maximum(self.overlaps, 0.0)
+
+    @property
+    def forces(self) -> Array:
+        """(n_c, L1, ..., Lp) normal forces."""
+        return np.asarray(self.closed * np.sqrt(self.closed))
+
+    @property
+    def tangential(self) -> Array:
+        """(n_c, L1, ..., Lp) magnitudes of the tangential forces."""
+        return _norm(self.shears)
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at its end.
+
+    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where
+    the contact slides, and zero elsewhere.
+    """
+
+    stiffness: Array
+    shear: Array
+    coupling: Array
+    sliding: Array
+
+    def stiffen(self, normal: float, shear: float, share: float) -> Tangent:
+        """Return a tangent of contacts that are stiffer by ``normal`` and ``shear``, and against sliding by a ``share``.
+
+        If that is one, a contact that slides has the secant stiffness, that of a spring which would carry T.
+        """
+        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, math.sqrt(1.0 - share) * self.sliding)
+
+    @cached_property
+    def springs(self) -> Array:
+        """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
+        return np.asarray(self.shear * (1.0 - self.sliding**2))
+
+    def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
+        """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
+        change = self.springs * slip - self.coupling * loss
+        if len(slip) == 2:
+            one, two = self.sliding
+            change -= (self.shear * one * two) * slip[::-1]
+        return self.stiffness * loss, change
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """Law of the contacts with shear stiffness ``mindlin_ratio`` eta times the normal one, and friction coefficient mu.
+
+    ``friction_coefficient`` may be zero, and infinite: then no contact slides.
+    """
+
+    mindlin_ratio: float
+    friction_coefficient: float = math.inf
+
+    def advance(self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0) -> tuple[Contacts, Tangent]:
+        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
+
+        A ``smoothing`` e, in units of force, rounds the corner of Coulomb's limit: a force z, without the limit c, becomes
+        2 z c/(A + B) with A^2, B^2 = (z +- c)^2 + 4 e^2, which is the lesser of the two where e is zero.
+        """
+        eta, mu = self.mindlin_ratio, self.friction_coefficient
+        old, new = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
+        mean, slope = _mean_stiffness(before.overlaps, overlaps, old, new)
+        moved, falls = slips - before.slips, (new < old) & (new > 0.0)
+        part = np.divide(new, old, out=np.ones_like(new), where=new < old)
+        shears = part * before.shears + eta * mean * moved
+        coupling = eta * slope * moved
+        coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
+        stiffness, shear = 1.5 * new, eta * mean
+        sliding = np.zeros_like(shears)
+        if mu < math.inf:
+            size, limit = _norm(shears), mu * new**3
+            unit = np.divide(shears, size, out=np.zeros_like(shears), where=size > 0.0)
+            above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
+            share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
+            over = np.divide(size + limit, above, out=np.ones_like(size), where=above > 0.0)
+            under = np.divide(size - limit, below, out=np.zeros_like(size), where=below > 0.0)
+            # derivatives of the force with respect to z and c; the first is less along T than across it, by a part of it
+            by_size, by_limit = 0.5 * (over - under), 0.5 * (over + under)
+            drop = 1.0 - np.divide(by_size, share, out=np.zeros_like(size), where=share > 0.0)
+            shears, shear, sliding = share * shears, share * shear, np.sqrt(np.maximum(drop, 0.0)) * unit
+            coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
+            coupling += mu * by_limit * stiffness * unit
+        return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
+
+    def stored(self, contacts: Contacts) -> float:
+        """Return the mean energy that a contact stores, in units of c W^(5/2)."""
+        shear = 0.5 * self.mindlin_ratio * 1.5 * np.sqrt(contacts.closed) * self._bent(contacts) ** 2
+        return float(np.mean(0.4 * contacts.forces * contacts.closed + shear))
+
+    def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
+        """Return the mean energies that a contact loses in a step, by sliding and by the law, to second order."""
+        eta, mu = self.mindlin_ratio, self.friction_coefficient
+        old, new = np.sqrt(before.closed), np.sqrt(after.closed)
+        slid = 0.0
+        if mu < math.inf:
+            mean = _mean_stiffness(before.overlaps, after.overlaps, old, new)[0]
+            part = np.divide(new, old, out=np.ones_like(new), where=new < old)
+            excess = _norm(part * before.shears + eta * mean * (after.slips - before.slips) - after.shears)
+            slip = np.divide(excess, eta * mean, out=np.zeros_like(new), where=mean > 0.0)
+            slid = float(np.mean(0.5 * mu * (before.forces + after.forces) * slip))
+        first, last = self._bent(before), self._bent(after)
+        if mu == math.inf:  # T falls as k until the contact opens
+            last = np.where(new > 0.0, last, first)
+        return slid, float(np.mean(0.375 * eta * (first**2 + last**2) * np.abs(new - old)))
+
+    def _bent(self, contacts: Contacts) -> Array:
+        """Return the elastic slips |T|/(eta k), zero where balls are apart."""
+        stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
+        return np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
+
+
+def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, Array]:
+    """Return the normal stiffness that slip meets in a step from h0 to h1, and its derivative with respect to h1.
+
+    ``a0`` and ``a1`` are the roots of h0_+ and h1_+. Where h falls it is k at the end.
+    """
+    rises, opens = (a1 > a0) & (a0 > 0.0), (a1 > 0.0) & (a0 == 0.0)
+    total = np.where(rises, a0 + a1, 1.0)
+    mean = np.where(rises, (a0 * a0 + a0 * a1 + a1 * a1) / total, 1.5 * a1)
+    slope = np.where(rises, (a1 + 2.0 * a0) / (2.0 * total**2), np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
+    # a contact that closes in the step: only the part of the step after it has closed counts
+    width = np.where(opens, h1 - h0, 1.0)
+    mean = np.where(opens, a1**3 / width, mean)
+    slope = np.where(opens, (1.5 * a1 - a1**3 / width) / width, slope)
+    return mean, slope
+
+
+def _norm(vectors: Array) -> Array:
+    if len(vectors) == 1:
+        return np.asarray(np.abs(vectors[0]))
+    return np.asarray(np.sqrt(np.sum(vectors**2, axis=0)))

@@ -1,0 +1,414 @@
+"""Loading with friction: the law of a contact, and paths of arrays against dense equations, energy, orders in the step."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+from test_stencils import Explicit, cartesian
+
+import granphon as gp
+from granphon.array import history as module
+from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.history import LoadingHistory
+from granphon.array.stencils import Motion, Stencils
+from granphon.balls.lattices import FCC, TRIANGULAR
+from granphon.base.errors import ConvergenceError, InputError
+
+ETA = 0.82
+
+
+@functools.cache
+def balls(shape, seed=0):
+    """x of uniformly spread balls, of mean zero."""
+    x = gp.Uniform(1.0).sample(shape, seed)
+    x = x - np.mean(x)
+    x.setflags(write=False)
+    return x
+
+
+def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, **more):
+    return LoadingHistory(balls(shape, seed), Stencils(shape, ETA, lattice=lattice), mu, tolerance, **more)
+
+
+def ramp(*turns, steps):
+    """Overlaps a* - 1/2 from one turn to the next, in this many steps each, without the first."""
+    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in itertools.pairwise(turns)]
+    return [Prescribed(overlap=float(y) - 0.5) for y in np.concatenate(parts)]
+
+
+def run(paths, loads):
+    return list(paths.path(loads))
+
+
+# -- the law of one contact ---------------------------------------------------------------------------------------------
+
+
+def contact(h, s=(0.0,), t=(0.0,)):
+    return Contacts(np.array([h]), np.array(s, float)[:, None], np.array(t, float)[:, None])
+
+
+unit = st.floats(-1.0, 1.0)
+vectors = st.integers(1, 2).flatmap(lambda n: st.lists(unit, min_size=3 * n, max_size=3 * n))
+frictions = st.sampled_from([0.0, 0.1, 0.7, math.inf])
+
+
+@settings(max_examples=100)
+@given(vectors, st.floats(-0.5, 1.0), st.floats(-0.5, 1.0), frictions, st.sampled_from([0.0, 0.1]))
+def test_tangent_is_the_derivative(numbers, h0, h1, mu, smoothing):
+    law, n, e = FrictionLaw(ETA, mu), len(numbers) // 3, 1e-6
+    s, t, way = np.reshape(numbers, (3, n)) * [[1.0], [1.0 if h0 > 0.0 else 0.0], [1.0]]
+    before = contact(h0, t=t)
+    trial = np.linalg.norm(FrictionLaw(ETA).advance(before, np.array([h1]), s[:, None])[0].shears)
+    corners = [abs(h0), abs(h1), abs(h1 - h0), 1.0 if mu == math.inf or smoothing else abs(trial - mu * max(h1, 0.0) ** 1.5)]
+    if min(corners) < 1e-2:  # the law has corners there
+        return
+
+    def forces(step):
+        after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], smoothing)
+        return np.append(after.forces, after.shears)
+
+    tangent = law.advance(before, np.array([h1]), s[:, None], smoothing)[1]
+    normal, shear = tangent.apply(np.array([-0.7]), way[:, None])
+    expected = (forces(e) - forces(-e)) / (2.0 * e)
+    np.testing.assert_allclose(np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected))))
+
+
+def walk(law, times, h, s):
+    """The states of a contact along h(t) and s(t)."""
+    states = [contact(h(times[0]), s(times[0]), (0.0,) * len(s(0.0)))]
+    for time in times[1:]:
+        states.append(law.advance(states[-1], np.array([h(time)]), np.array(s(time))[:, None])[0])
+    return states
+
+
+def h_of(t):
+    return 0.5 + 0.4 * math.sin(3.0 * t)
+
+
+def s_of(t):
+    return math.sin(2.0 * t) + 0.3 * t, 0.5 * math.cos(t) - 0.5
+
+
+def exact_shear(end):
+    """T by the differential equation of a contact that does not slide."""
+
+    def rate(t, force):
+        h, dh = h_of(t), 1.2 * math.cos(3.0 * t)
+        slip = np.array([2.0 * math.cos(2.0 * t) + 0.3, -0.5 * math.sin(t)])
+        return ETA * 1.5 * math.sqrt(h) * slip + force * min(dh, 0.0) / (2.0 * h)
+
+    return solve_ivp(rate, (0.0, end), [0.0, 0.0], rtol=1e-11, atol=1e-12, max_step=0.01).y[:, -1]
+
+
+def test_steps_are_of_second_order_and_tend_to_mindlins_law():
+    expected, errors = exact_shear(2.0), []
+    for steps in (40, 80, 160):
+        last = walk(FrictionLaw(ETA), np.linspace(0.0, 2.0, steps + 1), h_of, s_of)[-1]
+        errors.append(np.linalg.norm(last.shears[:, 0] - expected))
+    assert errors[-1] < 1e-3 * np.linalg.norm(expected)
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.3)
+
+
+@pytest.mark.parametrize("mu", [0.3, math.inf])
+def test_work_on_a_contact_is_stored_or_lost(mu):
+    """Order two: what the two sums of a path leave falls by four when steps are halved."""
+    law, left = FrictionLaw(ETA, mu), []
+    for steps in (200, 400, 800):
+        states = walk(law, np.linspace(0.0, 3.0, steps + 1), h_of, s_of)
+        work = lost = 0.0
+        for a, b in itertools.pairwise(states):
+            mean = 0.5 * (a.shears + b.shears)
+            work += float(np.sum(mean * (b.slips - a.slips)) + 0.4 * (b.forces * b.closed - a.forces * a.closed)[0])
+            slid, loosened = law.lost(a, b)
+            assert slid >= 0.0
+            assert loosened >= 0.0
+            assert (slid > 0.0) <= (mu < math.inf)
+            lost += slid + loosened
+        left.append(abs(work - lost - law.stored(states[-1]) + law.stored(states[0])))
+    assert lost > 0.01
+    assert left[-1] < 1e-4 * lost
+    assert left[0] / left[2] > 8.0
+
+
+@settings(max_examples=50)
+@given(
+    st.lists(st.tuples(st.floats(-0.3, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=2),
+    st.sampled_from([0.0, 0.4]),
+)
+def test_forces_stay_within_coulombs_limit_and_open_contacts_forget(steps, mu):
+    law, state = FrictionLaw(ETA, mu), contact(0.2, (0.0, 0.0), (0.0, 0.0))
+    for h, *s in steps:
+        state, _ = law.advance(state, np.array([h]), np.array(s)[:, None])
+        assert state.tangential[0] <= mu * state.forces[0] * (1.0 + 1e-14)
+        assert h > 0.0 or not np.any(state.shears)
+
+
+def test_closed_forms_of_one_step():
+    law = FrictionLaw(ETA, 0.5)
+    # at the same overlap: T = eta k s, up to mu f
+    after, _ = law.advance(contact(0.25), np.array([0.25]), np.array([[0.01]]))
+    assert after.shears[0, 0] == pytest.approx(ETA * 0.75 * 0.01)
+    after, _ = law.advance(contact(0.25), np.array([0.25]), np.array([[-9.0]]))
+    assert after.shears[0, 0] == pytest.approx(-0.5 * 0.125)
+    # pressed from nothing along a line, T is eta ds/dh times f; where it closes on the way the same holds
+    for start in (0.0, -0.2):
+        after, _ = law.advance(contact(start), np.array([0.16]), np.array([[0.02]]))
+        assert after.shears[0, 0] == pytest.approx(ETA * 0.16**1.5 * 0.02 / (0.16 - start))
+    # unloaded without slip, T falls as k
+    after, _ = law.advance(contact(0.25, t=(0.01,)), np.array([0.16]), np.array([[0.0]]))
+    assert after.shears[0, 0] == pytest.approx(0.01 * 0.4 / 0.5)
+
+
+# -- arrays against dense equations -------------------------------------------------------------------------------------
+
+
+class Dense:
+    """The equations of each step with matrices and loops written anew, solved by MINPACK from its own differences.
+
+    Where contacts slide, MINPACK needs a beginning near the solution.
+    """
+
+    def __init__(self, x, mu):
+        self.explicit, self.mu = Explicit(x.shape, ETA), mu
+        self.c, self.means = self.explicit.dense(), self.explicit.means(x)
+
+    def law(self, before, h, s):
+        h0, s0, t0 = before
+        if h <= 0.0:
+            return 0.0, 0.0
+        f = h**1.5
+        if h >= h0 > 0.0:
+            # the mean of k along the line, by Gauss's rule in a = h^(1/2), of which it is a polynomial
+            a0, a1 = math.sqrt(h0), math.sqrt(h)
+            mean = 3.0 * np.dot(WEIGHTS, (a0 + (a1 - a0) * NODES) ** 2) / (a0 + a1)
+            t = t0 + ETA * mean * (s - s0)
+        elif h0 <= 0.0:
+            t = ETA * f / (h - h0) * (s - s0)
+        else:
+            t = math.sqrt(h / h0) * t0 + ETA * 1.5 * math.sqrt(h) * (s - s0)
+        return f, max(-self.mu * f, min(self.mu * f, t))
+
+    def forces(self, before, motion, y):
+        n = len(self.means)
+        rows = self.c @ motion
+        state = zip(y + self.means - rows[:n], rows[n:], strict=True)
+        return np.array([self.law(one, h, s) for one, (h, s) in zip(before, state, strict=True)]).T
+
+    def step(self, before, guess, y):
+        def balance(motion):
+            f, t = self.forces(before, motion, y)
+            return self.c.T @ np.concatenate([f, -t])
+
+        motion = root(balance, guess, method="lm", options={"xtol": 1e-13, "ftol": 1e-14}).x
+        for _ in range(3):  # what MINPACK leaves of soft motions
+            each = 1e-7 * np.eye(motion.size)
+            slope = np.array([(balance(motion + one) - balance(motion - one)) / 2e-7 for one in each]).T
+            motion = motion - np.linalg.lstsq(slope, balance(motion), rcond=1e-9)[0]
+        n, rows = len(self.means), self.c @ motion
+        f, t = self.forces(before, motion, y)
+        assert np.max(np.abs(balance(motion))) < 1e-12 * np.mean(f)
+        return list(zip(y + self.means - rows[:n], rows[n:], t, strict=True)), motion, f, t
+
+
+NODES, WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(4)[1] / 2.0
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("shape", "mu"), [((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1)])
+def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu):
+    monkeypatch.setattr(module, "BALANCE_TOLERANCE", 1e-12)
+    compare_with_dense(shape, mu, ramp(0.5, 0.9, 0.6, steps=3))
+
+
+def test_a_path_is_that_of_dense_equations(monkeypatch):
+    monkeypatch.setattr(module, "BALANCE_TOLERANCE", 1e-12)  # balls that little holds move by much more than the residual
+    compare_with_dense((4, 4), 0.2, ramp(0.5, 0.9, 0.6, steps=1))
+
+
+def compare_with_dense(shape, mu, loads):
+    x = balls(shape, 3)
+    dense, paths = Dense(x, mu), history(shape, mu, seed=3)
+    begun = paths.begin()
+    motion, rng = cartesian(paths.stencils, begun.balls), np.random.default_rng(1)
+    before = [(h, s, 0.0) for h, s in zip(begun.contacts.overlaps.ravel(), begun.contacts.slips.ravel(), strict=True)]
+    slid = 0.0
+    for load, state in zip(loads, paths.path(loads), strict=True):
+        if mu < math.inf:
+            motion = cartesian(paths.stencils, state.balls) + rng.normal(0.0, 3e-4, motion.size)
+        before, motion, f, t = dense.step(before, motion, load.overlap)
+        np.testing.assert_allclose(state.contacts.forces.ravel(), f, rtol=0.0, atol=2e-8 * np.mean(f))
+        np.testing.assert_allclose(state.contacts.shears.ravel(), t, rtol=0.0, atol=2e-8 * np.mean(f))
+        slid = max(slid, state.sliding_fraction)
+    assert (slid > 0.02) == (mu < math.inf)
+    assert np.max(np.abs(t)) > 0.02 * np.mean(f)
+
+
+def residual(paths, state):
+    """Largest force or torque on a ball, over the mean force, from the rows of the stencils as a matrix."""
+    stencils, contacts = paths.stencils, state.contacts
+    size = state.balls.size
+    rows = [stencils.deformations(Motion(one.reshape(state.balls.shape), 0.0)).ravel() for one in np.eye(size)]
+    tension = np.concatenate([contacts.forces.ravel(), -contacts.shears.ravel()])
+    return np.max(np.abs(np.array(rows) @ tension)) / state.force
+
+
+def test_an_array_in_space_is_in_balance_and_keeps_its_energy():
+    paths = history((3, 3, 2), 0.2, lattice=FCC)
+    begun, states = paths.begin(), run(paths, ramp(0.5, 0.9, 0.7, steps=8))
+    for state in states:
+        assert state.residual <= 1e-9
+        assert np.all(state.contacts.tangential <= 0.2 * state.contacts.forces * (1.0 + 1e-12))
+    last = states[-1]
+    assert residual(paths, last) < 2e-9
+    assert last.sliding_fraction > 0.0
+    assert last.work - last.dissipated == pytest.approx(last.stored - begun.stored, rel=1e-2)
+
+
+# -- arrays: energy, orders, limits ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mu", [0.2, math.inf])
+def test_work_of_the_load_is_stored_or_lost_to_second_order(mu):
+    left = []
+    for steps in (3, 6, 12):
+        paths = history((5, 5), mu, seed=1)
+        last = run(paths, ramp(0.5, 1.0, steps=steps))[-1]
+        left.append(last.work - last.dissipated - (last.stored - paths.begin().stored))
+        assert last.dissipated > 0.0
+        assert (last.slid > 0.0) == (mu < math.inf)
+    assert left[0] / left[1] == pytest.approx(4.0, rel=0.15)
+    assert left[1] / left[2] == pytest.approx(4.0, rel=0.15)
+
+
+def test_friction_raises_the_force_as_an_independent_trial_has_it():
+    """No sliding, 32 x 32 balls from a* = 1/2: some 5 % at a* = 0.7, 1.5 % at a* = 1."""
+    at = {round(state.overlap + 0.5, 6): state for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))}
+    for spacing, rise in ((0.7, 0.05), (1.0, 0.015)):
+        smooth = equilibrate(balls((32, 32)), Prescribed(overlap=spacing - 0.5)).force
+        assert at[spacing].force / smooth - 1.0 == pytest.approx(rise, rel=0.15)
+
+
+def test_without_friction_forces_are_those_of_the_equilibrium():
+    for state in history((8, 8), 0.0).path(ramp(0.5, 0.9, 0.6, steps=2)):
+        expected = equilibrate(balls((8, 8)), Prescribed(overlap=state.overlap)).forces
+        np.testing.assert_allclose(state.contacts.forces, expected, rtol=0.0, atol=1e-7 * np.mean(expected))
+        assert not np.any(state.contacts.shears)
+
+
+def test_small_friction_changes_forces_in_proportion_to_it():
+    start, smooth = (equilibrate(balls((3, 4)), Prescribed(overlap=overlap)) for overlap in (0.0, 0.4))
+    changes = []
+    for mu in (0.02, 0.01, 0.005):
+        (state,) = run(history((3, 4), mu, start=start), ramp(0.5, 0.9, steps=1))
+        changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
+    assert changes[0] / changes[1] == pytest.approx(2.0, rel=0.05)
+    assert changes[1] / changes[2] == pytest.approx(2.0, rel=0.05)
+
+
+def test_equal_balls_never_bear_tangential_forces():
+    shape = (5, 6)
+    paths = LoadingHistory(
+        np.zeros(shape), Stencils(shape, ETA), 0.2, math.inf, equilibrate(np.zeros(shape), Prescribed(0.1))
+    )
+    for state in paths.path(ramp(0.7, 1.0, 0.7, steps=2)):
+        assert not np.any(state.contacts.shears)
+        assert state.force == pytest.approx(state.overlap**1.5, rel=1e-14)
+
+
+def test_forces_converge_with_the_order_of_the_step():
+    """Of all contact forces, by what halving the steps changes: all contacts are closed, and none slides."""
+    x = balls((6, 6), 2)
+    start = equilibrate(x, Prescribed(overlap=0.6))
+    found = [
+        run(history((6, 6), seed=2, start=start), ramp(1.1, 1.6, steps=steps))[-1].contacts.forces for steps in (2, 4, 8, 16)
+    ]
+    errors = [np.linalg.norm(one - other) for one, other in itertools.pairwise(found)]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
+    """Loading bends contacts at a smaller k than unloading, so that no cycle closes, even where nothing slides."""
+    x, left, lost = balls((6, 6), 2), [], []
+    start = equilibrate(x, Prescribed(overlap=0.6))
+    for rise in (0.04, 0.02, 0.01):
+        last = run(history((6, 6), seed=2, start=start), ramp(1.1, 1.1 + rise, 1.1, steps=4))[-1]
+        left.append(np.linalg.norm(last.contacts.tangential))
+        lost.append(last.dissipated)
+    assert left[0] / left[1] == pytest.approx(4.0, rel=0.1)
+    assert left[1] / left[2] == pytest.approx(4.0, rel=0.1)
+    # energy: T^2 dk
+    assert lost[1] / lost[2] == pytest.approx(8.0, rel=0.1)
+
+
+def test_steps_are_refined_until_the_force_does_not_change():
+    loads = ramp(0.5, 0.8, steps=1)
+    coarse, fine = (run(history((6, 6), math.inf, tolerance, seed=1), loads)[0] for tolerance in (1e-3, 1e-4))
+    exact = run(history((6, 6), seed=1), ramp(0.5, 0.8, steps=24))[-1].force
+    assert coarse.steps < fine.steps < 24
+    assert coarse.force == pytest.approx(exact, rel=1e-3)
+    assert fine.force == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_given_force_is_met_and_its_overlap_leads_there():
+    paths = history((8, 8), 0.2, seed=1)
+    by_force = run(paths, [Prescribed(force=0.05), Prescribed(force=0.2)])
+    assert [state.force for state in by_force] == pytest.approx([0.05, 0.2], rel=1e-11)
+    by_overlap = run(paths, [Prescribed(overlap=state.overlap) for state in by_force])
+    np.testing.assert_allclose(by_overlap[-1].contacts.forces, by_force[-1].contacts.forces, rtol=0.0, atol=1e-8)
+
+
+def test_the_rounded_limit_leads_to_the_same_forces(monkeypatch):
+    loads = ramp(0.5, 0.8, steps=1)
+    sharp = run(history((8, 8), 0.1, seed=1), loads)[0]
+    monkeypatch.setattr(module, "_PATIENCE", 1)  # the first attempt ends where a step does not halve the residual
+    rounded = run(history((8, 8), 0.1, seed=1), loads)[0]
+    assert rounded.newton > sharp.newton
+    np.testing.assert_allclose(rounded.contacts.shears, sharp.contacts.shears, rtol=0.0, atol=1e-9)
+
+
+# -- what cannot be done ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("load", "name"), [(Prescribed(overlap=0.25), "an overlap of 0.25"), (Prescribed(force=0.3), r"f\* = 0.3")]
+)
+def test_a_failure_names_the_load_and_keeps_what_there_is(monkeypatch, load, name):
+    states = history((6, 6), 0.2).path([Prescribed(overlap=0.05), load])
+    assert next(states).overlap == 0.05
+    monkeypatch.setattr(module, "_NEWTON_STEPS", 0)
+    monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
+    with pytest.raises(ConvergenceError, match=name):
+        next(states)
+
+
+def test_a_refinement_without_end_names_the_load(monkeypatch):
+    monkeypatch.setattr(module, "_MOST_HALVINGS", 1)
+    with pytest.raises(ConvergenceError, match="Halving the step still changes"):
+        run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [({"mu": -0.1}, "friction coefficient"), ({"mu": math.nan}, "friction coefficient"), ({"tolerance": 0.0}, "tolerance")],
+)
+def test_bad_input(change, why):
+    with pytest.raises(InputError, match=why):
+        history((4, 4), **change)
+
+
+def test_a_history_needs_shear_stiffness_and_a_load():
+    with pytest.raises(InputError, match="shear stiffness"):
+        LoadingHistory(balls((4, 4)), Stencils((4, 4)))
+    with pytest.raises(InputError, match="not above zero"):
+        run(history((4, 4)), [Prescribed(force=0.0)])
