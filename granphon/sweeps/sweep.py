@@ -321,8 +321,7 @@ def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
         "finite_overlap": int(finite), "direction": along,
     }  # fmt: skip
-    if grid.pulse is not None:
-        attrs["pulse"] = to_json(grid.pulse)
+    attrs |= {} if grid.pulse is None else {"pulse": to_json(grid.pulse)}
     if finite:
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     variables = {} if way is None else _list_path_variables(way, finite)
