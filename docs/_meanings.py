@@ -161,7 +161,6 @@ FIELDS = {
     "observe": "what was computed, as the scene asked for",
     "finite_overlap": "whether terms of relative order overlap/diameter were kept",
     "medium": "the medium, with its options",
-    "pulse": "distance, time of flight and velocity of the coherent pulse, and the coherent part of its energy",
     "local_field": "α, β and Ξ of the effective medium",
     "ok": "whether all checks under `validity` are passed",
     "validity": "the limits of the model: name, meaning, value, limit, and whether it is kept",

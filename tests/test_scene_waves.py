@@ -45,9 +45,11 @@ def test_files_hold_what_the_library_finds(done):
     assert [one.polarisation for one in spectra.spectra] == ["longitudinal", "rotational"]
     again = waves.spectral_function(spectra.spectra[0].q)
     np.testing.assert_array_equal(again.values, spectra.spectra[0].values)
-    summary = result.summary()["pulse"]
-    assert summary["velocity"] == result.waves.pulse.velocity
-    assert "pulse:" in (folder / "summary.yaml").read_text()
+    summary = result.summary()
+    assert summary["pulse_velocity"] == result.waves.pulse.velocity
+    text = (folder / "summary.yaml").read_text()
+    assert 'pulse_velocity: "m/s"' in text.split("units:")[1]
+    assert 'pulse_distance: "m"' in text.split("units:")[1]
 
 
 def test_tables_are_those_of_the_results(done):
@@ -151,6 +153,9 @@ def test_cost_of_waves_grows_with_what_is_asked():
     twice = seconds("observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n")
     assert twice == pytest.approx(2.0 * alone)
     assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
+    short = seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m}\n")
+    assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 5 m}\n") > 5.0 * short
+    assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n") > 50.0 * short
 
 
 def test_sweep_sends_a_pulse_through_each_sample_at_each_load(tmp_path):
@@ -199,3 +204,16 @@ def test_echo_in_a_scene_is_a_warning(tmp_path):
     result = scene.run(tmp_path / "out", figures=False)
     assert any("echo" in text for text in result.warnings)
     assert "echo" in (tmp_path / "out" / "summary.yaml").read_text()
+
+
+def test_damaged_results_are_named_with_their_file(done, tmp_path):
+    _, _, folder = done
+    for text, said in (
+        ("{}", "describe a"),
+        ("[1", "not JSON"),
+        ((folder / "pulse.json").read_text().replace("4000.0", "4001.0"), "pulse.json"),
+    ):
+        (tmp_path / "pulse.json").write_text(text)
+        with pytest.raises(gp.GranphonError, match=said) as caught:
+            read_waves(tmp_path / "pulse.json")
+        assert "pulse.json" in str(caught.value)

@@ -300,6 +300,7 @@ _OBSERVABLES = (
         "pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", cost="pulse", sampled=True,
         find=lambda of: found() if (found := getattr(of.state, "find_pulse_error", None)) else None,
     ),
+    Observable("pulse_distance", "m", "distance from the source of a pulse to where it is heard", cost="pulse", swept=False),
     Observable(
         "time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse",
         find=lambda of: _find_of_pulses(of, "time_of_flight"),

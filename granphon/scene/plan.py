@@ -301,20 +301,24 @@ class Plan:
         return out
 
     def _estimate_waves(self) -> Cost:
-        """Memory and time of the density of states and of the spectral functions of a simulated array."""
+        """Memory and time of the density of states, the spectral functions and the pulses of a simulated array."""
         scene, structure = self.scene, self.scene.packing.structure
         medium = scene.rung.medium.of(scene.packing)
-        if not ({"dos", "spectrum"} & set(scene.observe) and isinstance(medium, DirectSimulation)):
+        if not ({"dos", "spectrum", "pulse"} & set(scene.observe) and isinstance(medium, DirectSimulation)):
             return Cost()
-        legs = sum(len(piece) - 1 for piece in scene.path.paths)
+        ideal = MediumChoice("ala").of(scene.packing).at(scene.load.applied)[0]
+        top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
         half = 0.5 * _MOMENTS  # each product gives two moments
         products = 20.0 * half * ("dos" in scene.observe)
         if "spectrum" in scene.observe:
             if (fine := scene.spectrum.resolution) is not None:
-                ideal = MediumChoice("ala").of(scene.packing).at(scene.load.applied)[0]
-                top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency
                 half = max(half, 0.25 * math.pi * top / fine)
+            legs = sum(len(piece) - 1 for piece in scene.path.paths)
             products += 2.0 * half * legs * scene.spectrum.points * len(scene.spectrum.polarisation)
+        if scene.pulse is not None and "pulse" in scene.observe:
+            length = scene.pulse.distance or 0.5 * max(medium.cells) * scene.packing.diameter
+            lasting = scene.pulse.cycles / scene.pulse.frequency + 3.0 * length / ideal.scales.velocity
+            products += math.pi * top * lasting * medium.samples  # a product for each half period of the top frequency
         rows = len(structure.contacts) / structure.n_balls * (1 + bool(scene.packing.friction) * (structure.periods - 1))
         return costs.array_waves(products, medium.balls, rows)
 

@@ -52,13 +52,11 @@ class SampleWaves:
 
     def summary(self) -> dict[str, Any]:
         """Return numbers of the results, by name, in SI units."""
-        out: dict[str, Any] = {}
-        if self.pulse is not None:
-            out["pulse"] = {
-                "distance": self.pulse.distance, "time_of_flight": self.pulse.time_of_flight,
-                "velocity": self.pulse.velocity, "coherent_fraction": self.pulse.coherent_fraction,
-            }  # fmt: skip
-        return out
+        sent = self.pulse
+        return {} if sent is None else {
+            "pulse_distance": sent.distance, "time_of_flight": sent.time_of_flight, "pulse_velocity": sent.velocity,
+            "coherent_fraction": sent.coherent_fraction,
+        }  # fmt: skip
 
     def write(self, place: Path, step: Step) -> None:
         """Write the files of numbers into the existing folder ``place``."""
@@ -101,7 +99,10 @@ def read_waves(path: Path) -> Any:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
         raise InputError(message(f"{path} is not JSON", mend="Run the scene again")) from None
-    return WAVE_RESULTS[path.stem].from_dict(data)
+    try:
+        return WAVE_RESULTS[path.stem].from_dict(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def draw_waves(name: str, result: Any) -> Any:
