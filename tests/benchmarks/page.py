@@ -21,7 +21,9 @@ import bench_calculator
 import bench_crystals
 import bench_effective
 import bench_ordered
+import bench_pulses
 import bench_simulation
+import bench_waves
 from side_by_side import Row, line
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "benchmarks.md"
@@ -29,7 +31,7 @@ NUMBERS = PAGE.with_suffix(".json")
 #: the tables of the page, and the parts of the benchmarks in each
 TABLES = {
     "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS), "calculator": tuple(bench_calculator.PARTS),
-    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
+    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS), "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
 }  # fmt: skip
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
 
