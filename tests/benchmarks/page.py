@@ -31,7 +31,8 @@ NUMBERS = PAGE.with_suffix(".json")
 #: the tables of the page, and the parts of the benchmarks in each
 TABLES = {
     "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS), "calculator": tuple(bench_calculator.PARTS),
-    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS), "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
+    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
+    "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
 }  # fmt: skip
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
 
