@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.motions import ALL
 from granphon.networks.network import ContactNetwork
 from granphon.networks.pieces import number_pieces
 from granphon.waves.array_operator import ArrayOperator, find_kinds, make_operator
@@ -503,3 +504,15 @@ def test_what_a_network_may_be():
     np.testing.assert_allclose(dense_frequencies(corner), [1.0, 1.0])
     with pytest.raises(gp.GranphonError, match="the same"):
         make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])
+
+
+def test_springs_that_are_zero_somewhere_are_no_multiple_of_others():
+    from granphon.balls.lattices import find_lattice
+
+    lattice = gp.ContactLattice.of("fcc", 0.8, torsion=0.02, bending=0.03, motions=ALL)
+    network = ContactNetwork.of(lattice, UNITS, lattice=find_lattice("fcc")).repeat((3, 3, 3))
+    shear = np.where(np.arange(network.n_contacts) % 7, network.shear_stiffness, 0.0)  # some contacts slide
+    network = replace(network, shear_stiffness=shear, torsion_stiffness=shear * 1e-6)
+    stencils = ArrayOperator(network, find_kinds(network))
+    x = np.random.default_rng(2).normal(size=stencils.size)
+    np.testing.assert_allclose(stencils @ x, stencils.matrix @ x, atol=1e-13 * stencils.top**2 * np.abs(x).max())

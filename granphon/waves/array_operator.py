@@ -98,7 +98,6 @@ class ArrayOperator(WaveOperator):
         self._fields = self.lattice.n_balls * self.motions.count
         shifts = [tuple(steps) for steps in self.lattice.contacts.shift.tolist()]
         self._rooms = Rooms(self.cells, [*shifts, *(tuple(-step for step in shift) for shift in shifts)])
-        self._springs: Array = np.empty(0)
         self._buffers: dict[int, tuple[Array, Array, Array, Array, Array]] = {}
         self._make_products(kinds, [self._rooms.offset(shift) for shift in shifts])
 
@@ -122,6 +121,7 @@ class ArrayOperator(WaveOperator):
         lines: list[Array] = []  # combinations of motions: one where the two ends are alike, as in elongations, else two
         found: list[_Kind] = []
         springs: list[tuple[int, Array]] = []
+        rooms: list[Array] = []
         for kind, (i, j, step) in enumerate(zip(table.i.tolist(), table.j.tolist(), steps, strict=True)):
             own = np.flatnonzero(kinds == kind)
             starts = (network.i if step >= 0 else network.j)[own] // n
@@ -141,7 +141,8 @@ class ArrayOperator(WaveOperator):
                     springs.append((kind, stiffness))
                     of_cell = np.zeros(math.prod(self.cells))
                     of_cell[starts] = stiffness / float(network.masses[0])
-                    self._springs = np.append(self._springs, self._pad(of_cell), axis=0) if place else self._pad(of_cell)
+                    rooms.append(self._pad(of_cell))
+        self._springs = np.array(rooms)
         self._combine = np.array(lines)
         # kinds with one combination for both ends come first; columns of forces: those of heads, then those of tails, then x
         self._kinds = sorted(found, key=lambda one: one.head != one.tail)
@@ -152,10 +153,10 @@ class ArrayOperator(WaveOperator):
         self._reach = max(one.step for one in found)
 
     def _pad(self, values: Array) -> Array:
-        """Return (1, flat room) values of cells with their images."""
+        """Return values of cells with their images, as a flat room."""
         room = self._rooms.fill(values.reshape(1, *self.cells))
         self._rooms.wrap(room)
-        return room.reshape(1, -1)
+        return room.ravel()
 
     # -- the product --------------------------------------------------------------------------------------------------
 
@@ -251,7 +252,7 @@ class ArrayOperator(WaveOperator):
 def _find_multiple(springs: list[tuple[int, Array]], kind: int, stiffness: Array) -> tuple[int, float]:
     """Return the place among ``springs`` of those that ``stiffness`` is a multiple of, and the factor; else a new place."""
     for place, (other, known) in enumerate(springs):
-        if other == kind:
+        if other == kind and np.all(known > 0.0):
             ratio = stiffness / known
             if np.ptp(ratio) <= _ROUNDING * ratio[0]:
                 return place, float(ratio[0])
