@@ -303,8 +303,10 @@ class Plan:
     def _estimate_waves(self) -> Cost:
         """Memory and time of the density of states, the spectral functions and the pulses of a simulated array."""
         scene, structure = self.scene, self.scene.packing.structure
+        if not ({"dos", "spectrum", "pulse"} & set(scene.observe) and scene.rung.medium.simulates):
+            return Cost()
         medium = scene.rung.medium.of(scene.packing)
-        if not ({"dos", "spectrum", "pulse"} & set(scene.observe) and isinstance(medium, DirectSimulation)):
+        if not isinstance(medium, DirectSimulation):
             return Cost()
         ideal = MediumChoice("ala").of(scene.packing).at(scene.load.applied)[0]
         top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too

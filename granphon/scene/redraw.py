@@ -63,9 +63,8 @@ def redraw(
         raise MissingFileError(message(what, "The figure would leave it out", mend))
     waves = {name: source / name for name in wave_files(_WAVES) if name.endswith(".json") and (source / name).exists()}
     stem = None if out is None else Path(out).stem
-    wave = next((name for name in waves if Path(name).stem == stem or (stem is None and not have)), None)
-    if not have and wave is None and waves:
-        wave = next(iter(waves))
+    # the one that the file's name says; without bands and the like, the first
+    wave = next((name for name in waves if Path(name).stem == stem), None if have else next(iter(waves), None))
     if wave is not None:
         have = {wave: waves[wave]}
     if not have:
