@@ -70,7 +70,7 @@ def test_doctor_lists_what_the_project_depends_on():
     ("code", "said"),
     [
         (
-            "raise OSError('/home/jane/lib/libsome.so: no such file')",
+            "raise OSError('/opt/vendor/lib/libsome.so: no such file')",
             "cannot be imported: OSError: libsome.so: no such file",
         ),
         ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)", "its import ends by signal 11"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 # before matplotlib, whose import this module guards
@@ -200,10 +202,7 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
 
 def lines_figure(spectrum: SpectralFunction) -> Figure:
     """Draw a figure, one column wide, of a spectral function at its wave vectors; see :func:`plot_lines`."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 2.6), dpi=DPI, layout="constrained")
-        plot_lines(spectrum, figure.subplots())
-    return figure
+    return _draw_alone(partial(plot_lines, spectrum), 2.6)
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
@@ -231,7 +230,12 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
 
 def sample_dos_figure(dos: SpectralDensity) -> Figure:
     """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
+    return _draw_alone(partial(plot_sample_dos, dos), 2.4)
+
+
+def _draw_alone(plot: Callable[[Axes], Axes], height: float) -> Figure:
+    """Draw a figure of one panel, one column wide and ``height`` inches high."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 2.4), dpi=DPI, layout="constrained")
-        plot_sample_dos(dos, figure.subplots())
+        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
+        plot(figure.subplots())
     return figure
