@@ -20,7 +20,7 @@ from granphon.media.state import ContactState
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra, find_path_spectra
 from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import send
+from granphon.waves.sending import Sending, transmit
 from granphon.waves.waves import Waves
 
 if TYPE_CHECKING:
@@ -137,5 +137,5 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
     if "pulse" in wanted and scene.pulse is not None:
         with progress.step("pulse"):
             along = scene.directions[0] if scene.directions else None
-            pulse = average_pulses([send(sample, scene.pulse, along) for sample in state.samples])
+            pulse = average_pulses([transmit(one.network, Sending.of(scene.pulse, one.network, along)) for one in state.samples])
     return SampleWaves(dos, spectra, pulse)
