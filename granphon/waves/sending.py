@@ -121,8 +121,8 @@ class Route:
             raise InputError(message(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}"))
         along = _read_vector("direction", wanted.direction, network.dimension)
         push = _find_polarisation(network, along, wanted.polarisation)
-        apart = finite_array("planes", wanted.planes, "m", "above zero").ravel() if np.size(wanted.planes) else np.zeros(0)
-        frames = finite_array("frames", wanted.frames, "s", "zero or above").ravel() if np.size(wanted.frames) else np.zeros(0)
+        apart = _read_list("planes", wanted.planes, "m", "above zero")
+        frames = _read_list("frames", wanted.frames, "s", "zero or above")
         farthest = max(length, *apart) if apart.size else length
         course = Course.along(network, along)
         if wanted.ends == "periodic":
@@ -158,7 +158,7 @@ class Route:
 
 
 def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a pulse can be neither sent nor read, as far as is known beforehand.
+    """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent, or not be read.
 
     ``network`` is the array of equal balls in the place of one of differing balls that has not been simulated. What depends
     on the forces of contacts is refused only where it is beyond doubt.
@@ -228,6 +228,11 @@ def _spread(operator: WaveOperator, state: Array) -> Array:
     field = np.zeros((network.n_balls, 3))
     field[balls[:, None], list(axes)] = operator.values(state)[:, : len(axes)] / np.sqrt(network.masses[balls, None])
     return field
+
+
+def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
+    """Return numbers (n,), which may be none."""
+    return finite_array(name, given, unit, span).ravel() if np.size(given) else np.zeros(0)
 
 
 def _read_vector(name: str, given: Any, dimension: int) -> Array:

@@ -170,13 +170,14 @@ class Waves:
         ------
         InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
             ends, before the distance); there are no balls there, or they are those of the source, or no contacts join them
-            with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products with D.
+            with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products
+            with D.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative.
         """
         wanted = Sending(
-            frequency, direction, distance, cycles, polarisation, source, ends, damping, tangential_damping, duration, planes,
-            frames,
+            frequency, direction, distance, cycles, polarisation, source, ends, damping, tangential_damping, duration,
+            planes, frames,
         )  # fmt: skip
         return transmit(self.network, wanted, self.operator if ends == "periodic" else None)
 
