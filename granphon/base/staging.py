@@ -259,7 +259,9 @@ def _lock_file(path: Path) -> int | None:
             os.close(descriptor)
             if error.errno in _NO_LOCKS:
                 return None
-            what, why = f"another run is writing into {path.parent}", "Two runs would mix their files"
+            # "." and ".." say nothing at the end of a sentence
+            folder = path.parent if path.parent.name not in ("", "..") else path.parent.resolve()
+            what, why = f"another run is writing into {folder}", "Two runs would mix their files"
             raise OutputError(message(what, why, "Wait until it ends, or choose another folder")) from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try again

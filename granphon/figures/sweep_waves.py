@@ -1,7 +1,7 @@
 """Figures of the waves in the simulated arrays of a sweep: densities of states, and the lines of plane waves, over loads.
 
-A state, which is a load, a medium and a combination of parameters, has one colour. Of more than eight states eight are drawn,
-evenly taken, and the legend says of how many.
+A state, which is a load, a medium and a combination of parameters, has one colour. Of more than eight states eight are
+drawn, evenly taken, and the legend says of how many.
 """
 
 from __future__ import annotations

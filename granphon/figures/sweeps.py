@@ -42,15 +42,17 @@ _LONG_LABEL = 24
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.16
 #: names that stand nearer than this one above the other, over the height of the axes, are written in one
 _APART = 0.06
+#: the velocity of pulses through simulated arrays
+_PULSE = "pulse_velocity"
 #: the velocities that a sweep may have, with their symbols
 _VELOCITIES = {
     "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
-    "pulse_velocity": "pulse",
+    _PULSE: "velocity of pulses",
 }  # fmt: skip
 #: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
-_MARKERS = {_SLOW: "v", "transverse_fast": "^", "pulse_velocity": "s"}
+_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
 #: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
 
@@ -281,6 +283,9 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         handles, media = _make_legend(dataset), write_labels(dataset, "medium")
         if variable is None and _SLOW in velocities:
             handles += _name_transverse(dataset)
+        if variable is None and _PULSE in velocities:
+            style: dict[str, Any] = {"marker": _MARKERS[_PULSE], "markersize": 3.0, "linestyle": "none"}
+            handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[_PULSE], **style))
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
         longest = max(len(str(handle.get_label())) for handle in handles)
         columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
@@ -296,6 +301,8 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str,
     ends: dict[str, float] = {}
     for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
+        if variable == _PULSE:
+            continue  # the legend names its marks, which are often near those of long waves
         last_values = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all"]
         if known := [value for value in last_values if np.isfinite(value)]:
             ends[name] = max(known)

@@ -49,7 +49,8 @@ class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load.
 
     ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
-    ``waves`` says what is asked of the waves in each sample of a simulation; None for nothing.
+    ``waves`` says what is asked of the waves in each sample of a simulation; None for nothing. ``exponents`` says whether
+    those of the velocities are asked for, for which a simulation solves two more equilibria at each load.
     """
 
     packing: Packing
@@ -59,6 +60,7 @@ class Grid:
     finite_overlap: bool = False
     direction: tuple[Any, ...] | None = None
     waves: Any = None
+    exponents: bool = True
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:

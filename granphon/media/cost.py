@@ -87,6 +87,8 @@ _SMALL_SHAPE = (96, 96)
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
 _CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
+#: bytes for each contact while its network is made, and then its operator
+_CONTACT_BYTES = 550.0
 #: bytes for each ball that hears a pulse, and each product
 _HEARD_BYTES = 60.0
 #: time below which an estimate is not worth showing, s
@@ -353,15 +355,15 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 
-def array_waves(products: float, balls: int, rows: float, heard: float = 0.0) -> Cost:
-    """Estimate the cost of waves in an array of ``balls`` with ``rows`` deformations of contacts for each ball.
+def array_waves(products: float, balls: int, contacts: float, rows: float, heard: float = 0.0) -> Cost:
+    """Estimate the cost of waves in an array with ``contacts`` and ``rows`` of their deformations for each of the ``balls``.
 
     ``products`` is the number of products of the dynamical matrix with a vector, and ``heard`` the number of products of a
     pulse times that of the balls that hear it. Seconds and bytes were measured on the
     triangular lattice and on fcc, with 2,500 to 1e6 balls.
     """
     what = f"waves in {balls:,} balls"
-    return Cost(working=100.0 * balls * rows + _HEARD_BYTES * heard, known=7e-9 * products * balls * rows, parts=(what,))
+    return Cost(working=_CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard, known=7e-9 * products * balls * rows, parts=(what,))
 
 
 def cluster_media(count: int) -> Cost:

@@ -298,7 +298,7 @@ _OBSERVABLES = (
         "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
         cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
     ),
-    _make_wave_entry("pulse_velocity", "m/s", "distance over the time of flight of a pulse", "pulse"),
+    _make_wave_entry("pulse_velocity", "m/s", "distance over the time of flight of a pulse", "pulse", told=True),
     _make_wave_entry("pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", "pulse", sampled=True),
     _make_wave_entry(
         "pulse_distance", "m", "distance from the source of a pulse to where it is heard", "pulse", swept=False
@@ -322,7 +322,7 @@ _OBSERVABLES = (
     _make_line_entry("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
     *(
         _make_wave_entry(f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", "spectrum",
-                         sampled=bool(ending))
+                         sampled=bool(ending), told=not ending)
         for name in ("longitudinal", "transverse", "rotational")
         for ending, of in (("", ""), ("_error", f"{_OVER_SAMPLES} "))
     ),

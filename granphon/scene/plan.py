@@ -153,7 +153,10 @@ class Plan:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
         loads = self.load.applied.flat
-        return Grid(scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, scene.waves)
+        exponents = scene.sweeps_exponents
+        return Grid(
+            scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, scene.waves, exponents
+        )
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
@@ -343,7 +346,8 @@ class Plan:
         """Estimate the cost of the waves of a simulation at each load."""
         packing, structure = medium.packing, medium.packing.structure
         samples = medium.samples if self.scene.is_sweep else 1
-        rows = len(structure.contacts) / structure.n_balls * (1 + bool(packing.friction) * (structure.periods - 1))
+        contacts = len(structure.contacts) / structure.n_balls
+        rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
         for force in costs.find_typical_force(packing, load).tolist():
             ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
             top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
@@ -360,7 +364,7 @@ class Plan:
                 steps = math.pi * top * lasting  # a product for each half period of the top frequency
                 products += steps * medium.samples
                 heard = steps * medium.balls / min(medium.cells)
-            yield costs.array_waves(products, medium.balls, rows, heard)
+            yield costs.array_waves(products, medium.balls, contacts, rows, heard)
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
@@ -375,7 +379,8 @@ class Plan:
 
         If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.
         """
-        exponents = self.scene.is_sweep or "velocities" in self.scene.observe
+        scene = self.scene
+        exponents = scene.sweeps_exponents if scene.is_sweep else "velocities" in scene.observe
         found = [
             costs.estimate(medium, rung.load, exponents=exponents)
             for one in self.few

@@ -164,6 +164,11 @@ class Scene:
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
 
     @property
+    def sweeps_exponents(self) -> bool:
+        """Whether a sweep has exponents: it does, unless it observes waves in arrays and no velocities."""
+        return "velocities" in self.observe or self.waves is None
+
+    @property
     def waves_need_arrays(self) -> bool:
         """Whether the scene observes waves that only simulated arrays have."""
         return bool({"spectrum", "pulse"} & set(self.observe))

@@ -95,7 +95,7 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     }  # fmt: skip
     variables: dict[str, Any] = {} if way is None else _list_path_variables(way, finite)
     if (waves := grid.waves) is not None:
-        attrs["waves"] = to_json(waves)
+        attrs["waves"] = to_json({"of": waves, "exponents": grid.exponents})
         if waves.spectrum is not None:
             coordinates["polarisation"] = list(waves.spectrum.polarisation)
             labels = np.array(join_labels(waves.path, waves.labels))

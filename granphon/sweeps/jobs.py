@@ -66,6 +66,7 @@ class Work:
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
+    exponents: bool = True
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -79,7 +80,7 @@ class Work:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
-        asked = (case.finite_overlap, self.qpoints, self.direction, self.waves)
+        asked = (case.finite_overlap, self.qpoints, self.direction, self.waves, self.exponents)
         return [Job(where, rung, *asked) for where, rung in zip(wheres, rungs, strict=True)]
 
     @cached_property
@@ -115,6 +116,7 @@ class Job:
 
     ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``direction``
     is that of sound, one or many; None for x. ``waves`` says what is asked of the waves in each sample; None for nothing.
+    Without ``exponents`` those are left out.
     """
 
     where: str
@@ -123,6 +125,7 @@ class Job:
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
+    exponents: bool = True
 
     @property
     def load(self) -> Load:
@@ -137,7 +140,7 @@ class Job:
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
             "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
-        data |= {} if self.waves is None else {"waves": self.waves}
+        data |= {} if self.waves is None else {"waves": self.waves, "exponents": self.exponents}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
@@ -161,7 +164,7 @@ class Job:
             alone = MediumChoice(self.rung.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
             rung = replace(self.rung, medium=alone)
-            out.append(_SampleJob(where, rung, self.finite_overlap, None, waves=self.waves))
+            out.append(_SampleJob(where, rung, self.finite_overlap, None, None, self.waves, self.exponents))
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -204,7 +207,7 @@ class Job:
             if self.qpoints is None:
                 raise
             notes.append(describe_mechanism(error))
-        out |= find_all(analysis, ("exponent",), swept=True)
+        out |= find_all(analysis, ("exponent",), swept=True) if self.exponents else {}
         notes += warn_of_missing_error(out)
         if self.qpoints is not None:
             out["frequencies"], free = _compute_frequencies(state, self.qpoints)
@@ -351,7 +354,7 @@ class _SampleJob(Job):
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
-            found = SampleRecord.to_part([SampleRecord.of(sample, self.waves)])
+            found = SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents)])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
@@ -364,4 +367,4 @@ class _SampleJob(Job):
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...)."""
-        return SampleRecord.to_part([SampleRecord.of(sample, self.waves) for sample in state.samples])
+        return SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents) for sample in state.samples])

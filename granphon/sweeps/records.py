@@ -36,7 +36,7 @@ class SampleRecord(Result):
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
         "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
     }  # fmt: skip
-    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3|2 6 6|2 1 1"}
+    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
     force: float
     overlap: float
@@ -45,12 +45,15 @@ class SampleRecord(Result):
     contact_force_fluctuation: float
     fraction: float
     elastic_tensor: Array
-    elastic_tensors_beside: Array
+    elastic_tensors_beside: Array | None = None
     of_waves: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, sample: Sample, waves: WaveSettings | None = None) -> Self:
-        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for."""
+    def of(cls, sample: Sample, waves: WaveSettings | None = None, exponents: bool = True) -> Self:
+        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
+
+        Without ``exponents`` there are no tensors at neighbouring loads.
+        """
         found: dict[str, Any] = {}
         if waves is not None:
             from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
@@ -59,7 +62,7 @@ class SampleRecord(Result):
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside, found,
+            sample.elastic_tensors_beside if exponents else None, found,
         )  # fmt: skip
 
     @classmethod
@@ -75,7 +78,7 @@ class SampleRecord(Result):
     @classmethod
     def to_part(cls, records: Sequence[Self]) -> TaskResult:
         """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
-        own = [one.name for one in fields(cls) if one.name != "of_waves"]
+        own = [one.name for one in fields(cls) if one.name != "of_waves" and getattr(records[0], one.name) is not None]
         out = {name: np.array([getattr(record, name) for record in records]) for name in own}
         return out | {_WAVES + name: np.array([one.of_waves[name] for one in records]) for name in records[0].of_waves}
 

@@ -185,7 +185,7 @@ def sweep_grid(
     if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
-    works = [Work(case, qpoints, grid.direction, grid.waves) for case in cases]
+    works = [Work(case, qpoints, grid.direction, grid.waves, grid.exponents) for case in cases]
     pieces = [work.pieces for work in works]
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
