@@ -88,7 +88,7 @@ _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
 _CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
 #: bytes for each contact while its network is made, and then its operator
-_CONTACT_BYTES = 550.0
+_CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
 _HEARD_BYTES = 60.0
 #: time below which an estimate is not worth showing, s

@@ -176,7 +176,7 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
     operator = make_operator(route.course.network)
     limit = _MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
-        raise _explain_unreachable(burst.frequency, limit)
+        raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
     _require_short(operator, route.last / _MARGIN)
 
 
@@ -329,12 +329,12 @@ def _require_reachable(operator: WaveOperator, hertz: float) -> None:
         top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
     if squared <= top * (1.0 + 1e-6):
         return
-    raise _explain_unreachable(hertz, math.sqrt(top) / (2.0 * math.pi))
+    raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
 
 
-def _explain_unreachable(hertz: float, limit: float) -> UnreachableFrequencyError:
-    """Return the error of a frequency above the ``limit`` of the network's modes, Hz."""
-    what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit:.6g} Hz"
+def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
+    """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
+    what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
     return UnreachableFrequencyError(message(what, "Nothing of the pulse would travel", "Lower the frequency"))
 
 
