@@ -27,8 +27,8 @@ KEYS = {
     "load.balls_per_side": "the number n of balls that lean on a side of that frame",
     "medium": "how a spread of diameters is averaged, see [media](#media)",
     "sweep": "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
-    "observe": "what to compute; nothing else is computed. `dos` and `spectrum` are for one state only;"
-    " `spectrum` and `pulse` are of simulations",
+    "observe": "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
+    " and so is `dos` where there are several states",
     "direction": "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
     "spectrum.polarisation": "`longitudinal`, `transverse`, `rotational`, one or a list",
     "spectrum.resolution": "standard deviation of the kernel at frequency zero",

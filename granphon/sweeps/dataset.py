@@ -22,7 +22,6 @@ from granphon.phonons.paths import interpolate_path, special_points
 from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
 from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
 from granphon.sweeps.tasks import TaskResult
-from granphon.waves.path_spectra import join_labels
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -97,6 +96,8 @@ def make_frame(grid: Grid, way: Way | None) -> Dataset:
     if (waves := grid.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": grid.exponents})
         if waves.spectrum is not None:
+            from granphon.waves.path_spectra import join_labels  # imported here: other sweeps do not need it
+
             coordinates["polarisation"] = list(waves.spectrum.polarisation)
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,7 @@ def _average_spectra(records: Sequence[Record], polarisations: Sequence[str]) ->
             continue
         out[f"ioffe_regel_{name}"] = np.array(found)
         if len(records) > 1:
-            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(lambda one, n=number: _cross(q, one[n]), every))
+            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(partial(_cross, q), every[:, number]))
     return out, notes
 
 
