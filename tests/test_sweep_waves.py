@@ -241,6 +241,7 @@ def test_large_arrays_are_checked_when_they_are_run(unsimulated, monkeypatch, tm
             HEAD.replace("um}}", "um}, friction: false}")
             + "observe: [spectrum]\nspectrum: {polarisation: rotational}\n", "rotational",
         ),
+        (HEAD + "observe: [spectrum]\nspectrum: {resolution: 1 mHz}\n", "moments"),
         (HEAD + "sweep: {lattice: [triangular, square]}\nobserve: [spectrum]\n", "lattice"),
         (HEAD.replace("{simulation", "[ema, {simulation").replace("2}}", "2}}]") + "observe: [dos]\n", "simulation"),
         (
@@ -248,7 +249,7 @@ def test_large_arrays_are_checked_when_they_are_run(unsimulated, monkeypatch, tm
             "{simulation: {shape: [8, 8]}}]") + "observe: [spectrum]\n", "shape",
         ),
     ],
-    ids=["small", "rotational", "lattices", "a medium beside", "shapes"],
+    ids=["small", "rotational", "fine", "lattices", "a medium beside", "shapes"],
 )  # fmt: skip
 def test_spectra_that_cannot_be_are_refused_before_a_simulation(unsimulated, text, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:

@@ -163,7 +163,8 @@ class ResultFiles:
                 raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
             self._require_replaceable()
             if not os.access(nearest, os.W_OK | os.X_OK):
-                raise OutputError(message(f"there is no permission to write to {_name(nearest)}", mend="Choose another folder"))
+                what = f"there is no permission to write to {_name(nearest)}"
+                raise OutputError(message(what, mend="Choose another folder"))
         except OSError as error:
             raise _explain_failure(target, error) from None
 
@@ -224,7 +225,8 @@ def _explain_failure(target: Path, error: OSError) -> GranphonError:
     if isinstance(error, GranphonError):
         return error
     mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    return OutputError(message(f"{_name(target)} cannot be written: {error.strerror or error}", "It is left as it was", mend))
+    what = f"{_name(target)} cannot be written: {error.strerror or error}"
+    return OutputError(message(what, "It is left as it was", mend))
 
 
 # -- the lock --------------------------------------------------------------------------------------------------------

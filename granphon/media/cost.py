@@ -363,7 +363,8 @@ def array_waves(products: float, balls: int, contacts: float, rows: float, heard
     triangular lattice and on fcc, with 2,500 to 1e6 balls.
     """
     what = f"waves in {balls:,} balls"
-    return Cost(working=_CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard, known=7e-9 * products * balls * rows, parts=(what,))
+    memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
+    return Cost(working=memory, known=7e-9 * products * balls * rows, parts=(what,))
 
 
 def cluster_media(count: int) -> Cost:

@@ -385,8 +385,10 @@ class Scene:
         try:
             require_arrays(self.media, dict(self.parameters), names)
         except InputError as error:
-            states = ", where there are several loads or media or a sweep" * ("dos" in names)
-            raise Refused(f"{names[0]!r}", f"{names[0]} with medium: simulation{states}", str(error), ("observe",)) from None
+            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
+            if "dos" in names:
+                allowed += ", where there are several loads or media or a sweep"
+            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
         if "pulse" not in names:
             return
         if self.pulse is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,10 +15,11 @@ from granphon.media.cost import find_typical_force
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 from granphon.networks.network import ContactNetwork
+from granphon.waves.kernel import Kernel
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import find_path_points
 from granphon.waves.plane_waves import find_polarisations
-from granphon.waves.sending import Sending, require_sendable
+from granphon.waves.sending import MARGIN, Sending, require_sendable
 from granphon.waves.settings import SpectrumSettings, WaveSettings
 
 __all__ = ["require_waves"]
@@ -59,5 +61,7 @@ def _require_spectrum(
     packing = medium.packing
     way = find_path_points(network, ideal_lattice(packing), packing.diameter, wanted.path, settings.points)
     operator = WaveOperator(network)
+    # the bound of frequencies of equal balls is below that of differing ones, but for a little: it takes no more moments
+    Kernel.of(operator.top / (2.0 * math.pi * MARGIN), settings.resolution)
     for name in settings.polarisation:
         find_polarisations(operator, way.q[0], name, None)

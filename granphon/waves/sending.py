@@ -26,7 +26,7 @@ from granphon.waves.pulses import Pulse
 from granphon.waves.settings import PulseSettings
 from granphon.waves.viscous import ViscousPropagation
 
-__all__ = ["Route", "Sending", "require_sendable", "transmit"]
+__all__ = ["MARGIN", "Route", "Sending", "require_sendable", "transmit"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -44,7 +44,7 @@ _ECHO = (
 )
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
 #: equal ones times a number between this and its inverse, generously
-_MARGIN = 1.5
+MARGIN = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
     """
     route = Route.of(network, wanted)
     burst, end = route.burst, float(route.times[-1])
-    if _MARGIN * end < 0.5 * burst.duration:
+    if MARGIN * end < 0.5 * burst.duration:
         raise InputError(
             message(
                 f"a record of {end:.3g} s ends before the burst of {burst.duration:.3g} s has reached its height",
@@ -174,10 +174,10 @@ def require_sendable(network: ContactNetwork, wanted: Sending) -> None:
             )
         )
     operator = make_operator(route.course.network)
-    limit = _MARGIN * operator.top / (2.0 * math.pi)
+    limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
-    _require_short(operator, route.last / _MARGIN)
+    _require_short(operator, route.last / MARGIN)
 
 
 def transmit(network: ContactNetwork, wanted: Sending, operator: WaveOperator | None = None) -> Pulse:
