@@ -21,9 +21,7 @@ HEAD = (
     "medium: {simulation: {shape: [6, 18], samples: 2}}\n"
 )
 PULSE = "pulse: {frequency: 8 kHz, cycles: 1.5, distance: 40 mm}\n"
-ALL = HEAD + (
-    "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n" + PULSE
-)
+ALL = HEAD + ("observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n" + PULSE)
 ONE = HEAD.replace("[2 N, 40 N]", "40 N").replace(", samples: 2", "")
 
 
