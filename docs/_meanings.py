@@ -148,7 +148,7 @@ FILES = {
     "sweep.png": ("a sweep of no more than one parameter", "velocities and exponents over the load, and those of pulses"),
     "sweep_dos.csv": ("`dos`, a sweep", "densities of states of the arrays, a row for each state and frequency"),
     "sweep_dos.png": ("`dos`, a sweep", "the same as a figure, with bands of standard errors"),
-    "sweep_spectra.csv": ("`spectrum`, a sweep", "a row for each state, polarisation and wave vector, see [below](#waves-in-arrays)"),
+    "sweep_spectra.csv": ("`spectrum`, a sweep", "lines of plane waves, a row for each, see [below](#waves-in-arrays)"),
     "sweep_spectra.png": ("`spectrum`, a sweep", "dispersion, with the widths as bars, and attenuation over frequency"),
     "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`: the diameters"),
     "fit.yaml": ("`granphon fit`", "the fit, see [below](#fityaml-and-fitcsv)"),

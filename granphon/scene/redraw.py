@@ -11,7 +11,7 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
-from granphon.scene.result_files import figure_name, wave_files
+from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
 
 __all__ = ["draw_sweep", "redraw"]
 
@@ -120,7 +120,7 @@ def _read_sweep(path: Path, name: str, variable: str | None) -> Any:
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     """Draw the figure of a sweep that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
-    if variable is None and stem in ("sweep_dos", "sweep_spectra"):
+    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
         from granphon.figures.sweep_waves import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)

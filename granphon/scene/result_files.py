@@ -21,13 +21,14 @@ WAVE_FILES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 #: what a sweep observes of the waves in simulated arrays, with the table that it gives
 SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
-#: names of the figures of a sweep, the first of which is always one
-SWEEP_FIGURES = ("sweep.png", *(name.replace(".csv", ".png") for name in SWEEP_TABLES.values()))
+#: names of their figures
+SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
-    "sweep.nc", "sweep.csv", *SWEEP_FIGURES, *SWEEP_TABLES.values(), DIAMETERS_FILE,
+    "sweep.nc", "sweep.csv", "sweep.png",
+    *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
 #: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
 WORK_FOLDER = ".granphon-sweep"

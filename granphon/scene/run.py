@@ -308,7 +308,8 @@ def run(
 
         there = tuple(target / name for name in every if (target / name).exists())
         return SweepResult(target, load_sweep(target / "sweep.nc"), there)
-    scene.plan.require_waves()
+    if not scene.is_sweep:
+        scene.plan.require_waves()
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (

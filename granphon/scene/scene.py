@@ -253,6 +253,7 @@ class Scene:
         """
         from granphon.sweeps.sweep import sweep_grid
 
+        self.plan.require_waves()
         if "bands" in self.observe:
             options |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
         try:

@@ -151,8 +151,13 @@ def sweep(
         no_simulation(choices)
     along = _parse_direction(lattice, direction)
     waves = _parse_waves(dos, spectrum, pulse, lattice, along)
+    grid = Grid(packing, axes, choices, load, finite_overlap, along, waves)
+    if waves is not None:
+        require_arrays(choices, parameters, waves.names)
+        for case in grid.cases:
+            _require_waves(case, waves)
     return sweep_grid(
-        Grid(packing, axes, choices, load, finite_overlap, along, waves), bands=bands, npoints=npoints, labels=labels,
+        grid, bands=bands, npoints=npoints, labels=labels,
         executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
     )  # fmt: skip
 
@@ -177,8 +182,6 @@ def sweep_grid(
     cases = grid.cases
     way = None if bands is None else Way.of([case.packing for case in cases], bands, npoints, labels)
     frame = make_frame(grid, way)
-    if grid.waves is not None:
-        require_arrays(grid.media, (axis.name for axis in grid.axes), grid.waves.names)
     if way is None:  # bands are those of a mechanism too
         _require_sound(cases)
     target = _choose_target(path, resume)
@@ -190,9 +193,6 @@ def sweep_grid(
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
-        if grid.waves is not None:
-            for case in cases:
-                _require_waves(case, grid.waves)
         place.claim(collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
