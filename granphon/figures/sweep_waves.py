@@ -41,6 +41,11 @@ _RESOLVED = 0.5
 #: part of the greatest density above which a density is drawn
 _LEAST = 1e-6
 
+#: columns of the legend, and the most letters that a label has in so many
+_COLUMNS = {3: 9, 2: 24}
+#: height of a row of the legend, in inches
+_ROW_HEIGHT = 0.16
+
 #: a state that is drawn: its colour, its words in the legend, and its index in each dimension of the sweep
 _State = tuple[Any, str, dict[str, int]]
 
@@ -115,7 +120,7 @@ def plot_sweep_dispersion(dataset: Dataset, ax: Axes, polarisation: int = 0) -> 
             _take(dataset, f"line_{name}", place, polarisation=polarisation) for name in ("frequency", "width", "resolved")
         )
         bars = np.where(resolved >= _RESOLVED, 0.5 * width, 0.0) / unit.hertz
-        style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "elinewidth": 0.8, "color": colour}
+        style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "elinewidth": 0.8, "color": colour, "zorder": 3}
         dots, *_ = ax.errorbar(along / ends[-1], peak / unit.hertz, bars, **style)
         dots.set_clip_on(False)
     for corner in corners[1:-1]:
@@ -186,4 +191,7 @@ def _add_legend(figure: Figure, dataset: Dataset) -> None:
     if count > len(states):
         lines.append(Line2D([], [], linestyle="none", label=f"{len(states)} of {count} are drawn"))
     longest = max(len(str(line.get_label())) for line in lines)
-    figure.legend(handles=lines, loc="outside lower center", ncols=1 if longest > 24 else min(len(lines), 3))
+    columns = next((count for count, letters in _COLUMNS.items() if longest <= letters), 1)
+    rows = -(-len(lines) // columns)
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + _ROW_HEIGHT * (rows - 1))
+    figure.legend(handles=lines, loc="outside lower center", ncols=min(len(lines), columns))
