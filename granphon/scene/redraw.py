@@ -126,7 +126,7 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.sweeps import sweep_figure
 
-    return sweep_figure(dataset, variable=variable)
+    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
 
 def _draw_waves(name: str, path: Path) -> Any:
