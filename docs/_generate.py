@@ -94,6 +94,9 @@ SCENES = {
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
+    "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
+    "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos, spectrum, pulse]\n"
+    "spectrum: {points: 3}\npulse: {frequency: 12 kHz, cycles: 2, distance: 50 mm}",
     "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
@@ -377,7 +380,7 @@ def kind(value: Any) -> str:
 #: the scenes of one state, and of many
 ONE, MANY = (
     ("all", "ema", "square", "array", "squeezed", "choice", "cube"),
-    ("sweep", "arrays", "choices", "squares", "membranes", "crystals"),
+    ("sweep", "arrays", "choices", "squares", "membranes", "waves", "crystals"),
 )
 HEADS = ("field", "unit", "kind", "what it is")
 

@@ -27,8 +27,8 @@ KEYS = {
     "load.balls_per_side": "the number n of balls that lean on a side of that frame",
     "medium": "how a spread of diameters is averaged, see [media](#media)",
     "sweep": "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
-    "observe": "what to compute; nothing else is computed. `dos` and `spectrum` are for one state only;"
-    " `spectrum` and `pulse` are of simulations",
+    "observe": "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
+    " and so is `dos` where there are several states",
     "direction": "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
     "spectrum.polarisation": "`longitudinal`, `transverse`, `rotational`, one or a list",
     "spectrum.resolution": "standard deviation of the kernel at frequency zero",
@@ -145,7 +145,11 @@ FILES = {
     "forces.png": ("a simulation at one load", "force chains in the first sample, and how forces are distributed in all"),
     "sweep.nc": ("a sweep", "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)"),
     "sweep.csv": ("a sweep", "the same as a table, without tensors and bands"),
-    "sweep.png": ("a sweep of no more than one parameter", "velocities and exponents over the load"),
+    "sweep.png": ("a sweep of no more than one parameter", "velocities and exponents over the load, and those of pulses"),
+    "sweep_dos.csv": ("`dos`, a sweep", "densities of states of the arrays, a row for each state and frequency"),
+    "sweep_dos.png": ("`dos`, a sweep", "the same as a figure, with bands of standard errors"),
+    "sweep_spectra.csv": ("`spectrum`, a sweep", "lines of plane waves, a row for each, see [below](#waves-in-arrays)"),
+    "sweep_spectra.png": ("`spectrum`, a sweep", "dispersion, with the widths as bars, and attenuation over frequency"),
     "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`: the diameters"),
     "fit.yaml": ("`granphon fit`", "the fit, see [below](#fityaml-and-fitcsv)"),
     "fit.csv": ("`granphon fit`", "data and fit"),
@@ -255,6 +259,7 @@ SWEPT = {
     "medium": "the medium, with its options",
     "voigt_row": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "voigt_column": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
+    "polarisation": "polarisations of the spectra",
 }
 ATTRIBUTES = {
     "format": "`granphon sweep`",
@@ -267,4 +272,5 @@ ATTRIBUTES = {
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",
     "labels": "labels of the corners of the path, as JSON",
+    "waves": "what is asked of the waves in arrays, and whether exponents are, as JSON",
 }

@@ -1094,6 +1094,16 @@ def test_only_a_sweep_has_variables(work, capsys):
     assert "holds no sweep" in capsys.readouterr().err
 
 
+def test_the_working_folder_is_named_by_its_path(work, capsys):
+    (work / "scene.yaml").rename(work / "one.yaml")
+    with ResultFiles(".", ["x"]).open():
+        assert main(["run", "one.yaml", "-o", "."]) == 1
+    assert f"another run is writing into {work.resolve()}. Two runs" in capsys.readouterr().err
+    (work / "summary.yaml").write_text("mine")
+    assert main(["run", "one.yaml", "-o", "."]) == 1
+    assert f"{work.resolve()} already holds summary.yaml" in capsys.readouterr().err
+
+
 def test_a_figure_is_not_drawn_beside_a_result_that_is_being_written(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
     Scene.from_yaml("scene.yaml").run("out")

@@ -484,7 +484,10 @@ def test_spreads_and_lattices_are_swept():
 
 def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
-    with pytest.raises(InputError, match=r"found 'dos'; allowed: velocities, bands"):
+    with pytest.raises(
+        InputError,
+        match=r"found .dos.; allowed: dos of arrays that a medium: simulation makes, where",
+    ):
         Scene(packing, load, observe=("dos",))
     with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
         Scene(packing, load, observe=("bands",), parameters={"lattice": ["kagome"]})

@@ -1099,7 +1099,7 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
 def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
     other, path = change_packing(rough, {"density": 7841.0}), interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
-        for module in ("jobs", "sweep"):
+        for module in ("jobs", "dataset"):
             patch.setattr(f"granphon.sweeps.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
         with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
             sweep(rough, path=path, **ARGUMENTS)

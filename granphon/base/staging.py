@@ -163,7 +163,8 @@ class ResultFiles:
                 raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
             self._require_replaceable()
             if not os.access(nearest, os.W_OK | os.X_OK):
-                raise OutputError(message(f"there is no permission to write to {nearest}", mend="Choose another folder"))
+                what = f"there is no permission to write to {_name(nearest)}"
+                raise OutputError(message(what, mend="Choose another folder"))
         except OSError as error:
             raise _explain_failure(target, error) from None
 
@@ -185,14 +186,14 @@ class ResultFiles:
             if not is_written(target / name, *known, *([written[name]] if name in written else [])):
                 no_record = "there is no record that granphon wrote it"
                 what = "granphon wrote it, and it has been changed since" if name in written else no_record
-                what = f"{target} already holds {name}: {what}"
+                what = f"{_name(target)} already holds {name}: {what}"
                 raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
         if there and not self.force:
             lost = [name for name in self.names if name in written and name not in there]
             missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
             raise FileExistsInRunError(
                 message(
-                    f"{target} already holds {', '.join(there)}{missing}",
+                    f"{_name(target)} already holds {', '.join(there)}{missing}",
                     "An existing result is not overwritten unless asked for",
                     "Use --force (force=True) to replace it, or choose another folder",
                 )
@@ -200,7 +201,7 @@ class ResultFiles:
         for name in self._stale:
             read = self._is_read(name)
             if read or not is_written(target / name, written[name]):
-                what = f"{target} holds {name} of an earlier run, and "
+                what = f"{_name(target)} holds {name} of an earlier run, and "
                 what += "this run reads it" if read else "it has been changed since"
                 why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
                 raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
@@ -215,11 +216,17 @@ class ResultFiles:
         return any(_is_same_file(self._target / name, one) for one in self.inputs)
 
 
+def _name(folder: Path) -> Path:
+    """Return a folder as messages name it: its whole path in the place of "." and "..", which say nothing in a sentence."""
+    return folder.resolve() if folder.name in ("", "..") else folder
+
+
 def _explain_failure(target: Path, error: OSError) -> GranphonError:
     if isinstance(error, GranphonError):
         return error
     mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-    return OutputError(message(f"{target} cannot be written: {error.strerror or error}", "It is left as it was", mend))
+    what = f"{_name(target)} cannot be written: {error.strerror or error}"
+    return OutputError(message(what, "It is left as it was", mend))
 
 
 # -- the lock --------------------------------------------------------------------------------------------------------
@@ -259,7 +266,7 @@ def _lock_file(path: Path) -> int | None:
             os.close(descriptor)
             if error.errno in _NO_LOCKS:
                 return None
-            what, why = f"another run is writing into {path.parent}", "Two runs would mix their files"
+            what, why = f"another run is writing into {_name(path.parent)}", "Two runs would mix their files"
             raise OutputError(message(what, why, "Wait until it ends, or choose another folder")) from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try again

@@ -184,7 +184,8 @@ def draw_results(
     """Draw the results of a run again.
 
     Draws the bands with the density of states beside them (as bands.png in the folder, or as the file given), or the
-    velocities and exponents of a sweep (sweep.png).
+    velocities and exponents of a sweep (sweep.png). A file named spectrum, pulse or sample_dos, or of a sweep sweep_dos or
+    sweep_spectra, gets that figure of the waves in arrays.
 
     \b
     Examples:

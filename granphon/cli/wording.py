@@ -119,7 +119,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if scene.pulse is not None and "pulse" in scene.observe:
         pulse = scene.pulse
         rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {pulse.cycles:g} periods, {pulse.polarisation}"))
-    if "dos" in scene.observe:
+    if "dos" in scene.observe and not scene.is_sweep:  # that of a sweep is of arrays
         rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 # before matplotlib, whose import this module guards
@@ -17,7 +18,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.figures.style import BLUE, COLUMN_WIDTH, DPI, GUIDE, STYLE, VERMILION
 from granphon.networks.network import ContactNetwork
 from granphon.waves.pulses import Pulse
@@ -33,7 +34,8 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
     """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
 
     Means over further planes are drawn too, if the pulse has them. Each trace is over time, ms; those of balls and of means
-    are in proportion to the greatest signal. A mark shows the time of flight by the envelope.
+    are in proportion to the greatest signal. A mark shows the time of flight by the envelope, if it
+    can be read.
     """
     t = 1e3 * pulse.times
     most = float(np.max(np.abs(pulse.signals)))
@@ -48,10 +50,13 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
         ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)
     ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
     ax.tick_params(axis="y", length=0)
-    arrived = 1e3 * (pulse.time_of_flight + 0.5 * pulse.cycles / pulse.frequency)
-    ax.axvline(arrived, color="black", linewidth=0.6, dashes=(3, 2))
+    told = ": its arrival is not known"
+    with suppress(ConvergenceError):
+        time = pulse.time_of_flight
+        ax.axvline(1e3 * (time + 0.5 * pulse.cycles / pulse.frequency), color="black", linewidth=0.6, dashes=(3, 2))
+        told = f" in {1e3 * time:.4g} ms: {pulse.distance / time:.4g} m/s"
     ax.set(xlabel="Time (ms)", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
-    ax.set_title(f"{1e3 * pulse.distance:.4g} mm in {1e3 * pulse.time_of_flight:.4g} ms: {pulse.velocity:.4g} m/s")
+    ax.set_title(f"{1e3 * pulse.distance:.4g} mm{told}")
     return ax
 
 

@@ -31,7 +31,7 @@ from granphon.observables.catalogue import CATALOGUE, axis_label
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["plot_exponent", "plot_sweep", "sweep_figure"]
+__all__ = ["find_load", "list_combinations", "plot_exponent", "plot_sweep", "sweep_figure", "write_labels"]
 
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280
@@ -42,14 +42,17 @@ _LONG_LABEL = 24
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.16
 #: names that stand nearer than this one above the other, over the height of the axes, are written in one
 _APART = 0.06
+#: the velocity of pulses through simulated arrays
+_PULSE = "pulse_velocity"
 #: the velocities that a sweep may have, with their symbols
 _VELOCITIES = {
     "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
+    _PULSE: "velocity of pulses",
 }  # fmt: skip
 #: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
-_MARKERS = {_SLOW: "v", "transverse_fast": "^"}
+_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
 #: names of media in legends
 _MEDIA = {"ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium"}
 
@@ -75,7 +78,7 @@ def plot_sweep(
     ------
     InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
     """
-    x = x or _find_load(dataset)
+    x = x or find_load(dataset)
     across, along, lines = _read_values(dataset, variable), _read_values(dataset, x), _colour_lines(dataset)
     for (colour, index), width in zip(lines, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
         if index.get("direction") and "direction" not in across.dims:
@@ -110,7 +113,7 @@ def plot_sweep(
     return ax
 
 
-def _find_load(dataset: Dataset) -> str:
+def find_load(dataset: Dataset) -> str:
     """Return the name of the load that was given: a coordinate along the loads."""
     return next((str(name) for name in LOADS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
@@ -158,10 +161,10 @@ def _list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
-def _list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
+def list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
     """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
     names = _list_parameters(dataset)
-    words = {name: [f"{name.replace('_', ' ')} {label}" for label in _write_labels(dataset, name)] for name in names}
+    words = {name: [f"{name.replace('_', ' ')} {label}" for label in write_labels(dataset, name)] for name in names}
     several = [name for name in names if dataset.sizes[name] > 1]
     places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
     return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
@@ -169,7 +172,7 @@ def _list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
 
 def _colour_lines(dataset: Dataset) -> list[tuple[Any, dict[str, int]]]:
     """Return the colour of each line, and its index in each dimension besides the load."""
-    places = [place for _, place in _list_combinations(dataset)]
+    places = [place for _, place in list_combinations(dataset)]
     colours = [COLOURS[m % len(COLOURS)] for m in range(dataset.sizes["medium"])]
     return [
         (shade, place | {"medium": m})
@@ -185,7 +188,7 @@ def _make_shades(name: str, count: int) -> list[Any]:
     return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
 
 
-def _write_labels(dataset: Dataset, name: str) -> list[str]:
+def write_labels(dataset: Dataset, name: str) -> list[str]:
     """Return the names of the values of a dimension in a legend."""
     values = np.atleast_1d(dataset[name].values).tolist()
     if name == "medium":
@@ -201,8 +204,8 @@ def _make_legend(dataset: Dataset) -> list[Line2D]:
 
     Combinations are grey if there are several media. At most eight are named, and the last entry then says of how many.
     """
-    media = list(zip(itertools.cycle(COLOURS), _write_labels(dataset, "medium"), strict=False))
-    words = [word for word, _ in _list_combinations(dataset)]
+    media = list(zip(itertools.cycle(COLOURS), write_labels(dataset, "medium"), strict=False))
+    words = [word for word, _ in list_combinations(dataset)]
     values: list[tuple[Any, str]] = []
     if len(words) > 1:
         shades = _make_shades(COLOURS[0] if len(media) == 1 else "0.5", len(words))
@@ -277,9 +280,12 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
-        handles, media = _make_legend(dataset), _write_labels(dataset, "medium")
+        handles, media = _make_legend(dataset), write_labels(dataset, "medium")
         if variable is None and _SLOW in velocities:
             handles += _name_transverse(dataset)
+        if variable is None and _PULSE in velocities:
+            style: dict[str, Any] = {"marker": _MARKERS[_PULSE], "markersize": 3.0, "linestyle": "none"}
+            handles.append(Line2D([], [], color="0.3", label=_VELOCITIES[_PULSE], **style))
         title = media[0] if len(media) == 1 and handles[0].get_label() != media[0] else None
         longest = max(len(str(handle.get_label())) for handle in handles)
         columns = 1 if longest > _LONG_LABEL else min(2, len(handles))
@@ -295,6 +301,8 @@ def _plot_velocities(dataset: Dataset, ax: Axes, x: str | None, drawn: dict[str,
     ends: dict[str, float] = {}
     for variable, name in drawn.items():
         plot_sweep(dataset, ax, variable, x, legend=False)
+        if variable == _PULSE:
+            continue  # the legend names its marks, which are often near those of long waves
         last_values = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if line.get_gid() == f"{variable}-all"]
         if known := [value for value in last_values if np.isfinite(value)]:
             ends[name] = max(known)

@@ -10,9 +10,10 @@ from typing import Any
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, combine
+from granphon.base.errors import InputError, message
 from granphon.media.choice import MediumChoice, Rung
 
-__all__ = ["Case", "Grid", "label_warnings"]
+__all__ = ["Case", "Grid", "label_warnings", "require_arrays"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,8 @@ class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load.
 
     ``direction`` is that of sound, as an observer asks for it: Cartesian, one or many; None if nothing is asked for.
-    ``pulse`` holds the settings of a pulse that is sent through each sample of a simulation; None for none.
+    ``waves`` says what is asked of the waves in each sample of a simulation; None for nothing. ``exponents`` says whether
+    those of the velocities are asked for, for which a simulation solves two more equilibria at each load.
     """
 
     packing: Packing
@@ -57,7 +59,8 @@ class Grid:
     load: Load
     finite_overlap: bool = False
     direction: tuple[Any, ...] | None = None
-    pulse: Any = None
+    waves: Any = None
+    exponents: bool = True
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -67,6 +70,25 @@ class Grid:
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )
+
+
+def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: Iterable[str]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if there are no arrays for the waves ``names``.
+
+    These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the parameters that are swept.
+    """
+    wanted = list(names)
+    if without := [one for one in media if wanted and not one.simulates]:
+        what = f"{wanted[0]} is asked for, and the medium {without[0].label!r} has no balls that it runs through"
+        raise InputError(message(what, mend="Take medium: simulation"))
+    if "spectrum" not in wanted:
+        return
+    if changing := [name for name in swept if name in ("lattice", "motions")]:
+        what = f"the spectra of a sweep over {changing[0]} do not fit into one array"
+        raise InputError(message(what, "Their wave vectors or polarisations differ", "Make a scene of each"))
+    if len({one.settings.get("shape") for one in media}) > 1:
+        what = "the spectra of arrays of several shapes do not fit into one array"
+        raise InputError(message(what, "Their wave vectors differ", "Make a scene of each shape"))
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:

@@ -26,6 +26,7 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "cluster_media",
     "density_of_states",
     "estimate",
+    "find_typical_force",
     "force_constants",
     "sweep_states",
 ]
@@ -85,6 +87,10 @@ _SMALL_SHAPE = (96, 96)
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
 _CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
+#: bytes for each contact while its network is made, and then its operator
+_CONTACT_BYTES = 600.0
+#: bytes for each ball that hears a pulse, and each product
+_HEARD_BYTES = 60.0
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -266,6 +272,14 @@ def estimate(
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)
 
 
+def find_typical_force(packing: Packing, load: Load) -> Array:
+    """Return the mean contact force (n,), N, at each value of an applied load, about: no array is simulated."""
+    if packing.width:
+        reduced = np.maximum(_estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
+        return np.asarray(reduced * packing.width_units.force)
+    return np.ravel(AveragedLattice(packing).at(load.applied).force)
+
+
 def _estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
     loads, periods = np.ravel(load.array), packing.structure.periods
@@ -341,14 +355,16 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     return Cost(20.0 * atoms * atoms, known=1e-6 * (0.5 * atoms) ** 2.2, parts=(what,))
 
 
-def array_waves(products: float, balls: int, rows: float) -> Cost:
-    """Estimate the cost of waves in an array of ``balls`` with ``rows`` deformations of contacts for each ball.
+def array_waves(products: float, balls: int, contacts: float, rows: float, heard: float = 0.0) -> Cost:
+    """Estimate the cost of waves in an array with ``contacts`` and ``rows`` of their deformations for each of the ``balls``.
 
-    ``products`` is the number of products of the dynamical matrix with a vector. Seconds and bytes were measured on the
+    ``products`` is the number of products of the dynamical matrix with a vector, and ``heard`` the number of products of a
+    pulse times that of the balls that hear it. Seconds and bytes were measured on the
     triangular lattice and on fcc, with 2,500 to 1e6 balls.
     """
     what = f"waves in {balls:,} balls"
-    return Cost(working=100.0 * balls * rows, known=7e-9 * products * balls * rows, parts=(what,))
+    memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
+    return Cost(working=memory, known=7e-9 * products * balls * rows, parts=(what,))
 
 
 def cluster_media(count: int) -> Cost:

@@ -25,9 +25,9 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 __all__ = ["CATALOGUE", "Analysis", "Observable", "axis_label", "entry_of", "find_all", "warn_of_missing_error"]
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
-#: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample; or
-#: bands, along a path that is given
-CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "bands"]
+#: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
+#: spectral functions, or its density of states; or bands, along a path that is given
+CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands"]
 
 
 @dataclass(frozen=True)
@@ -140,12 +140,6 @@ def _find_of_cubic(of: Analysis, name: str) -> Any:
     return getattr(found, name) if found is not None and found.cubic else None
 
 
-def _find_of_pulses(of: Analysis, name: str) -> Any:
-    """Return the mean over samples of a number of pulses; None of a state through whose samples none was sent."""
-    find = getattr(of.state, "find_of_pulses", None)
-    return None if find is None else find(name)
-
-
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` a function of an analysis that returns None for states with finite overlap.
 
@@ -199,6 +193,18 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
 
     error = f"{name}_error"
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
+
+
+def _make_wave_entry(
+    name: str, unit: str, title: str, cost: CostClass, dims: tuple[str, ...] = (), **more: Any
+) -> Observable:
+    """Make the entry of what a sweep finds of the waves in the samples: they are not those of a state alone."""
+    return Observable(name, unit, title, cost=cost, dims=dims, **more)
+
+
+def _make_line_entry(name: str, unit: str, title: str, **more: Any) -> Observable:
+    """Make the entry of a number of the line of each plane wave in the spectrum of an array."""
+    return _make_wave_entry(name, unit, title, "spectrum", ("polarisation", "wavevector"), **more)
 
 
 _OVER_SAMPLES = "standard error over samples of the"
@@ -292,22 +298,40 @@ _OBSERVABLES = (
         "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
         cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
     ),
-    Observable(
-        "pulse_velocity", "m/s", "distance over the time of flight of a pulse", cost="pulse",
-        find=lambda of: _find_of_pulses(of, "pulse_velocity"),
+    _make_wave_entry("pulse_velocity", "m/s", "distance over the time of flight of a pulse", "pulse", told=True),
+    _make_wave_entry("pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", "pulse", sampled=True),
+    _make_wave_entry(
+        "pulse_distance", "m", "distance from the source of a pulse to where it is heard", "pulse", swept=False
     ),
-    Observable(
-        "pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", cost="pulse", sampled=True,
-        find=lambda of: found() if (found := getattr(of.state, "find_pulse_error", None)) else None,
+    _make_wave_entry("time_of_flight", "s", "time of flight of a pulse by its envelope", "pulse"),
+    _make_wave_entry("coherent_fraction", "1", "part of the energy of a pulse that is coherent", "pulse"),
+    _make_wave_entry("path_corners", "1/m", "distances along the path of its corners", "spectrum", ("corner_of_path",)),
+    _make_wave_entry("path_distance", "1/m", "distance of a wave vector along the path", "spectrum", ("wavevector",)),
+    _make_wave_entry("wavenumber", "1/m", "length of a wave vector of the array", "spectrum", ("wavevector",)),
+    _make_line_entry("line_frequency", "Hz", "frequency of a plane wave in the array: the peak of its spectral function"),
+    _make_line_entry("line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True),
+    _make_line_entry("line_width", "Hz", "width of the line of a plane wave: full, at half maximum, without the kernel's"),
+    _make_line_entry("line_width_error", "Hz", f"{_OVER_SAMPLES} width of a line", sampled=True),
+    _make_line_entry("line_resolved", "1", "part of the samples in which the width of a line is resolved"),
+    _make_line_entry("phase_velocity", "m/s", "phase velocity of a plane wave in the array"),
+    _make_line_entry("phase_velocity_error", "m/s", f"{_OVER_SAMPLES} phase velocity", sampled=True),
+    _make_line_entry(
+        "mean_free_path", "m", "mean free path of the energy of a plane wave; infinite where its line has no width"
     ),
-    Observable("pulse_distance", "m", "distance from the source of a pulse to where it is heard", cost="pulse", swept=False),
-    Observable(
-        "time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse",
-        find=lambda of: _find_of_pulses(of, "time_of_flight"),
+    _make_line_entry("attenuation", "1/m", "attenuation of the amplitude of a plane wave"),
+    _make_line_entry("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
+    *(
+        _make_wave_entry(f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", "spectrum",
+                         sampled=bool(ending), told=not ending)
+        for name in ("longitudinal", "transverse", "rotational")
+        for ending, of in (("", ""), ("_error", f"{_OVER_SAMPLES} "))
     ),
-    Observable(
-        "coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse",
-        find=lambda of: _find_of_pulses(of, "coherent_fraction"),
+    _make_wave_entry("dos_frequency", "Hz", "frequencies of the density of states of the array", "dos", ("node",)),
+    _make_wave_entry("dos_total", "1/Hz", "density of states of the array, per ball that moves", "dos", ("node",)),
+    _make_wave_entry("dos_translational", "1/Hz", "part of the density of states in translations", "dos", ("node",)),
+    _make_wave_entry("dos_rotational", "1/Hz", "part of the density of states in rotations", "dos", ("node",)),
+    _make_wave_entry(
+        "dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors", "dos", ("node",)
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),

@@ -359,6 +359,11 @@ class BandPath:
         return cls.parse(points, tuple(letters))
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The labels of all points; of a path without labels their numbers."""
+        return self.labels or tuple(" ".join(f"{x:.4g}" for x in point) for piece in self.paths for point in piece)
+
+    @property
     def arrays(self) -> list[Array]:
         """Each piece of the path as an array (n_points, 3), in fractions of the reciprocal cell."""
         return [np.array(path) for path in self.paths]

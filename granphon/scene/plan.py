@@ -31,6 +31,7 @@ from granphon.media.mean_field import EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.scene.reader import Origin
+from granphon.waves.settings import WaveSettings
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
@@ -45,6 +46,8 @@ _MOMENTS = 256
 MOST_CASES = 100
 #: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
 MOST_STATES = 20_000
+#: greatest number of balls of an array whose waves are checked when a scene is read
+QUICK_BALLS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +152,11 @@ class Plan:
     def grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         scene = self.scene
-        pulse = scene.pulse if "pulse" in scene.observe else None
         loads = self.load.applied.flat
-        return Grid(scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, pulse)
+        exponents = scene.sweeps_exponents
+        return Grid(
+            scene.packing, self.axes, scene.media, loads, scene.finite_overlap, scene.direction, scene.waves, exponents
+        )
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
@@ -203,6 +208,23 @@ class Plan:
                     _ = medium.response  # likewise
             if not later:
                 one.require()
+        self.require_waves(QUICK_BALLS)
+
+    def require_waves(self, most: float = math.inf) -> None:
+        """Raise if it is known that arrays of up to ``most`` balls have not the waves that are observed.
+
+        Nothing is simulated; arrays of more than a hundred thousand balls take seconds.
+        """
+        wanted = self.scene.waves
+        if wanted is None or not self.scene.waves_need_arrays:
+            return
+        from granphon.sweeps.wave_checks import require_waves  # imported here: a scene without waves does not need it
+
+        for one in self.few:
+            with self.origin.at("spectrum"):
+                require_waves(one.rungs, replace(wanted, pulse=None), most)
+            with self.origin.at("pulse"):
+                require_waves(one.rungs, replace(wanted, spectrum=None), most)
 
     def _require_rigid(self, packing: Packing) -> None:
         """Raise MechanismError if the velocities of a packing do not exist, with the observables that do."""
@@ -285,44 +307,64 @@ class Plan:
         ]
         branches = structure.n_balls * scene.packing.ball_motions.count
         points = scene.band_points * sum(len(path) - 1 for path in scene.path.paths) if "bands" in seen else 0
+        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
+        waves = (("medium",), smaller, self._estimate_waves())
         if scene.is_sweep:
             path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", scene.load.kind)
             mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
-            return [*out, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
+            return [*out, waves, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
         if "bands" in seen:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
             out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(scene.grid, branches)))
-        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
-        out.append((("medium",), smaller, self._estimate_waves()))
+        out.append(waves)
         if seen and scene.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
             out.append((("phonopy", "dim"), mend, costs.force_constants(scene.dim, structure.n_balls)))
         return out
 
     def _estimate_waves(self) -> Cost:
-        """Memory and time of the density of states, the spectral functions and the pulses of a simulated array."""
-        scene, structure = self.scene, self.scene.packing.structure
-        if not ({"dos", "spectrum", "pulse"} & set(scene.observe) and scene.rung.medium.simulates):
+        """Memory and time of the density of states, the spectral functions and the pulses of simulated arrays.
+
+        In a sweep all samples have each, in a scene of one state the first one has all but the pulse.
+        """
+        wanted = self.scene.waves
+        if wanted is None:
             return Cost()
-        medium = scene.rung.medium.of(scene.packing)
-        if not isinstance(medium, DirectSimulation):
-            return Cost()
-        ideal = MediumChoice("ala").of(scene.packing).at(scene.load.applied)[0]
-        top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
-        half = 0.5 * _MOMENTS  # each product gives two moments
-        products = 20.0 * half * ("dos" in scene.observe)
-        if "spectrum" in scene.observe:
-            if (fine := scene.spectrum.resolution) is not None:
-                half = max(half, 0.25 * math.pi * top / fine)
-            legs = sum(len(piece) - 1 for piece in scene.path.paths)
-            products += 2.0 * half * legs * scene.spectrum.points * len(scene.spectrum.polarisation)
-        if scene.pulse is not None and "pulse" in scene.observe:
-            length = scene.pulse.distance or 0.5 * max(medium.cells) * scene.packing.diameter
-            lasting = scene.pulse.cycles / scene.pulse.frequency + 3.0 * length / ideal.scales.velocity
-            products += math.pi * top * lasting * medium.samples  # a product for each half period of the top frequency
-        rows = len(structure.contacts) / structure.n_balls * (1 + bool(scene.packing.friction) * (structure.periods - 1))
-        return costs.array_waves(products, medium.balls, rows)
+        found = [
+            cost
+            for one in self.few
+            for rung in one.rungs
+            if isinstance(medium := rung.medium.of(rung.packing), DirectSimulation)
+            for cost in self._estimate_waves_of(medium, rung.load, wanted)
+        ]
+        if len(self.few) < self.n_cases and found:
+            return max(found, key=lambda cost: cost.known).times(len(found) * self.n_cases / len(self.few))
+        return replace(sum(found, Cost()), parts=found[0].parts) if found else Cost()
+
+    def _estimate_waves_of(self, medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
+        """Estimate the cost of the waves of a simulation at each load."""
+        packing, structure = medium.packing, medium.packing.structure
+        samples = medium.samples if self.scene.is_sweep else 1
+        contacts = len(structure.contacts) / structure.n_balls
+        rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
+        for force in costs.find_typical_force(packing, load).tolist():
+            ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
+            top = 1.5 * contact_lattice(ideal).top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
+            half = 0.5 * _MOMENTS  # each product gives two moments
+            products, heard = 20.0 * half * samples * wanted.dos, 0.0
+            if (spectrum := wanted.spectrum) is not None:
+                if (fine := spectrum.resolution) is not None:
+                    half = max(half, 0.25 * math.pi * top / fine)
+                legs = sum(len(piece) - 1 for piece in wanted.path)
+                products += 2.0 * half * samples * legs * spectrum.points * len(spectrum.polarisation)
+            if (pulse := wanted.pulse) is not None:
+                length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter
+                lasting = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity
+                steps = math.pi * top * lasting  # a product for each half period of the top frequency
+                products += steps * medium.samples
+                heard = steps * medium.balls / min(medium.cells)
+            yield costs.array_waves(products, medium.balls, contacts, rows, heard)
 
     def _estimate_clusters(self) -> Cost:
         """Memory and time of all cluster media, which are solved once for each distribution, lattice and Mindlin ratio."""
@@ -337,7 +379,8 @@ class Plan:
 
         If only the cases at the ends of the axes are looked at, each simulation counts as the most expensive one of those.
         """
-        exponents = self.scene.is_sweep or "velocities" in self.scene.observe
+        scene = self.scene
+        exponents = scene.sweeps_exponents if scene.is_sweep else "velocities" in scene.observe
         found = [
             costs.estimate(medium, rung.load, exponents=exponents)
             for one in self.few

@@ -11,9 +11,9 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
-from granphon.scene.result_files import figure_name, wave_files
+from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
 
-__all__ = ["redraw"]
+__all__ = ["draw_sweep", "redraw"]
 
 _FORMATS = (".pdf", ".png", ".svg")
 #: the files that are drawn
@@ -36,8 +36,8 @@ def redraw(
     ----------
     folder : folder of the run; it holds sweep.nc, or band.yaml, dos.csv, or both.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name spectrum, pulse or sample_dos means that
-        result of a simulation. By default sweep.png, bands.png (dos.png without
-        bands) in the folder.
+        result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations. By default sweep.png, bands.png
+        (dos.png without bands) in the folder.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -91,7 +91,8 @@ def redraw(
         if wave is not None:
             figure = _draw_waves(wave, have[wave])
         else:
-            figure = _draw_sweep(have["sweep.nc"], variable) if swept else _draw_spectra(source, have, asymptotes)
+            sweep = have.get("sweep.nc")
+            figure = _draw_spectra(source, have, asymptotes) if sweep is None else _read_sweep(sweep, name, variable)
         if read_written_files(source) != before:
             what = f"{source} was written into while it was read"
             raise InputError(message(what, "The figure would mix two results", "Draw it again"))
@@ -110,11 +111,22 @@ def _list_results(folder: Path) -> set[str]:
     return names
 
 
-def _draw_sweep(path: Path, variable: str | None) -> Any:
-    from granphon.figures.sweeps import sweep_figure
+def _read_sweep(path: Path, name: str, variable: str | None) -> Any:
     from granphon.sweeps.archive import load_sweep
 
-    return sweep_figure(load_sweep(path), variable=variable)
+    return draw_sweep(load_sweep(path), name, variable)
+
+
+def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+    """Draw the figure of a sweep that the ``name`` of its file means, or that of one ``variable``."""
+    stem = Path(name).stem
+    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
+        from granphon.figures.sweep_waves import sweep_dos_figure, sweep_spectra_figure
+
+        return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
+    from granphon.figures.sweeps import sweep_figure
+
+    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
 
 def _draw_waves(name: str, path: Path) -> Any:

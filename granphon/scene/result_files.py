@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-__all__ = ["DIAMETERS_FILE", "RESULT_FILES", "WAVE_FILES", "WORK_FOLDER", "figure_name", "wave_figures", "wave_files"]
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from granphon.scene.scene import Scene
+
+__all__ = [
+    "DIAMETERS_FILE", "RESULT_FILES", "SWEEP_FIGURES", "WAVE_FILES", "WORK_FOLDER", "expected_files", "figure_name",
+    "list_files", "wave_figures", "wave_files",
+]  # fmt: skip
 
 #: table in which a run writes the diameters of a measured spread, if they are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
@@ -11,11 +19,16 @@ WAVE_FILES: dict[str, tuple[str, ...]] = {
     "dos": ("sample_dos.json", "sample_dos.csv"), "spectrum": ("spectrum.json", "spectrum.csv"),
     "pulse": ("pulse.json", "pulse.csv"),
 }  # fmt: skip
+#: what a sweep observes of the waves in simulated arrays, with the table that it gives
+SWEEP_TABLES = {"dos": "sweep_dos.csv", "spectrum": "sweep_spectra.csv"}
+#: names of their figures
+SWEEP_FIGURES = tuple(name.replace(".csv", ".png") for name in SWEEP_TABLES.values())
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "band.yaml", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "bands.png", "dos.png",
     "forces.png", *(name for names in WAVE_FILES.values() for name in (*names, names[0].replace(".json", ".png"))),
-    "sweep.nc", "sweep.csv", "sweep.png", DIAMETERS_FILE,
+    "sweep.nc", "sweep.csv", "sweep.png",
+    *(name for pair in zip(SWEEP_TABLES.values(), SWEEP_FIGURES, strict=True) for name in pair), DIAMETERS_FILE,
 )  # fmt: skip
 #: the folder, inside that of the result, where the finished tasks of a sweep are kept until its result has been written
 WORK_FOLDER = ".granphon-sweep"
@@ -34,3 +47,36 @@ def wave_files(observe: tuple[str, ...]) -> list[str]:
 def wave_figures(observe: tuple[str, ...]) -> list[str]:
     """Return the names of the figures of the waves in samples."""
     return [name.replace(".json", ".png") for name in wave_files(observe) if name.endswith(".json")]
+
+
+def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
+    """Names of the files that a run of ``scene`` writes."""
+    numbers, drawn = list_files(scene)
+    return numbers + (drawn if figures else ())
+
+
+def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the files of numbers, and names of the figures, that a run of ``scene`` writes."""
+    names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
+    drawn = []
+    if scene.is_sweep:
+        names += ["sweep.nc", "sweep.csv"]
+        lists = [values for _, values in scene.parameters] + [scene.directions]
+        if sum(len(values) > 1 for values in lists) <= 1:  # lines can show one parameter only, or directions
+            drawn.append("sweep.png")
+        tables = [table for name, table in SWEEP_TABLES.items() if name in scene.observe]
+        names += tables
+        drawn += [table.replace(".csv", ".png") for table in tables]
+        return tuple(names), tuple(drawn)
+    if "bands" in scene.observe:
+        names += ["band.yaml", "phonopy_params.yaml"]
+    if "dos" in scene.observe:
+        names.append("dos.csv")
+    if {"bands", "dos"} & set(scene.observe):
+        drawn.append(figure_name("bands" in scene.observe))
+    if scene.rung.medium.simulates:
+        names.append("sample.extxyz")
+        drawn.append("forces.png")
+        names += wave_files(scene.observe)
+        drawn += wave_figures(scene.observe)
+    return tuple(names), tuple(drawn)

@@ -12,7 +12,9 @@ sample.extxyz          of a simulation at one load: the first sample, its balls 
 forces.png             force chains of that sample, and the distribution of the forces in all samples
 bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
 sweep.nc, sweep.csv    of a sweep: every state, with velocities, moduli and bands; sweep.csv leaves out the bands
-sweep.png              of a sweep: velocities and exponents over the load
+sweep.png              of a sweep: velocities and exponents over the load, and the velocity of pulses
+sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
+sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
 diameters.csv          the measured diameters, if they are too many for scene.yaml
@@ -51,12 +53,13 @@ from granphon.scene.result_files import (
     RESULT_FILES,
     WAVE_FILES,
     WORK_FOLDER,
-    figure_name,
+    expected_files,
+    list_files,
     wave_figures,
-    wave_files,
 )
 from granphon.sweeps.jobs import LATTICE_BANDS, describe_mechanism, packages
 from granphon.sweeps.tasks import open_store
+from granphon.waves.settings import POLARISATIONS, WAVES
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -72,7 +75,10 @@ __all__ = ["RunResult", "SweepResult", "expected_files", "is_complete", "run"]
 #: version number of the layout of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
 #: variables of a sweep whose least and greatest values the summary lists
-_EXTENTS = ("force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast")
+_EXTENTS = (
+    "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
+    "time_of_flight", "coherent_fraction", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -177,13 +183,20 @@ class RunResult(Summarised):
         if self.waves is not None:
             self.waves.write(place, step)
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of files and figures that have nothing to hold, as no pulse could be sent."""
+        if self.waves is None or "pulse.json" in self.waves.files:
+            return ()
+        return ("pulse.json", "pulse.csv", "pulse.png")
+
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
         if name == "forces.png":
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
-        if self.waves is not None and name in wave_figures(("dos", "spectrum", "pulse")):
+        if self.waves is not None and name in wave_figures(WAVES):
             return self.waves.figure(name)
         from granphon.figures.bands import bands_figure
 
@@ -200,6 +213,8 @@ class SweepResult(Summarised):
 
     #: names of the packages that the computation used, besides numpy and scipy
     packages: ClassVar[tuple[str, ...]] = ("xarray", "h5netcdf")
+    #: names of files that have nothing to hold
+    left_out: ClassVar[tuple[str, ...]] = ()
 
     folder: Path
     dataset: Dataset
@@ -237,46 +252,16 @@ class SweepResult(Summarised):
 
     def write(self, place: Path, step: Step) -> None:
         """Write the data set and its table into the existing folder ``place``."""
-        from granphon.sweeps.archive import write_sweep
+        from granphon.sweeps.archive import write_sweep, write_waves
 
         write_sweep(self.dataset, place / "sweep.nc")
-        step.advance(2)
+        step.advance(2 + len(write_waves(self.dataset, place)))
 
     def figure(self, name: str) -> Any:
-        """Draw the matplotlib figure of the sweep; a sweep has only one, whatever ``name`` is."""
-        from granphon.figures.sweeps import sweep_figure
+        """Draw the matplotlib figure of the file ``name``."""
+        from granphon.scene.redraw import draw_sweep
 
-        return sweep_figure(self.dataset)
-
-
-def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
-    """Names of the files that a run of ``scene`` writes."""
-    numbers, drawn = _list_expected(scene)
-    return numbers + (drawn if figures else ())
-
-
-def _list_expected(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the files of numbers, and names of the figures."""
-    names = ["scene.yaml", "summary.yaml"] + ([] if scene.diameters is None else [DIAMETERS_FILE])
-    drawn = []
-    if scene.is_sweep:
-        names += ["sweep.nc", "sweep.csv"]
-        lists = [values for _, values in scene.parameters] + [scene.directions]
-        if sum(len(values) > 1 for values in lists) <= 1:  # lines can show one parameter only, or directions
-            drawn.append("sweep.png")
-    else:
-        if "bands" in scene.observe:
-            names += ["band.yaml", "phonopy_params.yaml"]
-        if "dos" in scene.observe:
-            names.append("dos.csv")
-        if {"bands", "dos"} & set(scene.observe):
-            drawn.append(figure_name("bands" in scene.observe))
-        if scene.rung.medium.simulates:
-            names.append("sample.extxyz")
-            drawn.append("forces.png")
-            names += wave_files(scene.observe)
-            drawn += wave_figures(scene.observe)
-    return tuple(names), tuple(drawn)
+        return draw_sweep(self.dataset, name)
 
 
 def run(
@@ -315,7 +300,7 @@ def run(
     OutputError : the folder cannot be written, or another run is writing into it.
     GranphonError : the computation fails; then no result has been written.
     """
-    target, (names, drawn) = Path(folder), _list_expected(scene)
+    target, (names, drawn) = Path(folder), list_files(scene)
     drawn = drawn if figures else ()
     every = (*names, *drawn)
     if resume and not force and scene.is_sweep and is_complete(scene, target):
@@ -323,6 +308,8 @@ def run(
 
         there = tuple(target / name for name in every if (target / name).exists())
         return SweepResult(target, load_sweep(target / "sweep.nc"), there)
+    if not scene.is_sweep:
+        scene.plan.require_waves()
     text = scene.to_yaml()
     result: RunResult | SweepResult
     with (
@@ -336,7 +323,8 @@ def run(
             with scene.plan.origin.where_it_buckles():
                 result = _run_single(scene, target, progress)
         used = versions("numpy", "scipy", *result.packages)
-        with locked.staging(drawn) as place, progress.step("writing", len(every)) as step:
+        every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
+        with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
             head = "".join(f"# {package} {number}\n" for package, number in used.items())
             _write(place / "scene.yaml", f"# The scene as it was run, in SI units.\n{head}{text}")
             if scene.diameters is not None:

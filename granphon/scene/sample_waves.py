@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, message
 from granphon.base.progress import Progress, Step
 from granphon.base.results import Result
 from granphon.base.tables import Heading, write_table
@@ -20,7 +20,8 @@ from granphon.media.state import ContactState
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra, find_path_spectra
 from granphon.waves.pulses import Pulse, average_pulses
-from granphon.waves.sending import send
+from granphon.waves.sending import Sending, transmit
+from granphon.waves.settings import PulseSettings
 from granphon.waves.waves import Waves
 
 if TYPE_CHECKING:
@@ -33,30 +34,48 @@ __all__ = ["SampleWaves", "draw_waves", "find_sample_waves"]
 class SampleWaves:
     """Waves in the samples; what the scene did not ask for is None.
 
-    ``dos`` and ``spectra`` are those of the first sample, ``pulse`` of all samples.
+    ``dos`` and ``spectra`` are those of the first sample, ``pulse`` of all samples through which one could be sent, and
+    ``notes`` say where none could.
     """
 
     dos: SpectralDensity | None = None
     spectra: PathSpectra | None = None
     pulse: Pulse | None = None
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def _results(self) -> dict[str, Any]:
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
 
+    @cached_property
+    def _arrival(self) -> tuple[float | None, str]:
+        """Time of flight of the pulse, s, or None and a sentence that says why it is not known."""
+        try:
+            return (None if self.pulse is None else self.pulse.time_of_flight), ""
+        except ConvergenceError as error:
+            return None, f"the arrival of the pulse is not known: {error}"
+
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be known of the results."""
-        return () if self.pulse is None else self.pulse.warnings
+        """What is to be known of the results, and what of them is not known, and why."""
+        own = () if self.pulse is None else self.pulse.warnings
+        return own + self.notes + (self._arrival[1],) * bool(self._arrival[1])
 
     def summary(self) -> dict[str, Any]:
-        """Return numbers of the results, by name, in SI units."""
+        """Return numbers of the results, by name, in SI units; those that are not known are left out."""
         sent = self.pulse
-        return {} if sent is None else {
-            "pulse_distance": sent.distance, "time_of_flight": sent.time_of_flight, "pulse_velocity": sent.velocity,
-            "coherent_fraction": sent.coherent_fraction,
-        }  # fmt: skip
+        if sent is None:
+            return {}
+        out = {"pulse_distance": sent.distance, "coherent_fraction": sent.coherent_fraction}
+        if (time := self._arrival[0]) is not None:
+            out |= {"time_of_flight": time, "pulse_velocity": sent.distance / time}
+        return out
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files and figures that there is something to write into."""
+        return tuple(f"{name}{ending}" for name in self._results for ending in (".json", ".csv", ".png"))
 
     def write(self, place: Path, step: Step) -> None:
         """Write the files of numbers into the existing folder ``place``."""
@@ -122,7 +141,7 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
     if not (wanted and state.samples):
         return None
     waves = Waves(state.samples[0])
-    dos, spectra, pulse = None, None, None
+    dos, spectra, pulse, notes = None, None, None, tuple[str, ...]()
     if "dos" in wanted:
         with progress.step("density of states of the sample"):
             dos = waves.dos()
@@ -136,6 +155,21 @@ def find_sample_waves(scene: Scene, state: ContactState, progress: Progress) -> 
             )  # fmt: skip
     if "pulse" in wanted and scene.pulse is not None:
         with progress.step("pulse"):
-            along = scene.directions[0] if scene.directions else None
-            pulse = average_pulses([send(sample, scene.pulse, along) for sample in state.samples])
-    return SampleWaves(dos, spectra, pulse)
+            pulse, notes = _send(state.samples, scene.pulse, scene.directions[0] if scene.directions else None)
+    return SampleWaves(dos, spectra, pulse, notes)
+
+
+def _send(samples: Sequence[Any], settings: PulseSettings, along: Any) -> tuple[Pulse | None, tuple[str, ...]]:
+    """Send a pulse through each sample; None if it can be sent through none, and notes on those through which it cannot.
+
+    What can be known before a simulation is refused before it: here are forces of contacts that no one knew.
+    """
+    sent, failures = list[Pulse](), list[str]()
+    for one in samples:
+        try:
+            sent.append(transmit(one.network, Sending.of(settings, one.network, along)))
+        except GranphonError as error:
+            failures.append(str(error))
+    where = f"{len(failures)} of {len(samples)} samples" if len(samples) > 1 else "the array"
+    notes = (f"no pulse could be sent through {where}: {failures[0]}",) if failures else ()
+    return (average_pulses(sent) if sent else None), notes

@@ -26,6 +26,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.quantities import DENSITY, LENGTH, MODULUS, load_quantities
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require, truth
+from granphon.media.cases import require_arrays
 from granphon.media.choice import MediumChoice, Rung, no_simulation
 from granphon.media.state import ContactState
 from granphon.phonons.paths import BandPath, read_paths
@@ -34,7 +35,7 @@ from granphon.scene.notebook import write_scene
 from granphon.scene.plan import Plan
 from granphon.scene.reader import Origin
 from granphon.scene.result_files import DIAMETERS_FILE
-from granphon.waves.settings import PulseSettings, SpectrumSettings, write_settings
+from granphon.waves.settings import WAVES, PulseSettings, SpectrumSettings, WaveSettings, write_settings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -151,6 +152,27 @@ class Scene:
         """Plan of the scene: its cases, the media that serve them, their states and cost, each computed once."""
         return Plan.of(self, self._origin)
 
+    @cached_property
+    def waves(self) -> WaveSettings | None:
+        """What is observed of the waves in arrays, where media simulate them; None for nothing."""
+        if not set(WAVES) & set(self.observe):
+            return None
+        spectrum = self.spectrum if "spectrum" in self.observe else None
+        path = self.path if spectrum is not None else None
+        way = (path.paths, path.names) if path is not None else ((), ())
+        pulse = self.pulse if "pulse" in self.observe else None
+        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
+
+    @property
+    def sweeps_exponents(self) -> bool:
+        """Whether a sweep has exponents: it does, unless it observes waves in arrays and no velocities."""
+        return "velocities" in self.observe or self.waves is None
+
+    @property
+    def waves_need_arrays(self) -> bool:
+        """Whether the scene observes waves that only simulated arrays have."""
+        return bool({"spectrum", "pulse"} & set(self.observe))
+
     @property
     def rung(self) -> Rung:
         """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
@@ -231,6 +253,7 @@ class Scene:
         """
         from granphon.sweeps.sweep import sweep_grid
 
+        self.plan.require_waves()
         if "bands" in self.observe:
             options |= {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
         try:
@@ -345,12 +368,7 @@ class Scene:
                 no_simulation(self.media)
             except InputError as error:
                 raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
-        if "dos" in self.observe and self.is_sweep:
-            allowed = "velocities, bands, where there are several loads or media or a sweep"
-            raise Refused("'dos'", allowed, "Make a scene of each state whose density of states you want.", ("observe",))
-        for name in ("spectrum", "pulse"):
-            if name in self.observe:
-                self._require_sample(name)
+        self._require_waves()
         if "bands" in self.observe and (changing := self.parameters_of_branches):
             allowed = "velocities, as the branches differ in number or zone"
             raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
@@ -361,16 +379,21 @@ class Scene:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
 
-    def _require_sample(self, name: str) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if the scene has no array in which the waves ``name`` could run."""
-        if name == "spectrum" and self.is_sweep:
-            allowed = "velocities, bands, pulse, where there are several loads or media or a sweep"
-            raise Refused(repr(name), allowed, "Make a scene of each state.", ("observe",))
-        if without := [one for one in self.media if not one.simulates]:
-            allowed = f"{name} with medium: simulation, whose balls it runs through"
-            raise Refused(f"{name!r} with medium {without[0].label!r}", allowed, path=("observe",))
-        if name == "pulse" and self.pulse is None:
+    def _require_waves(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if there are no arrays for the waves that it observes."""
+        # the density of states of one state is that of its lattice, and of a simulation that of the array too
+        names = [name for name in WAVES if name in self.observe and (self.is_sweep or name != "dos")]
+        try:
+            require_arrays(self.media, dict(self.parameters), names)
+        except InputError as error:
+            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
+            if "dos" in names:
+                allowed += ", where there are several loads or media or a sweep"
+            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
+        if "pulse" not in names:
+            return
+        if self.pulse is None:
             mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
             raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
-        if name == "pulse" and len(self.directions) > 1:
+        if len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))

@@ -24,7 +24,7 @@ from granphon.observables.catalogue import CATALOGUE
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep"]
+__all__ = ["FORMAT", "SWEEP_SCHEMA", "file_names", "load_sweep", "netcdf_bytes", "write_sweep", "write_waves"]
 
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
@@ -62,11 +62,14 @@ _ABOVE_ZERO = {
 }  # fmt: skip
 _ZERO_OR_ABOVE = {
     "shear_stiffness", "reduced_force", "force_fluctuation", "contact_fraction", "contact_force_fluctuation", "width",
-    "expected_error", "frequencies", "transverse", "transverse_slow", "transverse_fast", "torsion", "bending",
+    "expected_error", "frequencies", "line_frequency", "line_width", "mean_free_path", "attenuation", "dos_total",
+    "transverse", "transverse_slow", "transverse_fast", "torsion", "bending",
 }  # fmt: skip
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast"}
 #: variables that are infinite for equal balls, or where no error is known
-_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error"}
+_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
+#: variables that are nan where a warning says that they are not known
+_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "dos")}
 #: standard errors, nan where they are not known
 _ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: velocity of light, m/s, which no sound reaches
@@ -138,6 +141,31 @@ def _write_table(dataset: Dataset, path: Path) -> None:
     columns = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
     with path.open("w", encoding="utf-8", newline="") as stream:
         write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
+
+
+def write_waves(dataset: Dataset, folder: Path) -> list[str]:
+    """Write tables of the waves in simulated arrays, if the sweep has any, into ``folder``, and return their names.
+
+    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
+    """
+    load = next(name for name in LOADS if name in dataset.coords)
+    own, written = dataset["valid"].dims, list[str]()
+    for name, first, extra in (
+        ("sweep_dos.csv", "dos_frequency", ("node",)),
+        ("sweep_spectra.csv", "line_frequency", ("polarisation", "wavevector")),
+    ):
+        if first not in dataset:
+            continue
+        dims = (*own, *extra)
+        grid = dataset[first]
+        whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
+        names = [load, *own[1:], *(one for one in extra if one in dataset.coords), *whole]
+        headings = [Heading(str(one), dataset[one].attrs.get("units", "")) for one in names]
+        columns = [dataset[one].broadcast_like(grid).transpose(*dims).values.ravel() for one in names]
+        with (folder / name).open("w", encoding="utf-8", newline="") as stream:
+            write_table(stream, headings, zip(*(column.tolist() for column in columns), strict=True))
+        written.append(name)
+    return written
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:
@@ -221,7 +249,7 @@ def _find_nonsense(name: str, values: np.ndarray[Any, Any]) -> str | None:
         good, allowed = good & (values >= 0.0), "zero or above"
     if name in _VELOCITIES:
         good, allowed = good & (values < _LIGHT), f"{allowed}, and below the velocity of light"
-    if name in _ERRORS:
+    if name in _ERRORS | _MAY_BE_UNKNOWN:
         good |= np.isnan(values)
     return None if np.all(good) else f"{values[~good].flat[0]:g}; allowed: {allowed}"
 

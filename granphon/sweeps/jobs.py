@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
 from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.results import plain
 from granphon.base.text import versions
@@ -34,6 +35,7 @@ from granphon.observables.velocities import warn_of_free_branches
 from granphon.sweeps.archive import SWEEP_SCHEMA
 from granphon.sweeps.records import RecordedState, SampleRecord
 from granphon.sweeps.tasks import TaskResult
+from granphon.waves.settings import WaveSettings
 
 __all__ = ["LATTICE_BANDS", "Job", "Work", "describe_mechanism", "packages", "to_json", "tell_warnings"]
 
@@ -63,7 +65,8 @@ class Work:
     case: Case
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
-    pulse: Any = None
+    waves: WaveSettings | None = None
+    exponents: bool = True
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -77,7 +80,7 @@ class Work:
             located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
             raise located from error
         wheres = [f"{case.label}: {rung.medium.label}" if rung.chosen else case.label for rung in rungs]
-        asked = (case.finite_overlap, self.qpoints, self.direction, self.pulse)
+        asked = (case.finite_overlap, self.qpoints, self.direction, self.waves, self.exponents)
         return [Job(where, rung, *asked) for where, rung in zip(wheres, rungs, strict=True)]
 
     @cached_property
@@ -112,7 +115,8 @@ class Job:
     """One medium on one packing at all loads that it serves.
 
     ``where`` names the job in messages. ``qpoints`` (s, p, 3) is the path of the bands; None without bands. ``direction``
-    is that of sound, one or many; None for x. ``pulse`` holds the settings of a pulse through each sample; None for none.
+    is that of sound, one or many; None for x. ``waves`` says what is asked of the waves in each sample; None for nothing.
+    Without ``exponents`` those are left out.
     """
 
     where: str
@@ -120,7 +124,8 @@ class Job:
     finite_overlap: bool
     qpoints: Array | None
     direction: tuple[Any, ...] | None = None
-    pulse: Any = None
+    waves: WaveSettings | None = None
+    exponents: bool = True
 
     @property
     def load(self) -> Load:
@@ -135,7 +140,7 @@ class Job:
             "packing": rung.packing, "medium": rung.medium, "load": rung.load, "finite_overlap": self.finite_overlap,
             "qpoints": self.qpoints, "direction": self.direction, "schema": SWEEP_SCHEMA, "versions": packages(),
         }  # fmt: skip
-        data |= {} if self.pulse is None else {"pulse": self.pulse}
+        data |= {} if self.waves is None else {"waves": self.waves, "exponents": self.exponents}
         return f"{rung.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
@@ -158,8 +163,8 @@ class Job:
             # the number of samples is left out: a sample is then the same piece, however many there are
             alone = MediumChoice(self.rung.medium.name, (("shape", medium.shape), ("seed", seed)))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
-            along = None if self.pulse is None else self.direction
-            out.append(_SampleJob(where, replace(self.rung, medium=alone), self.finite_overlap, None, along, self.pulse))
+            rung = replace(self.rung, medium=alone)
+            out.append(_SampleJob(where, rung, self.finite_overlap, None, None, self.waves, self.exponents))
         return out
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -168,7 +173,8 @@ class Job:
         if not isinstance(medium, DirectSimulation):
             return parts[0]
         records = [SampleRecord.from_part(part, index) for index in range(self.load.size) for part in parts]
-        return self.observe(RecordedState.of(medium, records, self.load))
+        out = self.observe(RecordedState.of(medium, records, self.load))
+        return out if self.waves is None else _add_waves(out, self.load, records, self.waves, medium.packing)
 
     @property
     def steps(self) -> int:
@@ -201,13 +207,43 @@ class Job:
             if self.qpoints is None:
                 raise
             notes.append(describe_mechanism(error))
-        out |= find_all(analysis, ("exponent", "pulse"), swept=True)
+        out |= find_all(analysis, ("exponent",), swept=True) if self.exponents else {}
         notes += warn_of_missing_error(out)
         if self.qpoints is not None:
             out["frequencies"], free = _compute_frequencies(state, self.qpoints)
             notes += [*free, *[LATTICE_BANDS] * bool(state.n_samples)]
         notes = list(dict.fromkeys(notes))
         return {name: np.asarray(value) for name, value in out.items()} | {"warnings": _write_notes(notes)}
+
+
+def _add_waves(
+    out: TaskResult, load: Load, records: Sequence[SampleRecord], wanted: WaveSettings, packing: Packing
+) -> TaskResult:
+    """Return ``out`` with the means over samples of the waves, and notes on what is not known of them.
+
+    An observable that is not known at some of the loads is nan there; one that is known at none is left out.
+    """
+    from granphon.sweeps.wave_records import average_waves  # imported here: a sweep without waves does not need it
+
+    count = len(records) // load.size
+    rows, said = list[dict[str, Array]](), dict[str, list[int]]()
+    for index in range(load.size):
+        row, texts = average_waves([one.of_waves for one in records[index * count : (index + 1) * count]], wanted)
+        rows.append(row)
+        for text in texts:
+            said.setdefault(text, []).append(index)
+    known = {name: value for row in rows for name, value in row.items()}
+    found = {name: np.array([row.get(name, np.full_like(one, np.nan)) for row in rows]) for name, one in known.items()}
+    notes = [_name_loads(load, indices, packing.structure.periods) + text for text, indices in said.items()]
+    return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
+
+
+def _name_loads(load: Load, indices: Sequence[int], periods: int) -> str:
+    """Return the beginning of a note on some of the loads; nothing for a note on all of them."""
+    if len(indices) == load.size:
+        return ""
+    more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
+    return f"at {load[indices[0]].describe(periods)}{more}, "
 
 
 def describe_mechanism(error: MechanismError) -> str:
@@ -318,7 +354,7 @@ class _SampleJob(Job):
             before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
-            found = SampleRecord.to_part([SampleRecord.of(sample, self.pulse, self.direction)])
+            found = SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents)])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
@@ -331,4 +367,4 @@ class _SampleJob(Job):
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...)."""
-        return SampleRecord.to_part([SampleRecord.of(sample, self.pulse, self.direction) for sample in state.samples])
+        return SampleRecord.to_part([SampleRecord.of(sample, self.waves, self.exponents) for sample in state.samples])

@@ -4,38 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sample import Sample, standard_error
+from granphon.array.sample import Sample
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
 from granphon.sweeps.tasks import TaskResult
 
 if TYPE_CHECKING:
-    from granphon.waves.settings import PulseSettings
+    from granphon.waves.settings import WaveSettings
 
 __all__ = ["RecordedState", "SampleRecord"]
 
 Array = NDArray[np.float64]
+#: what the names of numbers of waves begin with in the result of a task
+_WAVES = "waves."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
-    ``fraction`` is the sample's ``contact_fraction()``. The last three are those of a pulse, None if none was sent.
+    ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
+    :func:`~granphon.sweeps.wave_records.record_waves` found of its waves, if anything was asked for.
     """
 
-    added: ClassVar[tuple[str, ...]] = ("pulse_velocity", "time_of_flight", "coherent_fraction")
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
-        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", "pulse_velocity": "m/s",
-        "time_of_flight": "s", "coherent_fraction": "1",
+        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
     }  # fmt: skip
-    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3|2 6 6|2 1 1"}
+    shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
     force: float
     overlap: float
@@ -44,36 +45,42 @@ class SampleRecord(Result):
     contact_force_fluctuation: float
     fraction: float
     elastic_tensor: Array
-    elastic_tensors_beside: Array
-    pulse_velocity: float | None = None
-    time_of_flight: float | None = None
-    coherent_fraction: float | None = None
+    elastic_tensors_beside: Array | None = None
+    of_waves: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, sample: Sample, pulse: PulseSettings | None = None, direction: tuple[Any, ...] | None = None) -> Self:
-        """Record a sample; what it has not computed yet is computed now, and a ``pulse`` is sent along ``direction``."""
-        heard: tuple[float, ...] = ()
-        if pulse is not None:
-            from granphon.waves.sending import send  # imported here: a sweep without pulses does not need it
+    def of(cls, sample: Sample, waves: WaveSettings | None = None, exponents: bool = True) -> Self:
+        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
 
-            found = send(sample, pulse, direction)
-            heard = found.velocity, found.time_of_flight, found.coherent_fraction
+        Without ``exponents`` there are no tensors at neighbouring loads.
+        """
+        found: dict[str, Any] = {}
+        if waves is not None:
+            from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
+
+            found = record_waves(sample, waves)
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside, *heard,
+            sample.elastic_tensors_beside if exponents else None, found,
         )  # fmt: skip
 
     @classmethod
     def from_part(cls, part: TaskResult, index: int) -> Self:
         """Take the record at one of the loads from the result of a task."""
-        return cls(**{one.name: part[one.name][index] for one in fields(cls) if one.name in part})
+        own = {one.name for one in fields(cls)}
+        numbers = {name: value[index] for name, value in part.items()}
+        return cls(
+            **{name: value for name, value in numbers.items() if name in own},
+            of_waves={name.removeprefix(_WAVES): value for name, value in numbers.items() if name.startswith(_WAVES)},
+        )
 
     @classmethod
     def to_part(cls, records: Sequence[Self]) -> TaskResult:
         """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
-        every = {one.name: [getattr(record, one.name) for record in records] for one in fields(cls)}
-        return {name: np.array(values) for name, values in every.items() if values[0] is not None}
+        own = [one.name for one in fields(cls) if one.name != "of_waves" and getattr(records[0], one.name) is not None]
+        out = {name: np.array([getattr(record, name) for record in records]) for name in own}
+        return out | {_WAVES + name: np.array([one.of_waves[name] for one in records]) for name in records[0].of_waves}
 
     def contact_fraction(self) -> float:
         """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
@@ -85,15 +92,3 @@ class RecordedState(SimulatedState):
     """The state that averages records of the samples, which stand in their place in ``samples``."""
 
     samples: tuple[SampleRecord, ...] = field(default=(), repr=False)  # type: ignore[assignment]  # has what is averaged
-
-    def find_of_pulses(self, name: str) -> Array | None:
-        """Return the mean over samples of a number of the pulses; None if none was sent."""
-        if getattr(self.samples[0], name) is None:
-            return None
-        return np.asarray(np.mean(self.over_samples(lambda one: getattr(one, name)), axis=-1))
-
-    def find_pulse_error(self) -> Array | None:
-        """Return the standard error over samples of the velocity of pulses, m/s; None without pulses or for one sample."""
-        if self.n_samples < 2 or self.samples[0].pulse_velocity is None:
-            return None
-        return standard_error(self.over_samples(lambda one: one.pulse_velocity), axis=-1)

@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,23 +22,21 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS, Axis, find_double
-from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.balls.parameters import Axis, find_double
+from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LOADS
 from granphon.base.staging import ResultFiles
-from granphon.base.text import versions
-from granphon.base.validation import require, truth
+from granphon.base.validation import block, require, truth
 from granphon.base.written_files import is_written, read_written_files
-from granphon.dynamics.long_waves import voigt_names
 from granphon.dynamics.modes import ContactLattice
-from granphon.media.cases import Case, Grid, label_warnings
+from granphon.media.cases import Case, Grid, require_arrays
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.observables.catalogue import CATALOGUE, entry_of
-from granphon.phonons.paths import interpolate_path, special_points
-from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA, file_names, load_sweep, write_sweep
-from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
-from granphon.sweeps.tasks import Store, TaskResult, open_store, solve_all
+from granphon.phonons.paths import BandPath
+from granphon.sweeps.archive import file_names, load_sweep, write_sweep
+from granphon.sweeps.dataset import Way, collect_identity, fill, make_frame
+from granphon.sweeps.jobs import Work, to_json
+from granphon.sweeps.tasks import Store, open_store, solve_all
+from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, pulse_rules, spectrum_rules
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -46,8 +44,6 @@ if TYPE_CHECKING:
 __all__ = ["sweep", "sweep_grid"]
 
 Array = NDArray[Any]
-#: direction of the waves on a line, in the plane and in space, as files tell it
-_FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 #: a prestress f/(k a) so small that a lattice which buckles under it does so under any
 _LEAST_PUSH = 1e-30
 
@@ -67,6 +63,9 @@ def sweep(
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
     npoints: int = 101,
     labels: Sequence[str] | None = None,
+    dos: bool = False,
+    spectrum: SpectrumSettings | Mapping[str, Any] | None = None,
+    pulse: PulseSettings | Mapping[str, Any] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
@@ -92,6 +91,10 @@ def sweep(
         data set.
     npoints : number of points on each segment of that path.
     labels : names of the corners of that path; by default the letters, or the coordinates.
+    dos, spectrum, pulse : what of the waves in each sample to find, where all media are simulations: the density of states
+        of the array; spectral functions, as the keys ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and
+        ``path``, such as "GM", by default that of the lattice, of a mapping say; and a pulse along the direction, with the
+        keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``, ``ends``, ``damping`` (s).
     executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work side by side; the numbers
         do not depend on it.
     progress : is told how many steps are done. A step is a medium at one combination of parameters, or one sample of a
@@ -118,7 +121,11 @@ def sweep(
     ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``;
     if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     velocities and moduli that balls with some of the swept motions do not have are nan there, and the warnings say which;
-    and with bands ``frequencies`` (..., segment, point, branch) in Hz. Loads are a coordinate under their own name.
+    with bands ``frequencies`` (..., segment, point, branch) in Hz; of waves in simulated arrays means over samples with
+    standard errors: ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
+    ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector), ``ioffe_regel_longitudinal``
+    and the like, ``pulse_velocity``, ``time_of_flight``, ``coherent_fraction``, nan where a warning says why.
+    Loads are a coordinate under their own name.
     ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
     Raises
@@ -143,8 +150,14 @@ def sweep(
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
     along = _parse_direction(lattice, direction)
+    waves = _parse_waves(dos, spectrum, pulse, lattice, along)
+    grid = Grid(packing, axes, choices, load, finite_overlap, along, waves)
+    if waves is not None:
+        require_arrays(choices, parameters, waves.names)
+        for case in grid.cases:
+            _require_waves(case, waves)
     return sweep_grid(
-        Grid(packing, axes, choices, load, finite_overlap, along), bands=bands, npoints=npoints, labels=labels,
+        grid, bands=bands, npoints=npoints, labels=labels,
         executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
     )  # fmt: skip
 
@@ -167,24 +180,24 @@ def sweep_grid(
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
     """
     cases = grid.cases
-    way = None if bands is None else _Way.of([case.packing for case in cases], bands, npoints, labels)
-    frame = _make_frame(grid, way)
+    way = None if bands is None else Way.of([case.packing for case in cases], bands, npoints, labels)
+    frame = make_frame(grid, way)
     if way is None:  # bands are those of a mechanism too
         _require_sound(cases)
     target = _choose_target(path, resume)
     if target is not None and resume and not overwrite and (there := _load_complete(target, frame)) is not None:
         return there
     qpoints = None if way is None else way.qpoints
-    works = [Work(case, qpoints, grid.direction, grid.pulse) for case in cases]
+    works = [Work(case, qpoints, grid.direction, grid.waves, grid.exponents) for case in cases]
     pieces = [work.pieces for work in works]
     folder = nullcontext() if target is None else ResultFiles(target.parent, file_names(target), overwrite).open()
     own = open_store(None if target is None else target.with_name(f".{target.name}.partial"), overwrite)
     with folder as locked, own if store is None else nullcontext(store) as place:
-        place.claim(_collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
+        place.claim(collect_identity(frame), lambda: [piece.name for several in pieces for piece in several])
         found = solve_all("sweep", [piece for several in pieces for piece in several], executor, progress, place)
         ends = accumulate(map(len, pieces), initial=0)
         parts = [work.join(found[first:last]) for work, (first, last) in zip(works, pairwise(ends), strict=True)]
-        dataset = _fill(frame, grid, works, parts)
+        dataset = fill(frame, grid, works, parts)
         if locked is not None and target is not None:
             with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
@@ -202,6 +215,28 @@ def _parse_media(given: Any, lattice: Lattice) -> list[MediumChoice]:
     return choices
 
 
+def _parse_waves(
+    dos: bool, spectrum: Any, pulse: Any, lattice: Lattice, direction: tuple[Any, ...] | None
+) -> WaveSettings | None:
+    """Return what is asked of the waves in samples; None for nothing."""
+    wanted = require("dos", truth, dos)
+    if not wanted and spectrum is None and pulse is None:
+        return None
+    path = BandPath.default(lattice) if spectrum is not None else None
+    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
+        rules = spectrum_rules(read=False) | {"path": partial(BandPath.read, structure=lattice)}
+        given = require("spectrum", partial(block, rules=rules), spectrum)
+        path = given.pop("path", path)
+        spectrum = SpectrumSettings(**given)
+    if pulse is not None and not isinstance(pulse, PulseSettings):
+        rules = pulse_rules(read=False)
+        pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
+    if pulse is not None and direction and isinstance(direction[0], tuple):
+        raise InputError(message("a pulse is asked for in several directions", mend="Give one direction"))
+    way = (path.paths, path.names) if path is not None else ((), ())
+    return WaveSettings(wanted, spectrum, *way, pulse, direction if pulse is not None else None)
+
+
 def _parse_direction(lattice: Lattice, direction: ArrayLike | None) -> tuple[Any, ...] | None:
     """Return one direction as its numbers, or many as a tuple of these; :class:`InputError` if the lattice has none such."""
     if direction is None:
@@ -214,39 +249,6 @@ def _parse_direction(lattice: Lattice, direction: ArrayLike | None) -> tuple[Any
         what = f"the sweep has the direction {tuple(numbers[double])} twice"
         raise InputError(message(what, mend="Give each direction once"))
     return tuple(map(tuple, numbers))
-
-
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """The path of the bands, s segments of p points.
-
-    ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
-    limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
-    """
-
-    qpoints: Array
-    distances: Array
-    labels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> _Way:
-        """Lay the path that all packings share; :class:`InputError` if there is no such path."""
-        first = packings[0]
-        if len({(one.structure, one.ball_motions) for one in packings}) > 1:
-            raise InputError(
-                message(
-                    "bands cannot be swept over friction, motions or lattices",
-                    "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array",
-                    "Make a sweep of each",
-                )
-            )
-        vectors, p = first.structure.vectors, first.structure.periods
-        letters = special_points(vectors) if isinstance(bands, str) else {}
-        qpoints, ticks = interpolate_path(bands, npoints, letters, labels, p)
-        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
-        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
-        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
-        return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
 
 
 def _require_sound(cases: Sequence[Case]) -> None:
@@ -270,6 +272,16 @@ def _require_sound(cases: Sequence[Case]) -> None:
             raise type(error)(f"{case.label}: {error}") from None
 
 
+def _require_waves(case: Case, wanted: WaveSettings) -> None:
+    """Raise, with the case in front, if it is known that its arrays do not have the waves that are wanted."""
+    from granphon.sweeps.wave_checks import require_waves  # imported here: a sweep without waves does not need it
+
+    try:
+        require_waves(case.rungs, wanted)
+    except GranphonError as error:
+        raise type(error)(f"{case.label}: {error}") from None
+
+
 def _choose_target(path: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     if path is None:
         if resume:
@@ -291,160 +303,4 @@ def _load_complete(target: Path, frame: Dataset) -> Dataset | None:
     if not all(name in written and is_written(target.with_name(name), written[name]) for name in file_names(target)):
         return None
     there = load_sweep(target)
-    return there if _collect_identity(there) == json.loads(to_json(_collect_identity(frame))) else None
-
-
-# -- the data set ---------------------------------------------------------------------------------------------------
-
-
-def _make_frame(grid: Grid, way: _Way | None) -> Dataset:
-    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
-    from xarray import Dataset
-
-    load, finite, packing = grid.load, grid.finite_overlap, grid.cases[0].packing
-    loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
-    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
-    for axis in grid.axes:
-        # a label does not describe a spread or a lattice completely
-        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
-        labels = np.array(axis.labels)
-        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
-    along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
-    if (given := grid.direction) is not None:
-        many = isinstance(given[0], tuple)
-        names = np.array(_name_directions(given if many else (given,)))
-        along = f"{', '.join(names.tolist())}, Cartesian"
-        about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
-        coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
-    attrs = {
-        "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
-        "finite_overlap": int(finite), "direction": along,
-    }  # fmt: skip
-    attrs |= {} if grid.pulse is None else {"pulse": to_json(grid.pulse)}
-    if finite:
-        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
-    variables = {} if way is None else _list_path_variables(way, finite)
-    return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
-
-
-def _collect_identity(frame: Dataset) -> dict[str, Any]:
-    """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
-    made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "pulse") if name in frame.attrs}
-    out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
-    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
-        whole = frame[name].attrs.get("values")
-        out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
-    return out
-
-
-def _fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[TaskResult]) -> Dataset:
-    """Return the frame with the results of the cases, ``parts``, filled in."""
-    load, axes = grid.load, grid.axes
-    dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
-    along = ("direction",) * ("direction" in frame.dims)
-    voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
-    many = tuple(frame.sizes[name] for name in along)
-    sizes = {
-        name: (many if one.per_direction else ()) + (len(voigt),) * len(one.dims)
-        for name, one in CATALOGUE.items()
-        if one.sampled and any(name in part for part in parts)
-    }
-    parts = [_fill_errors(work, part, sizes) for work, part in zip(works, parts, strict=True)]
-    labels = [case.label for case in grid.cases]
-    told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
-    parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
-    warnings = label_warnings([*told, *((label, text) for label, text in zip(labels, missing, strict=True) if text)])
-    if any(medium.is_automatic for medium in grid.media):
-        parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
-    # keep the variables that every case has
-    names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
-    packing = grid.cases[0].packing
-    variables: dict[str, Any] = {}
-    for name in names:
-        stack = np.array([part[name] for part in parts])
-        stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
-        stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        entry = CATALOGUE[name]
-        variables[name] = (
-            (*dims, *(along if entry.per_direction else ()), *entry.dims),
-            stack,
-            _list_attributes(name, stack, packing),
-        )
-    if "tensor" in names:
-        frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
-    path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
-    return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
-
-
-def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
-    """Return a result with the standard errors in ``sizes``, each with its shape at one load, that it lacks.
-
-    They are zero for a medium that samples nothing, and nan, not known, for a single sample.
-    """
-    error = np.zeros(work.case.load.size)
-    for rung in work.case.rungs:
-        error[rung.loads] = np.nan if rung.medium.simulates and rung.packing.width else 0.0
-    each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
-    return part | {name: one for name, one in each.items() if name not in part}
-
-
-def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
-    """Return results in which velocities, moduli and pressures that only some of them have are nan in the others.
-
-    For each result, a sentence says which are nan and why; it is empty if none is, and for a mechanism, which has its own
-    warning. Bulk and shear moduli and the anisotropy are left out if one of the lattices has a tensor without them. If no
-    modulus is left out the tensor is. The standard error of what is left out is left out with it.
-    """
-    known = {
-        name: value for part in reversed(parts) for name, value in part.items() if _is_of_sound(name) or name == "pressure"
-    }
-    left_out = {
-        name for name in ("bulk", "shear", "anisotropy") if any("tensor" in part and name not in part for part in parts)
-    }
-    if "bulk" in known and left_out - {"anisotropy"} <= ({"shear"} if periods == 1 else set()):
-        left_out.add("tensor")
-    left_out |= {f"{name}_error" for name in left_out}
-    filled, missing = list[TaskResult](), list[str]()
-    for part in parts:
-        nans = {name: np.full_like(one, np.nan) for name, one in known.items() if name not in part and name not in left_out}
-        filled.append({name: one for name, one in part.items() if name not in left_out} | nans)
-        told = ["pressure is nan, as the stress of the lattice is not one"] * (nans.pop("pressure", None) is not None)
-        if nans and any(map(_is_of_sound, part)):
-            are, waves = ("is", "wave") if len(nans) == 1 else ("are", "waves")
-            told.append(f"{', '.join(nans)} {are} nan, as balls with these motions have no such {waves}")
-        missing.append("; ".join(told))
-    return filled, missing
-
-
-def _is_of_sound(name: str) -> bool:
-    """Whether a quantity is a velocity or a modulus."""
-    return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
-
-
-def _name_directions(given: Sequence[Sequence[float]]) -> list[str]:
-    """Return directions in words, such as "(1, 1, 0)", with as many digits as tell them apart."""
-    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in given]
-    return short if len(set(short)) == len(short) else [f"({', '.join(map(repr, numbers))})" for numbers in given]
-
-
-def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
-    """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
-    entry = entry_of(name, packing)
-    return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
-
-
-def _list_path_variables(way: _Way, finite_overlap: bool) -> dict[str, Any]:
-    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
-    unit = "1/a" if finite_overlap else "1/d"
-    return {
-        "qpoints": (
-            ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
-        ),
-        "distances": (
-            ("segment", "point"), way.distances,
-            {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
-        ),
-        "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
-    }  # fmt: skip
+    return there if collect_identity(there) == json.loads(to_json(collect_identity(frame))) else None

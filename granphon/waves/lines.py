@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.base.arguments import positive
+from granphon.base.errors import InputError, message
 from granphon.waves.kernel import Kernel
 
-__all__ = ["Lines", "find_lines", "true_width"]
+__all__ = ["Lines", "find_ioffe_regel", "find_lines", "true_width"]
 
 Array = NDArray[np.float64]
 #: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2 L^2 + G^2)^1/2. With
@@ -74,3 +76,28 @@ def true_width(seen: Array, kernel: Array) -> Array:
     a = square - _LINEAR**2
     found = (np.sqrt(square * seen**2 - a * kernel**2) - _LINEAR * seen) / a
     return np.asarray(np.maximum(found, 0.0))
+
+
+def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: float = 1.0) -> float | None:
+    """Return the frequency, Hz, from which ``wavenumber`` times the mean free path is below ``product``; None if never.
+
+    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`.
+    """
+    level = math.log(positive("product", product))
+    order = np.argsort(wavenumber, kind="stable")
+    peak, width = peak[order], width[order]
+    with np.errstate(divide="ignore"):
+        above = np.log(peak) - np.log(width) - level
+    if above[0] < 0.0:
+        raise InputError(
+            message(
+                f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency",
+                mend="Give lesser wave vectors, which a larger network has",
+            )
+        )
+    below = np.flatnonzero(above < 0.0)
+    if not below.size:
+        return None
+    n = int(below[0])
+    share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
+    return float(peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1]))

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arguments import whole_number
 from granphon.base.errors import InputError, message
@@ -18,12 +18,14 @@ from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.tables import Heading, write_table
 from granphon.dynamics.modes import ContactLattice
+from granphon.networks.network import ContactNetwork
+from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.spectral_functions import SpectralFunction
 
 if TYPE_CHECKING:
     from granphon.waves.waves import Waves
 
-__all__ = ["PathSpectra", "find_path_spectra"]
+__all__ = ["PathPoints", "PathSpectra", "find_path_points", "find_path_spectra", "join_labels"]
 
 Array = NDArray[np.float64]
 #: points of the bands between two corners
@@ -104,38 +106,63 @@ def find_path_spectra(
     ------
     InputError : fewer than two points, or an array so small that it has no wave vector on the path but Gamma.
     """
+    way = find_path_points(waves.network, lattice, scales.length, path, points)
+    steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
+    fine = way.corners[:-1] + steps * np.diff(way.corners)
+    bands = [lattice.frequencies((start + steps * (end - start)) * scales.length) for start, end in way.legs]
+    spectra = tuple(waves.spectral_function(way.q, name, resolution) for name in polarisations)
+    return PathSpectra(
+        way.corners, join_labels(path, labels), way.distances, spectra, fine.T.ravel(),
+        scales.frequency * np.concatenate(bands),
+    )  # fmt: skip
+
+
+class PathPoints(NamedTuple):
+    """Wave vectors of a periodic network along a path.
+
+    ``legs`` are the ends of its straight pieces, (p,) each, and ``corners`` (m,) their distances along the path, 1/m; ``q``
+    (n, d) the wave vectors, 1/m, and ``distances`` (n,) where they are along it.
+    """
+
+    legs: list[tuple[Array, Array]]
+    corners: Array
+    distances: Array
+    q: Array
+
+
+def find_path_points(
+    network: ContactNetwork, lattice: ContactLattice, spacing: float, path: Sequence[ArrayLike], points: int
+) -> PathPoints:
+    """Return the wave vectors of the cell of a network that are nearest to ``points`` points on each leg of a path.
+
+    Those of Gamma, those that lie farther off the path than half a step, and double ones are left out. ``spacing`` is the
+    unit of length of the ``lattice``, m. Raises what :func:`find_path_spectra` raises.
+    """
     count = whole_number("points", points, 2)
-    ends = [lattice.wavevectors(piece) / scales.length for piece in path]  # 1/m
+    ends = [lattice.wavevectors(piece) / spacing for piece in path]  # 1/m
     legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     found: dict[tuple[int, ...], tuple[float, Array]] = {}  # by the whole numbers of waves along the periods
-    fine, bands = [], []
-    network = waves.network
     d, periods = network.dimension, network.cell[list(network.pbc)]
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
         along = (end - start) / length
         wanted = np.zeros((count, d))
         wanted[:, : len(along)] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        nearest = waves.nearest_wavevectors(wanted)
-        for q in nearest:
+        for q in nearest_wavevectors(network, wanted):
             place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
             off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
             number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
             if any(number) and off <= 0.5 * length / (count - 1):
                 found.setdefault(number, (place, q))
-        steps = np.linspace(0.0, 1.0, _BAND_POINTS)
-        fine.append(begin + length * steps)
-        bands.append(lattice.frequencies((start + steps[:, None] * (end - start)) * scales.length) * scales.frequency)
     if not found:
         what = "the array has no wave vector on the path but Gamma"
         raise InputError(message(what, mend="Take a larger array, or a path through the middle of the zone"))
     distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
-    spectra = tuple(waves.spectral_function(q, name, resolution) for name in polarisations)
-    return PathSpectra(starts, _join(path, labels), distances, spectra, np.concatenate(fine), np.concatenate(bands))
+    return PathPoints(legs, starts, distances, q)
 
 
-def _join(path: Sequence[Array], labels: Sequence[str]) -> tuple[str, ...]:
+def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
     names, out = iter(labels), list[str]()
     for piece in path:

@@ -1,4 +1,4 @@
-"""Pulses through a network: a tone burst is sent from a plane of balls or from one ball, and heard on a plane."""
+"""What is heard of a pulse through a network: signals of a plane of balls, their coherent part, times of flight."""
 
 from __future__ import annotations
 
@@ -9,36 +9,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from granphon.base.arguments import finite_array, not_negative, positive
-from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.arguments import positive
+from granphon.base.errors import InputError, message
 from granphon.base.results import Result, read_only
-from granphon.networks.network import ContactNetwork
-from granphon.networks.pieces import number_pieces
-from granphon.waves.array_operator import make_operator
 from granphon.waves.arrivals import find_arrivals, find_envelope
-from granphon.waves.operator import WaveOperator
-from granphon.waves.planes import ENDS, Course
-from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.viscous import ViscousPropagation
 
-__all__ = ["Pulse", "average_pulses", "transmit"]
+__all__ = ["Pulse", "average_pulses"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: readings of a signal in a period of the burst
-_READINGS = 24
-#: the record lasts this many times as long as a wave takes if balls move in proportion to a plane wave of great length
-_LATE = 3.0
-#: part of the squared bound of frequencies that a ball reaches which moves alone, and so the highest mode: nearly a half
-_SURE = 0.45
-#: most products with D that a record may take
-_MOST = 2**20
-_ECHO = (
-    "an echo from an end of the array may come before the pulse is at its height, and the time of flight is that of both: "
-    "use a longer array, a shorter distance, a higher frequency or fewer cycles"
-)
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
 
@@ -222,210 +203,3 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
         velocities=np.zeros(0), warnings=tuple(dict.fromkeys(text for one in pulses for text in one.warnings)),
     )  # fmt: skip
-
-
-def transmit(
-    network: ContactNetwork,
-    frequency: float,
-    direction: ArrayLike,
-    distance: float,
-    cycles: float = 5.0,
-    polarisation: str | ArrayLike = "longitudinal",
-    *,
-    source: str | int | Sequence[int] = "plane",
-    ends: str = "free",
-    damping: float = 0.0,
-    tangential_damping: float | None = None,
-    duration: float | None = None,
-    planes: ArrayLike = (),
-    frames: ArrayLike = (),
-    operator: WaveOperator | None = None,
-) -> Pulse:
-    """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`."""
-    hertz, length = positive("frequency", frequency, "Hz"), positive("distance", distance, "m")
-    tau = not_negative("damping", damping, "s")
-    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
-    burst = ToneBurst(hertz, positive("cycles", cycles))
-    if burst.cycles < 1.0:
-        raise InputError(message(f"cycles is {burst.cycles:g}", mend="Give 1 or more"))
-    if ends not in ENDS:
-        raise InputError(message(f"ends is {brief(ends)}", mend=f"Use {', '.join(ENDS)}"))
-    along = _read_vector("direction", direction, network.dimension)
-    push = _find_polarisation(network, along, polarisation)
-    apart = finite_array("planes", planes, "m", "above zero").ravel() if np.size(planes) else np.zeros(0)
-    farthest = max(length, *apart) if apart.size else length
-    course = Course.along(network, along)
-    if ends == "periodic":
-        course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
-    course.require_period(farthest, "The pulse would meet itself")
-    course = course.with_ends(ends)
-    sources = _find_sources(course, source)
-    at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
-    start = course.face if at_face else course.find_place(sources)
-    groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
-    _require_joined(course.network, sources, groups[0])
-    if operator is None or operator.network is not course.network:
-        operator = make_operator(course.network)
-    _require_reachable(operator, hertz)
-    fastest = _estimate_velocity(course.network, along, push)
-    if duration is None:
-        duration = burst.duration + _LATE * farthest / fastest
-        if ends == "periodic":  # what runs the other way round comes later
-            duration = min(duration, (course.period - length) / fastest)
-    step = 1.0 / (_READINGS * hertz)
-    times: Array = step * np.arange(max(3, math.floor(positive("duration", duration, "s") / step) + 1), dtype=np.float64)
-    last = max(float(times[-1]), burst.duration)
-    shown = finite_array("frames", frames, "s", "zero or above").ravel() if np.size(frames) else np.zeros(0)
-    _require_short(operator, max([last, *shown]))
-    place = np.full(network.n_balls, -1)
-    place[operator.balls] = np.arange(operator.balls.size)
-    e = push[list(operator.motions.translations)]
-    moved = np.zeros((operator.balls.size, operator.motions.count))
-    moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
-    ears = place[np.concatenate(groups)]
-    root = 1.0 / np.sqrt(course.network.masses[operator.balls[ears]])
-    forces = operator.vector(moved)
-    walk = (
-        Propagation(operator, forces, burst, max([last, *shown]), tau) if across == tau
-        else ViscousPropagation(operator, forces, burst, (tau, across))
-    )  # fmt: skip
-    signals, displaced, moving = walk.follow(
-        lambda vector: root * (operator.values(vector)[ears, : e.size] @ e),
-        times,
-        np.concatenate([[burst.duration, last], shown]),
-    )
-    parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
-    energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
-    far = [course.find_distance(start, one) for one in groups]
-    return Pulse(
-        hertz, burst.cycles, along, push, tau, across, far[0], times, burst(times), sources, groups[0],
-        np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]), shown,
-        np.array([_spread(operator, one) for one in moving[2:]]),
-        (_ECHO,) if course.find_echo(start, groups[0]) < 0.5 * burst.duration * fastest else (),
-    )  # fmt: skip
-
-
-def _spread(operator: WaveOperator, state: Array) -> Array:
-    """Return the velocities (n, 3) of all balls, m/s, of a mass-weighted vector of them."""
-    network, axes, balls = operator.network, operator.motions.translations, operator.balls
-    field = np.zeros((network.n_balls, 3))
-    field[balls[:, None], list(axes)] = operator.values(state)[:, : len(axes)] / np.sqrt(network.masses[balls, None])
-    return field
-
-
-def _read_vector(name: str, given: Any, dimension: int) -> Array:
-    """Return a unit vector (3,) of one of 1 to 3 numbers; those that are left out are zero."""
-    vector = finite_array(name, given)
-    vector = np.atleast_1d(vector)
-    if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
-        raise InputError(message(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"))
-    vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _find_polarisation(network: ContactNetwork, along: Array, given: Any) -> Array:
-    """Return the unit vector (3,) along which the source pushes."""
-    axes = list(network.ball_motions.translations)
-    if not isinstance(given, str):
-        push = _read_vector("polarisation", given, network.dimension)
-    elif given == "longitudinal":
-        push = along
-    elif given == "out_of_plane":
-        push = np.array([0.0, 0.0, 1.0])
-    elif given == "transverse":
-        # within the plane of the balls; in space the axis that is farthest from the direction, made perpendicular to it
-        among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
-        if len(among) < 2:
-            what = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(message(what, mend="Name another polarisation, or give a vector"))
-        axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
-        push = np.eye(3)[axis] - along[axis] * along
-        push = push / np.linalg.norm(push)
-    else:
-        known = "longitudinal, transverse, out_of_plane, or a vector"
-        raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
-    if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
-        shown = ", ".join(f"{one:.6g}" for one in push)
-        moves = " and ".join("xyz"[axis] for axis in axes)
-        raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
-    return push
-
-
-def _find_sources(course: Course, source: Any) -> Index:
-    """Return the indices of the balls that are pushed."""
-    if isinstance(source, str):
-        if source not in ("plane", "ball"):
-            raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
-        # the first balls behind the beginning; the last ones of the period before may be as near to it
-        plane = course.find_plane(float(np.min(course.places[course.network.moving])), "source")
-        return plane if source == "plane" else plane[:1]
-    balls, count = finite_array("source", source).ravel(), course.network.n_balls
-    if np.any(balls != np.rint(balls)) or np.any(balls < 0) or np.any(balls >= count) or len(set(balls)) < balls.size:
-        raise InputError(message(f"source is {brief(source)}", f"Balls have the indices 0 to {count - 1}"))
-    found = balls.astype(int)
-    if still := [int(one) for one in found if not course.network.moving[one]]:
-        raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
-    return found
-
-
-def _require_joined(network: ContactNetwork, sources: Index, receivers: Index) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if no chain of contacts leads from the source to the receivers."""
-    part = number_pieces(network)
-    if not np.isin(part[receivers], part[sources]).any():
-        raise InputError(
-            message(
-                f"no contacts join the source and the {len(receivers)} balls of the receiving plane",
-                f"The balls fall into {np.max(part) + 1} parts",
-                "Use a higher load, or one of network.pieces()",
-            )
-        )
-
-
-def _require_reachable(operator: WaveOperator, hertz: float) -> None:
-    """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above all modes of the network."""
-    from scipy.sparse.linalg import eigsh
-
-    squared = (2.0 * np.pi * hertz) ** 2
-    if squared <= _SURE * operator.top**2 and not operator.network.prestress:
-        return
-    if operator.size > 2:
-        start = np.random.default_rng(0).normal(size=operator.size)
-        (top,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)
-    else:
-        top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
-    if squared <= top * (1.0 + 1e-6):
-        return
-    limit = math.sqrt(top) / (2.0 * math.pi)
-    raise UnreachableFrequencyError(
-        message(f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit:.6g} Hz",
-                "Nothing of the pulse would travel", "Lower the frequency")
-    )  # fmt: skip
-
-
-def _require_short(operator: WaveOperator, duration: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D."""
-    products = 0.5 * operator.top * duration
-    if products > _MOST:
-        longest, hertz = 2.0 * _MOST / operator.top, operator.top / (2.0 * math.pi)
-        raise InputError(
-            message(
-                f"a record of {duration:.3g} s takes {products:.3g} products with the matrix of the network",
-                f"Its frequencies go up to {hertz:.3g} Hz, and {_MOST} products reach {longest:.3g} s",
-                "Use a higher frequency, fewer cycles, or a shorter distance or duration",
-            )
-        )
-
-
-def _estimate_velocity(network: ContactNetwork, along: Array, push: Array) -> float:
-    """Return the velocity of long waves if balls moved in proportion to them, m/s: those of the network are not faster."""
-    part = (network.normal @ push) ** 2
-    spring = network.normal_stiffness * part + network.shear_stiffness * (1.0 - part)
-    mass = float(np.sum(network.masses[network.moving]))
-    squared = float(np.sum(spring * (network.vector @ along) ** 2)) / mass
-    if not squared > 0.0:
-        raise InputError(
-            message("no contact resists this polarisation in this direction", "Waves of it cost no energy",
-                    "Use friction, or another polarisation")
-        )  # fmt: skip
-    return math.sqrt(squared)

@@ -12,8 +12,13 @@ from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
 from granphon.base.text import show
 from granphon.base.validation import Rule, choice, each, number, require, whole
 
-__all__ = ["POLARISATIONS", "PulseSettings", "SpectrumSettings", "pulse_rules", "spectrum_rules", "write_settings"]
+__all__ = [
+    "POLARISATIONS", "WAVES", "PulseSettings", "SpectrumSettings", "WaveSettings", "pulse_rules", "spectrum_rules",
+    "write_settings",
+]  # fmt: skip
 
+#: what may be asked of the waves in a simulated array
+WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
@@ -70,6 +75,32 @@ class PulseSettings:
         for name, rule in pulse_rules(read=False).items():
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, require(f"pulse.{name}", rule, getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class WaveSettings:
+    """What is asked of the waves in each sample of a simulation; plain data.
+
+    Attributes
+    ----------
+    dos : whether the density of states is.
+    spectrum : the spectral functions along a path; None for none.
+    path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for each corner.
+    pulse : a pulse; None for none.
+    direction : in which the pulse goes, Cartesian, (p,); None for x.
+    """
+
+    dos: bool = False
+    spectrum: SpectrumSettings | None = None
+    path: tuple[Any, ...] = ()
+    labels: tuple[str, ...] = ()
+    pulse: PulseSettings | None = None
+    direction: tuple[Any, ...] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What of "dos", "spectrum" and "pulse" is asked for."""
+        return tuple(name for name in WAVES if getattr(self, name) not in (None, False))
 
 
 def spectrum_rules(read: bool = True) -> dict[str, Rule]:

@@ -10,11 +10,11 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arguments import finite_list, positive
+from granphon.base.arguments import finite_list
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.waves.kernel import Kernel
-from granphon.waves.lines import Lines, find_lines, true_width
+from granphon.waves.lines import Lines, find_ioffe_regel, find_lines, true_width
 from granphon.waves.moments import Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import find_polarisations, make_plane_wave, read_wavevectors
@@ -144,24 +144,7 @@ class SpectralFunction(Refinable["_PlaneWaves"], Result):
         below; the logarithm of peak/width is interpolated. If already the shortest wave vector is below, there is no such
         frequency, and that is an :class:`~granphon.base.errors.InputError`.
         """
-        level = math.log(positive("product", product))
-        order = np.argsort(self.wavenumber, kind="stable")
-        peak, width = self.peak[order], self.width[order]
-        with np.errstate(divide="ignore"):
-            above = np.log(peak) - np.log(width) - level
-        if above[0] < 0.0:
-            raise InputError(
-                message(
-                    f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency",
-                    mend="Give lesser wave vectors, which a larger network has",
-                )
-            )
-        below = np.flatnonzero(above < 0.0)
-        if not below.size:
-            return None
-        n = int(below[0])
-        share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
-        return float(peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1]))
+        return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
     # -- more of it -----------------------------------------------------------------------------------------------------
 

@@ -17,7 +17,8 @@ from granphon.waves.eigenpairs import require_stable
 from granphon.waves.modes import NetworkModes, find_modes
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import nearest_wavevectors
-from granphon.waves.pulses import Pulse, transmit
+from granphon.waves.pulses import Pulse
+from granphon.waves.sending import Sending, transmit
 from granphon.waves.spectral_functions import SpectralFunction, find_spectral_function
 
 __all__ = ["Waves"]
@@ -168,16 +169,17 @@ class Waves:
         Raises
         ------
         InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
-            ends, before the distance); there are no balls there, or no contacts join them with the source; nothing resists
-            the polarisation; a number out of range; a record that takes more than 2^20 products with D.
+            ends, before the distance); there are no balls there, or they are those of the source, or no contacts join them
+            with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products
+            with D.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative.
         """
-        return transmit(
-            self.network, frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
-            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
-            operator=self.operator if ends == "periodic" else None,
+        wanted = Sending(
+            frequency, direction, distance, cycles, polarisation, source, ends, damping, tangential_damping, duration,
+            planes, frames,
         )  # fmt: skip
+        return transmit(self.network, wanted, self.operator if ends == "periodic" else None)
 
 
 def _find_network(source: Any) -> ContactNetwork:

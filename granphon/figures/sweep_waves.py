@@ -1,0 +1,197 @@
+"""Figures of the waves in the simulated arrays of a sweep: densities of states, and the lines of plane waves, over loads.
+
+A state, which is a load, a medium and a combination of parameters, has one colour. Of more than eight states eight are
+drawn, evenly taken, and the legend says of how many.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+# before matplotlib, whose import this module guards
+from granphon.figures.scales import scale_axis
+
+# isort: split
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.scales import HertzPrefix
+from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, print_hertz
+from granphon.figures.sweeps import find_load, list_combinations, write_labels
+from granphon.figures.zones import print_label
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["plot_sweep_attenuation", "plot_sweep_dispersion", "plot_sweep_dos", "sweep_dos_figure", "sweep_spectra_figure"]
+
+Array = NDArray[np.float64]
+#: greatest number of states that are drawn
+_MOST = 8
+#: part of the colour map that is used: its ends are too pale on paper
+_SHADES = (0.0, 0.85)
+#: part of the samples in which a line must be resolved, for its width to be drawn
+_RESOLVED = 0.5
+#: part of the greatest density above which a density is drawn
+_LEAST = 1e-6
+
+#: columns of the legend, and the most letters that a label has in so many
+_COLUMNS = {3: 9, 2: 24}
+#: height of a row of the legend, in inches
+_ROW_HEIGHT = 0.16
+
+#: a state that is drawn: its colour, its words in the legend, and its index in each dimension of the sweep
+_State = tuple[Any, str, dict[str, int]]
+
+
+def _choose_states(dataset: Dataset) -> tuple[list[_State], int]:
+    """Return the states that are drawn, in order of load, and the number of all of them."""
+    load = find_load(dataset)
+    loads, media = write_labels(dataset, load), write_labels(dataset, "medium")
+    found = []
+    for at in np.argsort(dataset[load].values, kind="stable").tolist():
+        for m, medium in enumerate(media):
+            for words, place in list_combinations(dataset):
+                parts = [loads[at]] * (len(loads) > 1) + [medium] * (len(media) > 1) + [words] * bool(words)
+                found.append((", ".join(parts) or loads[at], place | {"medium": m, "load": at}))
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), _MOST)).round().astype(int)).tolist()
+    shades = colormaps["viridis"](np.linspace(*_SHADES, len(chosen)) if len(chosen) > 1 else [0.3])
+    return [(tuple(shade), *found[n]) for shade, n in zip(shades.tolist(), chosen, strict=True)], len(found)
+
+
+def _take(dataset: Dataset, name: str, place: dict[str, int], **more: int) -> Array:
+    """Return the values of a variable in one state."""
+    return np.asarray(dataset[name].isel(place | more, missing_dims="ignore"), float)
+
+
+def _require(dataset: Dataset, name: str, what: str) -> None:
+    if name not in dataset:
+        raise InputError(message(f"the sweep has no {what} of arrays", mend="Draw another figure"))
+
+
+def _find_unit(dataset: Dataset, name: str) -> HertzPrefix:
+    return HertzPrefix.for_top(float(np.nanmax(dataset[name].values)))
+
+
+def plot_sweep_dos(dataset: Dataset, ax: Axes) -> Axes:
+    """Draw the densities of states of the arrays of a sweep, with their standard errors as bands, a colour for each state.
+
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has none.
+    """
+    _require(dataset, "dos_total", "densities of states")
+    states, _ = _choose_states(dataset)
+    curves, top = [], 0.0
+    for colour, _, place in states:
+        f, density, error = (_take(dataset, f"dos_{name}", place) for name in ("frequency", "total", "error"))
+        top = max(top, float(f[np.flatnonzero(density > _LEAST * density.max())[-1]]))
+        curves.append((colour, f, density, np.nan_to_num(error)))
+    unit = HertzPrefix.for_top(top)
+    for colour, f, density, error in curves:
+        x, y, off = f / unit.hertz, density * unit.hertz, error * unit.hertz
+        ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
+        ax.plot(x, y, color=colour, linewidth=0.9)
+    ax.set(
+        xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"DOS per ball (1/{print_hertz(unit)})",
+        xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None),
+    )  # fmt: skip
+    return ax
+
+
+def plot_sweep_dispersion(dataset: Dataset, ax: Axes, polarisation: int = 0) -> Axes:
+    """Draw the frequencies of plane waves in the arrays of a sweep along the path, a colour for each state.
+
+    Bars are as long as the line is wide (full, at half maximum) where it is resolved in at least half of the samples.
+    ``polarisation`` is the number of that along the dimension. Raises :class:`~granphon.base.errors.InputError` if the sweep
+    has no spectra.
+    """
+    _require(dataset, "line_frequency", "spectra")
+    unit = _find_unit(dataset, "line_frequency")
+    corners = np.zeros(0)
+    for colour, _, place in _choose_states(dataset)[0]:
+        ends, along = _take(dataset, "path_corners", place), _take(dataset, "path_distance", place)
+        corners = ends / ends[-1]  # paths of balls of several diameters differ in length alone
+        peak, width, resolved = (
+            _take(dataset, f"line_{name}", place, polarisation=polarisation) for name in ("frequency", "width", "resolved")
+        )
+        bars = np.where(resolved >= _RESOLVED, 0.5 * width, 0.0) / unit.hertz
+        style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "elinewidth": 0.8, "color": colour, "zorder": 3}
+        dots, *_ = ax.errorbar(along / ends[-1], peak / unit.hertz, bars, **style)
+        dots.set_clip_on(False)
+    for corner in corners[1:-1]:
+        ax.axvline(float(corner), color=FRAME, linewidth=0.5)
+    ax.set_xticks(corners, [print_label(str(label)) for label in dataset["labels_of_path"].values])
+    ax.tick_params(axis="x", length=0)
+    name = str(dataset["polarisation"].values[polarisation])
+    ax.set(xlabel="Wave vector", ylabel=f"Frequency, {name} ({print_hertz(unit)})", xlim=(0.0, 1.0), ylim=(0.0, None))
+    return ax
+
+
+def plot_sweep_attenuation(dataset: Dataset, ax: Axes, polarisation: int = 0) -> Axes:
+    """Draw the attenuation of plane waves over their frequency, both logarithmic, with bars of its standard error.
+
+    Lines that are resolved in fewer than half of the samples are left out. Arguments and errors are those of
+    :func:`plot_sweep_dispersion`.
+    """
+    _require(dataset, "line_frequency", "spectra")
+    unit, shown = _find_unit(dataset, "line_frequency"), [np.ones(1)]
+    for colour, _, place in _choose_states(dataset)[0]:
+        names = ["line_frequency", "attenuation", "line_resolved"] + ["attenuation_error"] * ("attenuation_error" in dataset)
+        f, alpha, resolved, *error = (_take(dataset, one, place, polarisation=polarisation) for one in names)
+        there = (resolved >= _RESOLVED) & (alpha > 0.0)
+        bars = error[0][there] if error and np.all(np.isfinite(error[0])) else None
+        if bars is not None:  # down to a tenth of the value at most, as there is no zero on the axis
+            bars = np.array([np.minimum(bars, 0.9 * alpha[there]), bars])
+        style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "elinewidth": 0.7, "color": colour}
+        ax.errorbar(f[there] / unit.hertz, alpha[there], bars, **style)
+        shown.append(f[there] / unit.hertz)
+    values = np.concatenate(shown[1:])
+    if values.size:
+        ax.set_yscale("log")
+        scale_axis(ax, "x", values)
+    else:
+        ax.text(0.5, 0.5, "no line is resolved", transform=ax.transAxes, ha="center", va="center", color="0.4")
+        ax.set(xticks=[], yticks=[])
+    name = str(dataset["polarisation"].values[polarisation])
+    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)")
+    return ax
+
+
+def sweep_dos_figure(dataset: Dataset) -> Figure:
+    """Draw a figure, one column wide, of the densities of states of a sweep; see :func:`plot_sweep_dos`."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 2.8), dpi=DPI, layout="constrained")
+        plot_sweep_dos(dataset, figure.subplots())
+        _add_legend(figure, dataset)
+    return figure
+
+
+def sweep_spectra_figure(dataset: Dataset) -> Figure:
+    """Draw a figure of the plane waves of a sweep, one column wide: for each polarisation dispersion and attenuation."""
+    _require(dataset, "line_frequency", "spectra")
+    count = dataset.sizes["polarisation"]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((COLUMN_WIDTH, 0.4 + 4.2 * count), dpi=DPI, layout="constrained")
+        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
+        for number in range(count):
+            plot_sweep_dispersion(dataset, panels[2 * number], number)
+            plot_sweep_attenuation(dataset, panels[2 * number + 1], number)
+        _add_legend(figure, dataset)
+    return figure
+
+
+def _add_legend(figure: Figure, dataset: Dataset) -> None:
+    states, count = _choose_states(dataset)
+    lines = [Line2D([], [], color=colour, label=words) for colour, words, _ in states]
+    if count > len(states):
+        lines.append(Line2D([], [], linestyle="none", label=f"{len(states)} of {count} are drawn"))
+    longest = max(len(str(line.get_label())) for line in lines)
+    columns = next((count for count, letters in _COLUMNS.items() if longest <= letters), 1)
+    rows = -(-len(lines) // columns)
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + _ROW_HEIGHT * (rows - 1))
+    figure.legend(handles=lines, loc="outside lower center", ncols=min(len(lines), columns))

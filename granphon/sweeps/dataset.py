@@ -1,0 +1,233 @@
+"""The data set of a sweep: its frame, which says what is computed, and the results of the cases put in their places."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import PARAMETERS
+from granphon.base.errors import InputError, message
+from granphon.base.quantities import LOADS
+from granphon.base.text import versions
+from granphon.dynamics.long_waves import voigt_names
+from granphon.media.cases import Grid, label_warnings
+from granphon.observables.catalogue import CATALOGUE, entry_of
+from granphon.phonons.paths import interpolate_path, special_points
+from granphon.sweeps.archive import FORMAT, SWEEP_SCHEMA
+from granphon.sweeps.jobs import Work, packages, tell_warnings, to_json
+from granphon.sweeps.tasks import TaskResult
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["Way", "collect_identity", "fill", "make_frame"]
+
+Array = NDArray[Any]
+#: direction of the waves on a line, in the plane and in space, as files tell it
+_FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
+#: costs of the observables of the waves in simulated arrays
+_OF_WAVES = ("pulse", "spectrum", "dos")
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The path of the bands, s segments of p points.
+
+    ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
+    limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
+    """
+
+    qpoints: Array
+    distances: Array
+    labels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, packings: Sequence[Packing], bands: Any, npoints: int, labels: Sequence[str] | None) -> Way:
+        """Lay the path that all packings share; :class:`InputError` if there is no such path."""
+        first = packings[0]
+        if len({(one.structure, one.ball_motions) for one in packings}) > 1:
+            raise InputError(
+                message(
+                    "bands cannot be swept over friction, motions or lattices",
+                    "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array",
+                    "Make a sweep of each",
+                )
+            )
+        vectors, p = first.structure.vectors, first.structure.periods
+        letters = special_points(vectors) if isinstance(bands, str) else {}
+        qpoints, ticks = interpolate_path(bands, npoints, letters, labels, p)
+        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
+        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
+        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
+        return cls(qpoints, np.cumsum(steps).reshape(steps.shape), ticks)
+
+
+def make_frame(grid: Grid, way: Way | None) -> Dataset:
+    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes."""
+    from xarray import Dataset
+
+    load, finite, packing = grid.load, grid.finite_overlap, grid.cases[0].packing
+    loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
+    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
+    for axis in grid.axes:
+        # a label does not describe a spread or a lattice completely
+        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
+        labels = np.array(axis.labels)
+        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
+    along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
+    if (given := grid.direction) is not None:
+        many = isinstance(given[0], tuple)
+        names = np.array(_name_directions(given if many else (given,)))
+        along = f"{', '.join(names.tolist())}, Cartesian"
+        about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
+        coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
+    attrs = {
+        "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
+        "finite_overlap": int(finite), "direction": along,
+    }  # fmt: skip
+    variables: dict[str, Any] = {} if way is None else _list_path_variables(way, finite)
+    if (waves := grid.waves) is not None:
+        attrs["waves"] = to_json({"of": waves, "exponents": grid.exponents})
+        if waves.spectrum is not None:
+            from granphon.waves.path_spectra import join_labels  # imported here: other sweeps do not need it
+
+            coordinates["polarisation"] = list(waves.spectrum.polarisation)
+            labels = np.array(join_labels(waves.path, waves.labels))
+            about = {"long_name": "corners of the path of the spectra"}
+            variables["labels_of_path"] = ("corner_of_path", labels, about)
+    if finite:
+        attrs["exponent"] = "left out: it is defined in the limit of small overlap"
+    return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
+
+
+def collect_identity(frame: Dataset) -> dict[str, Any]:
+    """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
+    made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
+    out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
+    for name in [name for name in frame.coords if name in LOADS or name in PARAMETERS or name == "direction"] + path:
+        whole = frame[name].attrs.get("values")
+        out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
+    return out
+
+
+def fill(frame: Dataset, grid: Grid, works: Sequence[Work], parts: Sequence[TaskResult]) -> Dataset:
+    """Return the frame with the results of the cases, ``parts``, filled in."""
+    load, axes = grid.load, grid.axes
+    dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
+    along = ("direction",) * ("direction" in frame.dims)
+    voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
+    sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
+    parts = [_fill_errors(work, part, sizes) for work, part in zip(works, parts, strict=True)]
+    labels = [case.label for case in grid.cases]
+    told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
+    parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
+    warnings = label_warnings([*told, *((label, text) for label, text in zip(labels, missing, strict=True) if text)])
+    if any(medium.is_automatic for medium in grid.media):
+        parts = [part | work.choices() for work, part in zip(works, parts, strict=True)]
+    # keep the variables that every case has
+    names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
+    packing = grid.cases[0].packing
+    variables: dict[str, Any] = {}
+    for name in names:
+        stack = np.array([part[name] for part in parts])
+        stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
+        stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
+        entry = CATALOGUE[name]
+        variables[name] = (
+            (*dims, *(along if entry.per_direction else ()), *entry.dims),
+            stack,
+            _list_attributes(name, stack, packing),
+        )
+    if "tensor" in names:
+        frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
+    path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
+    return frame.drop_vars(list(path)).assign(variables).assign(path).assign_attrs(warnings=to_json(warnings))
+
+
+def _fill_errors(work: Work, part: TaskResult, sizes: Mapping[str, tuple[int, ...]]) -> TaskResult:
+    """Return a result with the standard errors in ``sizes``, each with its shape at one load, that it lacks.
+
+    They are zero for a medium that samples nothing, and nan, not known, for a single sample.
+    """
+    error = np.zeros(work.case.load.size)
+    for rung in work.case.rungs:
+        error[rung.loads] = np.nan if rung.medium.simulates and rung.packing.width else 0.0
+    each = {name: np.moveaxis(np.broadcast_to(error, (*shape, error.size)), -1, 0) for name, shape in sizes.items()}
+    return part | {name: one for name, one in each.items() if name not in part}
+
+
+def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
+    """Return results in which velocities, moduli, pressures and waves that only some of them have are nan in the others.
+
+    For each result, a sentence says which are nan and why; it is empty if none is, and for a mechanism, which has its own
+    warning. Bulk and shear moduli and the anisotropy are left out if one of the lattices has a tensor without them. If no
+    modulus is left out the tensor is. The standard error of what is left out is left out with it.
+    """
+    known = {
+        name: value
+        for part in reversed(parts)
+        for name, value in part.items()
+        if _is_of_sound(name) or _is_of_waves(name) or name == "pressure"
+    }
+    left_out = {
+        name for name in ("bulk", "shear", "anisotropy") if any("tensor" in part and name not in part for part in parts)
+    }
+    if "bulk" in known and left_out - {"anisotropy"} <= ({"shear"} if periods == 1 else set()):
+        left_out.add("tensor")
+    left_out |= {f"{name}_error" for name in left_out}
+    filled, missing = list[TaskResult](), list[str]()
+    for part in parts:
+        nans = {name: np.full_like(one, np.nan) for name, one in known.items() if name not in part and name not in left_out}
+        filled.append({name: one for name, one in part.items() if name not in left_out} | nans)
+        told = ["pressure is nan, as the stress of the lattice is not one"] * (nans.pop("pressure", None) is not None)
+        lacking = [name for name in nans if _is_of_sound(name)]  # of waves in arrays a case has its own notes
+        if lacking and any(map(_is_of_sound, part)):
+            are, waves = ("is", "wave") if len(lacking) == 1 else ("are", "waves")
+            told.append(f"{', '.join(lacking)} {are} nan, as balls with these motions have no such {waves}")
+        missing.append("; ".join(told))
+    return filled, missing
+
+
+def _is_of_sound(name: str) -> bool:
+    """Whether a quantity is a velocity or a modulus."""
+    return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
+
+
+def _is_of_waves(name: str) -> bool:
+    """Whether a quantity is one of the waves in simulated arrays."""
+    return name in CATALOGUE and CATALOGUE[name].cost in _OF_WAVES
+
+
+def _name_directions(given: Sequence[Sequence[float]]) -> list[str]:
+    """Return directions in words, such as "(1, 1, 0)", with as many digits as tell them apart."""
+    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in given]
+    return short if len(set(short)) == len(short) else [f"({', '.join(map(repr, numbers))})" for numbers in given]
+
+
+def _list_attributes(name: str, values: Array, packing: Packing) -> dict[str, str]:
+    """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
+    entry = entry_of(name, packing)
+    return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
+
+
+def _list_path_variables(way: Way, finite_overlap: bool) -> dict[str, Any]:
+    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
+    unit = "1/a" if finite_overlap else "1/d"
+    return {
+        "qpoints": (
+            ("segment", "point", "fraction"), way.qpoints, {"long_name": "fractions of the reciprocal cell", "units": "1"},
+        ),
+        "distances": (
+            ("segment", "point"), way.distances,
+            {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"},
+        ),
+        "labels": ("corner", np.array(way.labels), {"long_name": "corners of the path"}),
+    }  # fmt: skip

@@ -1,0 +1,190 @@
+"""What a sweep keeps of the waves in each sample, and its means over samples with their standard errors.
+
+Of a sample, :func:`record_waves` keeps arrays by name. :func:`average_waves` makes of those of several samples at one load
+the observables that the catalogue lists under the costs "dos", "spectrum" and "pulse". What cannot be found in a state has
+no entry there, and a note says why.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.sample import Sample, standard_error
+from granphon.base.errors import GranphonError, InputError
+from granphon.media.acoustics import ideal_lattice
+from granphon.waves.lines import find_ioffe_regel
+from granphon.waves.path_spectra import find_path_points
+from granphon.waves.sending import Sending, transmit
+from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.waves import Waves
+
+__all__ = ["average_waves", "record_waves"]
+
+Array = NDArray[Any]
+Record = Mapping[str, Array]
+#: numbers of a pulse that are averaged
+_PULSE = ("pulse_velocity", "time_of_flight", "coherent_fraction")
+
+
+# -- of one sample ------------------------------------------------------------------------------------------------------
+
+
+def record_waves(sample: Sample, wanted: WaveSettings) -> dict[str, Array]:
+    """Find what is wanted of the waves in a sample, and return the numbers that are averaged, in SI units by name."""
+    waves, out = Waves(sample), dict[str, Array]()
+    if wanted.dos:
+        # random vectors differ from sample to sample, so that their noise is part of the standard error over samples
+        found = waves.dos(seed=sample.seed or 0)
+        parts = (found.frequencies, found.translational, found.rotational, found.error)
+        out["dos"] = np.array(parts)
+    if wanted.spectrum is not None:
+        out |= _record_spectrum(sample, waves, wanted.spectrum, wanted.path)
+    if wanted.pulse is not None:
+        out |= _record_pulse(waves, wanted.pulse, wanted.direction)
+    return out
+
+
+def _record_spectrum(sample: Sample, waves: Waves, settings: SpectrumSettings, path: Sequence[Any]) -> dict[str, Array]:
+    packing = sample.packing
+    way = find_path_points(waves.network, ideal_lattice(packing), packing.diameter, path, settings.points)
+    found = [waves.spectral_function(way.q, name, settings.resolution) for name in settings.polarisation]
+    return {
+        "path_corners": way.corners, "path_distance": way.distances, "wavenumber": np.linalg.norm(way.q, axis=1),
+        "lines": np.array([(one.peak, one.width, one.resolved) for one in found], float),
+    }  # fmt: skip
+
+
+def _record_pulse(waves: Waves, settings: PulseSettings, direction: Any) -> dict[str, Array]:
+    """Send a pulse. What cannot be known of it is nan, and the text ``pulse_note`` says why."""
+    out, note, echo = dict.fromkeys(_PULSE, math.nan), "", ""
+    try:
+        heard = transmit(waves.network, Sending.of(settings, waves.network, direction))
+        out["coherent_fraction"], echo = heard.coherent_fraction, " ".join(heard.warnings)
+        out["time_of_flight"] = heard.time_of_flight
+        out["pulse_velocity"] = heard.distance / out["time_of_flight"]
+    except GranphonError as error:  # what could be known before the simulation has been refused by now
+        note = str(error)
+    numbers = {name: np.array(value) for name, value in out.items()}
+    return numbers | {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+
+
+# -- of several samples at one load -------------------------------------------------------------------------------------
+
+
+def average_waves(records: Sequence[Record], wanted: WaveSettings) -> tuple[dict[str, Array], list[str]]:
+    """Return the observables of waves of the samples at one load, by name, and notes on them.
+
+    Standard errors are those over samples; a density of states of one sample has that of the random vectors.
+    """
+    out, notes = dict[str, Array](), list[str]()
+    if wanted.dos:
+        out |= _average_dos([one["dos"] for one in records])
+    if wanted.spectrum is not None:
+        found, said = _average_spectra(records, wanted.spectrum.polarisation)
+        out, notes = out | found, notes + said
+    if wanted.pulse is not None:
+        found, said = _average_pulses(records)
+        out, notes = out | found, notes + said
+    return out, notes
+
+
+def _average_dos(found: Sequence[Array]) -> dict[str, Array]:
+    """Average densities at the points of the sample whose frequencies reach highest; others are interpolated."""
+    from scipy.interpolate import CubicSpline
+
+    points = max((one[0] for one in found), key=lambda one: float(one[-1]))
+
+    def at(one: Array) -> Array:
+        if np.array_equal(one[0], points):
+            return one[1:]
+        return np.where(points <= one[0, -1], np.maximum(CubicSpline(one[0], one[1:], axis=1)(points), 0.0), 0.0)
+
+    every = np.array([at(one) for one in found])
+    translational, rotational, own = np.mean(every, axis=0)
+    total = every[:, 0] + every[:, 1]
+    error = standard_error(total, axis=0) if len(found) > 1 else own
+    return {
+        "dos_frequency": points, "dos_total": translational + rotational, "dos_translational": translational,
+        "dos_rotational": rotational, "dos_error": error,
+    }  # fmt: skip
+
+
+def _average_spectra(records: Sequence[Record], polarisations: Sequence[str]) -> tuple[dict[str, Array], list[str]]:
+    """Average peaks and widths; the other observables are those of the mean lines."""
+    first = records[0]
+    out = {name: first[name] for name in ("path_corners", "path_distance", "wavenumber")}
+    every = np.array([one["lines"] for one in records])  # samples, polarisations, (peak, width, resolved), wave vectors
+    q = out["wavenumber"]
+
+    def attenuate(peak: Array, width: Array) -> Array:
+        return np.asarray(0.5 * width * q / peak)
+
+    peak, width, resolved = np.moveaxis(np.mean(every, axis=0), 1, 0)
+    out |= {
+        "line_frequency": peak, "line_width": width, "line_resolved": resolved, "phase_velocity": 2.0 * np.pi * peak / q,
+        "attenuation": attenuate(peak, width),
+    }  # fmt: skip
+    alpha = out["attenuation"]
+    out["mean_free_path"] = np.divide(0.5, alpha, out=np.full(alpha.shape, np.inf), where=alpha > 0.0)
+    if len(records) > 1:
+        peaks, widths = every[:, :, 0], every[:, :, 1]
+        out["line_frequency_error"] = standard_error(peaks, axis=0)
+        out["line_width_error"] = standard_error(widths, axis=0)
+        out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
+        out["attenuation_error"] = standard_error(attenuate(peaks, widths), axis=0)
+    notes = []
+    for number, name in enumerate(polarisations):
+        try:
+            found = find_ioffe_regel(q, peak[number], width[number])
+        except InputError as error:
+            notes.append(f"no Ioffe-Regel frequency of {name} waves: {error}")
+            continue
+        if found is None:
+            why = "their mean free path is longer than 1/|q| all along the path"
+            notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
+            continue
+        out[f"ioffe_regel_{name}"] = np.array(found)
+        if len(records) > 1:
+            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(partial(_cross, q), every[:, number]))
+    return out, notes
+
+
+def _cross(q: Array, lines: Array) -> float:
+    """Return the Ioffe-Regel frequency of lines (3, n), Hz; nan if there is none."""
+    try:
+        found = find_ioffe_regel(q, lines[0], lines[1])
+    except InputError:
+        return math.nan
+    return math.nan if found is None else found
+
+
+def _jackknife(of: Callable[[Array], float], every: Array) -> float:
+    """Return the standard error of a function of the mean over the first axis, as samples are left out one by one."""
+    count = len(every)
+    without = [of(np.mean(np.delete(every, left, axis=0), axis=0)) for left in range(count)]
+    return math.sqrt(count - 1) * float(np.std(without))
+
+
+def _average_pulses(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+    """Average the pulses that could be read; notes say in how many samples they could not, and why."""
+    out = dict[str, Array]()
+    values = {name: np.array([float(one[name]) for one in records]) for name in _PULSE}
+    for name, each in values.items():
+        known = each[np.isfinite(each)]
+        if known.size:
+            out[name] = np.array(np.mean(known))
+        if name == "pulse_velocity" and known.size > 1:
+            out["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
+    notes = list(dict.fromkeys(str(one["pulse_echo"]) for one in records if str(one["pulse_echo"])))
+    reasons = [str(one["pulse_note"]) for one in records if str(one["pulse_note"])]
+    if reasons:
+        where = "" if len(records) == 1 else f" in {len(reasons)} of {len(records)} samples"
+        rest = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+        notes.append(f"the arrival of the pulse is not known{where}{rest}: {reasons[0]}")
+    return out, notes
