@@ -13,6 +13,7 @@ the squares of what is left count the modes in the window that are missing.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -32,6 +33,8 @@ __all__ = ["find_filtered"]
 Array = NDArray[np.float64]
 #: random vectors and moments of the density of states from which the window follows
 _VECTORS, _MOMENTS = 4, 512
+#: half width of a line in it, over the standard deviation of the kernel
+_RESOLVED = 4.0
 #: filters of a window, from the fewest; more where nearly all of a window is empty
 _FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
 #: most random vectors to begin with, and fewest: as many modes of one frequency are found at once
@@ -49,10 +52,16 @@ _FRESH, _GROWTH = 4, 3
 #: mean square of what fresh vectors have left over, of which a missing mode has one: with four of them, it has less than this
 #: once in a thousand times
 _LEFT = 0.02
+#: more modes than these that cost no energy are left out from the beginning, and not counted
+_ZEROS = 48
+#: where they are: lowest frequency that is looked at for missing modes, over the highest that is wanted
+_SOFT = 0.03
 #: most bytes of all vectors, of which there are this number of copies; most products of D with a vector
 _BYTES, _COPIES, _PRODUCTS = 2**32, 3, 2_000_000
 #: rows of filtered vectors that are worked on at a time, and polynomials that are kept for it
 _ROWS, _KEPT = 2**11, 16
+#: vectors that are worked on at a time
+_COLUMNS = 32
 
 
 @dataclass(frozen=True)
@@ -125,6 +134,17 @@ class _Density:
         found = [Moments(operator, one.copy, keep=False).first(_MOMENTS) for one in signs]
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(found, axis=0)
 
+    @property
+    def zeros(self) -> float:
+        """Number of modes that cost no energy, or next to none."""
+        return 0.5 * self.within(math.pi, _RESOLVED * math.pi / _MOMENTS)
+
+    def without_zeros(self) -> _Density:
+        """Return the density without the modes that cost no energy: those at phi = pi, as far as the moments tell."""
+        found, sign = copy(self), (-1.0) ** np.arange(_MOMENTS)
+        found._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
+        return found
+
     def within(self, centre: float, half: float) -> float:
         """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2 pi - phi, count."""
         n = np.arange(1, _MOMENTS)
@@ -173,30 +193,36 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     """
     random, top = np.random.default_rng(0), problem.top
     density, wanted, error = _Density(problem, random), float(count), InputError
+    # each random vector finds one mode of those without energy: many are left out from the beginning
+    held = target <= ZERO * top and density.zeros > _ZEROS
+    if held:
+        density = density.without_zeros()
     while True:
-        window, starts = _plan(problem, density, count, wanted, target)
-        basis, found, vectors = None, None, starts
+        window, starts = _plan(problem, density, wanted, target)
+        basis, found, vectors = np.zeros((problem.operator.size, 0)), None, starts
         while True:
             if 2 * window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
             _require_room(problem, window, starts, count, error)
             error = ConvergenceError
-            fresh = window.apply(problem.operator, _draw(problem, random, vectors))
+            fresh = window.apply(problem.operator, _draw(problem, random, vectors, held))
             if found is not None:
                 chosen = problem.choose(found.omega, count, target)
                 reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
-                low, high = _phi(top, target + reach), _phi(top, target - reach)
+                ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if held else 0.0))
                 inner = window.part(1.0 - _EDGE / window.filters)
-                enough = chosen.size == count and inner[0] <= low and high <= inner[1]
-                if _missing(window, fresh, found.vectors, (low, high) if enough else window.part(_CORE)) < _LEFT:
+                enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
+                if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), held) < _LEFT:
                     break
                 starts += vectors
-            # filters that reach out of the window a little add what is missing at 1e-8: no direction is left out
-            basis = np.linalg.qr(fresh if basis is None else np.hstack([basis, fresh]))[0]
+            basis = _orthonormal(basis, fresh)
             found, vectors = _solve(problem, window, basis), _fresh(starts)
+        zeros = int(np.sum(found.omega <= ZERO * top))
         if enough:
-            return _finish(problem, found, chosen, target)
-        wanted = _SPARE * (wanted + np.sum(found.omega <= ZERO * top))
+            found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
+            counted = None if held or target > ZERO * top else problem.loose + zeros
+            return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
+        wanted = _SPARE * (wanted + zeros)
 
 
 def _phi(top: float, omega: float) -> float:
@@ -208,18 +234,22 @@ def _fresh(starts: int) -> int:
     return max(_FRESH, starts // _GROWTH)
 
 
-def _draw(problem: Problem, random: np.random.Generator, count: int) -> Array:
-    """Return ``count`` random vectors, (size, count)."""
-    found = np.zeros((problem.operator.size, count))
+def _draw(problem: Problem, random: np.random.Generator, count: int, held: bool) -> Array:
+    """Return ``count`` random vectors, (size, count); ``held``: without the modes that cost no energy, see :func:`_missing`."""
+    operator = problem.operator
+    if held and not operator.network.prestress:  # A^T y
+        rows = random.normal(size=(operator.root.shape[0], count))
+        return np.asarray(operator.root.T @ rows) / problem.top
+    found = np.zeros((operator.size, count))
     found[problem.live] = random.normal(size=(problem.live.size, count))
-    return found
+    return np.asarray(operator.matrix @ found) / problem.top**2 if held else found
 
 
 def _bytes(problem: Problem, window: _Window, starts: int) -> int:
     return 8 * _COPIES * problem.operator.size * window.filters * (starts + _fresh(starts))
 
 
-def _plan(problem: Problem, density: _Density, count: int, wanted: float, target: float) -> tuple[_Window, int]:
+def _plan(problem: Problem, density: _Density, wanted: float, target: float) -> tuple[_Window, int]:
     """Return the window, and how many random vectors it takes: fewer where memory is short."""
     for starts in _STARTS:
         window, vectors = density.choose(_phi(problem.top, target), wanted, starts)
@@ -241,40 +271,51 @@ def _require_room(
         )  # fmt: skip
 
 
+def _orthonormal(basis: Array, fresh: Array) -> Array:
+    """Return an orthonormal basis of the space of ``basis`` and ``fresh`` (size, ...).
+
+    Filters that reach out of the window a little add what is missing at 1e-8: no direction is left out.
+    """
+    from scipy.linalg import qr
+
+    first = basis.shape[1]
+    both = np.empty((len(basis), first + fresh.shape[1]), order="F")
+    both[:, :first], both[:, first:] = basis, fresh
+    return np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
+
+
 def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
     """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are small."""
     matrix, top = problem.operator.matrix, problem.top
-    pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + 32]) for at in range(0, basis.shape[1], 32)])
+    parts = range(0, basis.shape[1], _COLUMNS)
+    pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
     if squares[0] < -((ZERO * top) ** 2):
         raise InstabilityError(UNSTABLE)
-    omega = np.sqrt(np.maximum(squares, 0.0))
     low, high = window.part(1.0)
+    omega = np.sqrt(np.maximum(squares, 0.0))
     inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * math.cos(high / 2.0) * (1.0 - RESIDUAL))
-    omega, vectors = omega[inside], basis @ turned[:, inside]
-    residuals = np.linalg.norm(matrix @ vectors - omega**2 * vectors, axis=0) / top**2
-    good = residuals <= RESIDUAL
-    return _Found(omega[good], vectors[:, good], residuals[good])
+    omega, turned = omega[inside], turned[:, inside]
+    vectors, residuals = [basis[:, :0]], [omega[:0]]
+    for at in range(0, omega.size, _COLUMNS):
+        some = basis @ turned[:, at : at + _COLUMNS]
+        left = np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
+        vectors.append(some[:, left <= RESIDUAL])
+        residuals.append(left)
+    every = np.concatenate(residuals)
+    return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
 
 
-def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float]) -> float:
-    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: above it only with bad luck.
+def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float], held: bool) -> float:
+    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it only with bad luck.
 
-    ``fresh`` are filtered random vectors which the known modes have not been made of. Each mode has a share of their square
-    of the mean of the filters' squares there; modes outside add to it.
+    ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has that share of their
+    squares which the squares of the filters are at its frequency; times omega^2 / top^2 if vectors are ``held``, A^T y.
+    Modes outside of the ends add to it.
     """
-    weights = window.weights(np.linspace(*ends, 33)).min(axis=1)
+    phi = np.linspace(*ends, 33)
+    weights = np.min(window.weights(phi) * (np.cos(0.5 * phi) ** 2 if held else 1.0), axis=1)
     first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
-    left = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
-    vectors = left.shape[2]
-    left = left.reshape(len(fresh), -1)
-    left = left - known @ (known.T @ left)
-    return float(np.sum(left**2) / (vectors * weights[first - 1]))
-
-
-def _finish(problem: Problem, found: _Found, chosen: NDArray[np.intp], target: float) -> Eigenpairs:
-    zeros = None
-    if target <= ZERO * problem.top:
-        zeros = problem.loose + int(np.sum(found.omega <= ZERO * problem.top))
-    omega, vectors, residuals = problem.refine(found.vectors[problem.live][:, chosen])
-    return Eigenpairs(omega, vectors, float(residuals.max()), zeros)
+    some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
+    vectors, some = some.shape[2], some.reshape(len(fresh), -1)
+    return float(np.sum((some - known @ (known.T @ some)) ** 2) / (vectors * weights[first - 1]))
