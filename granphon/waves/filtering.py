@@ -44,7 +44,9 @@ _MORE = 2.3
 #: part of a window next to its ends where modes are not found: this number over that of the filters
 _EDGE = 6.4
 #: part of a window that is to be without a missing mode before a wider one is taken
-_CORE = 0.5
+_CORE = 0.8
+#: half width of the next window that is tried, but for its ends, over that of one in which too few modes are
+_WIDER = 1.1
 #: modes that the middle of a window holds by the density of states, over those that are wanted
 _SPARE = 2
 #: fewest fresh random vectors, and their share of those before
@@ -159,22 +161,28 @@ class _Density:
             return math.pi
         return float(brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9))
 
-    def choose(self, target: float, wanted: float, starts: int) -> tuple[_Window, int]:
-        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes."""
-        near = self.reach(target, _SPARE * wanted)
+    def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
+        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes.
+
+        Its part without the ends holds :data:`_SPARE` times these modes, and has the half width ``least``. It is the one that
+        takes the fewest filtered vectors, with ``starts`` random vectors or so.
+        """
+        near = max(self.reach(target, _SPARE * wanted), least)
+        found = []
         for filters in _FILTERS:
             vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
-            count = max(vectors * filters / _MORE, 2.0 * _SPARE * wanted)
-            centre, half, inner = target, self.reach(target, count), near
+            wide = near / (1.0 - _EDGE / filters)
+            centre, half = target, max(self.reach(target, vectors * filters / _MORE), wide)
+            count = self.within(centre, half)
             for end in (math.pi, 0.0):
                 across = abs(end - target)
                 if across < half:  # from the end of the spectrum on, through the target: both images count
-                    centre, inner = end, across + near
-                    count += 0.5 * self.within(end, across)
-                    half = self.reach(end, 2.0 * count)
-            if half * (1.0 - _EDGE / filters) >= inner:
-                break
-        return _Window(centre, half, filters), max(vectors, math.ceil(_MORE * count / filters))
+                    count = 0.5 * self.within(end, across) + max(_SPARE * wanted, vectors * filters / _MORE)
+                    centre, half = end, max(self.reach(end, 2.0 * count), across + wide)
+                    count = 0.5 * self.within(end, half)
+            vectors = max(vectors, math.ceil(_MORE * count / filters))
+            found.append((filters * vectors, _Window(centre, min(half, math.pi), filters), vectors))
+        return min(found, key=lambda one: one[0])[1:]
 
 
 class _Found(NamedTuple):
@@ -186,22 +194,22 @@ class _Found(NamedTuple):
 
 
 def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | None:
-    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes so many vectors that all modes are less.
+    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than there are modes.
 
     Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too many products with D, and
     :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
     """
     random, top = np.random.default_rng(0), problem.top
-    density, wanted, error = _Density(problem, random), float(count), InputError
+    density, least, error = _Density(problem, random), 0.0, InputError
     # each random vector finds one mode of those without energy: many are left out from the beginning
     held = target <= ZERO * top and density.zeros > _ZEROS
     if held:
         density = density.without_zeros()
     while True:
-        window, starts = _plan(problem, density, wanted, target)
+        window, starts = _plan(problem, density, count, target, least)
         basis, found, vectors = np.zeros((problem.operator.size, 0)), None, starts
         while True:
-            if 2 * window.filters * (starts + _fresh(starts)) > problem.live.size:
+            if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
             _require_room(problem, window, starts, count, error)
             error = ConvergenceError
@@ -222,7 +230,7 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
             found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
             counted = None if held or target > ZERO * top else problem.loose + zeros
             return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
-        wanted = _SPARE * (wanted + zeros)
+        least = _WIDER * window.half
 
 
 def _phi(top: float, omega: float) -> float:
@@ -249,10 +257,10 @@ def _bytes(problem: Problem, window: _Window, starts: int) -> int:
     return 8 * _COPIES * problem.operator.size * window.filters * (starts + _fresh(starts))
 
 
-def _plan(problem: Problem, density: _Density, wanted: float, target: float) -> tuple[_Window, int]:
+def _plan(problem: Problem, density: _Density, wanted: int, target: float, least: float) -> tuple[_Window, int]:
     """Return the window, and how many random vectors it takes: fewer where memory is short."""
     for starts in _STARTS:
-        window, vectors = density.choose(_phi(problem.top, target), wanted, starts)
+        window, vectors = density.choose(_phi(problem.top, target), wanted, starts, least)
         if _bytes(problem, window, vectors) <= _BYTES:
             break
     return window, vectors
@@ -294,7 +302,7 @@ def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
         raise InstabilityError(UNSTABLE)
     low, high = window.part(1.0)
     omega = np.sqrt(np.maximum(squares, 0.0))
-    inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * math.cos(high / 2.0) * (1.0 - RESIDUAL))
+    inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
     omega, turned = omega[inside], turned[:, inside]
     vectors, residuals = [basis[:, :0]], [omega[:0]]
     for at in range(0, omega.size, _COLUMNS):
