@@ -247,6 +247,7 @@ def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
     assert modes.zero_modes == (2 if target is None else None)
 
 
+@pytest.mark.exhaustive
 def test_filters_find_all_modes_of_one_frequency(filters):
     """The ideal crystal has twelve modes of most frequencies."""
     network, bands = ideal(shape=(24, 24))
@@ -254,22 +255,19 @@ def test_filters_find_all_modes_of_one_frequency(filters):
     np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - 12e3)), nearest(bands, 14, 12e3), rtol=1e-10, atol=1e-6)
 
 
-def test_filters_find_the_modes_on_both_sides_of_a_gap(filters):
-    """Two masses in turn, springs that differ a little: nothing between the roots of 2 K/M and of 2 K/m, but for an end."""
+@pytest.mark.exhaustive
+def test_filters_find_the_modes_at_a_gap(filters, monkeypatch):
+    """Two masses in turn, springs that differ a little: between the bands there is nothing but a mode of an end."""
     from scipy.linalg import eigvalsh_tridiagonal
 
-    masses = np.tile([1.0, 2.0], 700)
-    springs = np.random.default_rng(1).uniform(0.95, 1.05, 1399)
+    monkeypatch.setattr(filtering, "_STARTS", (12,))  # many modes lie close to the end of a band
+    masses, springs = np.tile([1.0, 2.0], 1000), np.random.default_rng(1).uniform(0.95, 1.05, 1999)
     held = np.pad(springs, 1)
     squares = eigvalsh_tridiagonal((held[:-1] + held[1:]) / masses, -springs / 2.0**0.5)
-    exact = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    middle = 0.5 * (1.0 + math.sqrt(2.0)) / (2.0 * np.pi)
-    modes = gp.Waves(line(masses, springs)).modes(7, middle)
-    np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - middle)), nearest(exact, 7, middle), rtol=1e-10)
-    # free ends: one mode of a light ball at an end is alone in the gap
-    alone = np.argmin(np.abs(modes.frequencies - middle))
-    assert modes.participation_ratio[alone] < 0.01
-    assert np.sort(np.abs(exact - middle))[1] > 0.1 * middle
+    exact, target = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), 1.35 / (2.0 * np.pi)
+    found = gp.Waves(line(masses, springs)).modes(5, target).frequencies
+    assert np.min(np.abs(exact - target)) > 0.04 * target
+    np.testing.assert_allclose(np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10)
 
 
 def test_filters_leave_out_many_modes_without_energy(filters, monkeypatch):
@@ -312,7 +310,9 @@ def test_filters_miss_no_mode(filters, disordered, monkeypatch):
 def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatch, limit, value):
     monkeypatch.setattr(filtering, limit, value)
     monkeypatch.delattr(filtering._Window, "apply")
-    with pytest.raises(InputError, match=r"9 modes of 972 motions take .* GB and .* products of D with a vector.*density of"):
+    with pytest.raises(
+        InputError, match=r"9 modes of 972 motions take .* GB and .* products of D with a vector.*density of"
+    ):
         disordered[0].modes(9, 12.3e3)
 
 
