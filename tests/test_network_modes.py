@@ -231,8 +231,12 @@ def disordered(request):
     return waves, np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), vectors
 
 
+def exhaustive(*case):
+    return pytest.param(*case, marks=pytest.mark.exhaustive)
+
+
 #: amid the spectrum, where modes are dense; at its ends; and above all modes, below the bound of them
-@pytest.mark.parametrize("target", [None, 900.0, 12.3e3, 21e3, "top"])
+@pytest.mark.parametrize("target", [None, exhaustive(900.0), 12.3e3, exhaustive(21e3), "top"])
 def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
     waves, exact, vectors = disordered
     top = waves.operator.top / (2.0 * np.pi)
@@ -311,7 +315,7 @@ def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatc
     monkeypatch.setattr(filtering, limit, value)
     monkeypatch.delattr(filtering._Window, "apply")
     with pytest.raises(
-        InputError, match=r"9 modes of 972 motions take .* GB and .* products of D with a vector.*density of"
+        InputError, match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of"
     ):
         disordered[0].modes(9, 12.3e3)
 

@@ -51,8 +51,8 @@ _WIDER = 1.1
 _SPARE = 2
 #: fewest fresh random vectors, and their share of those before
 _FRESH, _GROWTH = 4, 3
-#: mean square of what fresh vectors have left over, of which a missing mode has one: with four of them, it has less than this
-#: once in a thousand times
+#: mean square of what fresh vectors have left over; a missing mode adds one, and with four vectors less than this once in a
+#: thousand times
 _LEFT = 0.02
 #: more modes than these that cost no energy are left out from the beginning, and not counted
 _ZEROS = 48
@@ -164,8 +164,8 @@ class _Density:
     def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
         """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes.
 
-        Its part without the ends holds :data:`_SPARE` times these modes, and has the half width ``least``. It is the one that
-        takes the fewest filtered vectors, with ``starts`` random vectors or so.
+        Its part without the ends holds :data:`_SPARE` times these modes, and has the half width ``least``. Of such windows it
+        is the one that takes the fewest filtered vectors, with ``starts`` random vectors or so.
         """
         near = max(self.reach(target, _SPARE * wanted), least)
         found = []
@@ -243,7 +243,7 @@ def _fresh(starts: int) -> int:
 
 
 def _draw(problem: Problem, random: np.random.Generator, count: int, held: bool) -> Array:
-    """Return ``count`` random vectors, (size, count); ``held``: without the modes that cost no energy, see :func:`_missing`."""
+    """Return ``count`` random vectors, (size, count); if ``held``, without the modes that cost no energy."""
     operator = problem.operator
     if held and not operator.network.prestress:  # A^T y
         rows = random.normal(size=(operator.root.shape[0], count))
@@ -273,7 +273,8 @@ def _require_room(
     needed = _bytes(problem, window, starts)
     if needed > _BYTES or products > _PRODUCTS:
         raise error(
-            message(f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB and {products:.2g} products of D with a vector",
+            message(f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB, and {products:.2g} products "
+                    "of D with a vector",
                     "In a large network modes of one frequency range lie close together",
                     "Ask for fewer modes, or take a smaller network, or its density of states")
         )  # fmt: skip
