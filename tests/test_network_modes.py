@@ -274,6 +274,16 @@ def test_filters_find_the_modes_at_a_gap(filters, monkeypatch):
     np.testing.assert_allclose(np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10)
 
 
+def test_filters_leave_out_modes_without_energy(filters, disordered, monkeypatch):
+    """Random vectors A^T y, and D x where there are static forces, have no part of them."""
+    waves, exact, _ = disordered
+    monkeypatch.setattr(filtering, "_ZEROS", 0)
+    modes = waves.modes(5)
+    np.testing.assert_allclose(modes.frequencies, nearest(exact, 5, 0.0), rtol=1e-9)
+    assert modes.zero_modes is None
+
+
+@pytest.mark.exhaustive
 def test_filters_leave_out_many_modes_without_energy(filters, monkeypatch):
     """The kagome lattice without friction has lines of balls that move at no cost, which are no modes of the result."""
     network, bands = ideal("kagome", (19, 18), 0.0)

@@ -61,7 +61,7 @@ _SOFT = 0.03
 #: most bytes of all vectors, of which there are this number of copies; most products of D with a vector
 _BYTES, _COPIES, _PRODUCTS = 2**32, 3, 2_000_000
 #: rows of filtered vectors that are worked on at a time, and polynomials that are kept for it
-_ROWS, _KEPT = 2**11, 16
+_ROWS, _KEPT = 2**9, 32
 #: vectors that are worked on at a time
 _COLUMNS = 32
 
@@ -164,8 +164,8 @@ class _Density:
     def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
         """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes.
 
-        Its part without the ends holds :data:`_SPARE` times these modes, and has the half width ``least``. Of such windows it
-        is the one that takes the fewest filtered vectors, with ``starts`` random vectors or so.
+        Its part without the ends holds :data:`_SPARE` times these modes, and has the half width ``least``. Of such windows
+        it is the one that takes the fewest filtered vectors, with ``starts`` random vectors or so.
         """
         near = max(self.reach(target, _SPARE * wanted), least)
         found = []
@@ -200,11 +200,12 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
     """
     random, top = np.random.default_rng(0), problem.top
-    density, least, error = _Density(problem, random), 0.0, InputError
+    density, least = _Density(problem, random), 0.0
+    error: type[InputError | ConvergenceError] = InputError
     # each random vector finds one mode of those without energy: many are left out from the beginning
-    held = target <= ZERO * top and density.zeros > _ZEROS
-    if held:
-        density = density.without_zeros()
+    power = 0
+    if target <= ZERO * top and density.zeros > _ZEROS:
+        density, power = density.without_zeros(), 4 if problem.operator.network.prestress else 2
     while True:
         window, starts = _plan(problem, density, count, target, least)
         basis, found, vectors = np.zeros((problem.operator.size, 0)), None, starts
@@ -213,14 +214,14 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
                 return None
             _require_room(problem, window, starts, count, error)
             error = ConvergenceError
-            fresh = window.apply(problem.operator, _draw(problem, random, vectors, held))
+            fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
             if found is not None:
                 chosen = problem.choose(found.omega, count, target)
                 reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
-                ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if held else 0.0))
+                ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if power else 0.0))
                 inner = window.part(1.0 - _EDGE / window.filters)
                 enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
-                if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), held) < _LEFT:
+                if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), power) < _LEFT:
                     break
                 starts += vectors
             basis = _orthonormal(basis, fresh)
@@ -228,7 +229,7 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
         zeros = int(np.sum(found.omega <= ZERO * top))
         if enough:
             found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
-            counted = None if held or target > ZERO * top else problem.loose + zeros
+            counted = None if power or target > ZERO * top else problem.loose + zeros
             return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
         least = _WIDER * window.half
 
@@ -242,15 +243,18 @@ def _fresh(starts: int) -> int:
     return max(_FRESH, starts // _GROWTH)
 
 
-def _draw(problem: Problem, random: np.random.Generator, count: int, held: bool) -> Array:
-    """Return ``count`` random vectors, (size, count); if ``held``, without the modes that cost no energy."""
+def _draw(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
+    """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean (omega / top)^``power``.
+
+    They are x, A^T y or D x, of powers 0, 2 and 4; the latter two are without the modes that cost no energy.
+    """
     operator = problem.operator
-    if held and not operator.network.prestress:  # A^T y
+    if power == 2:
         rows = random.normal(size=(operator.root.shape[0], count))
         return np.asarray(operator.root.T @ rows) / problem.top
     found = np.zeros((operator.size, count))
     found[problem.live] = random.normal(size=(problem.live.size, count))
-    return np.asarray(operator.matrix @ found) / problem.top**2 if held else found
+    return np.asarray(operator.matrix @ found) / problem.top**2 if power else found
 
 
 def _bytes(problem: Problem, window: _Window, starts: int) -> int:
@@ -315,15 +319,15 @@ def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
     return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
 
 
-def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float], held: bool) -> float:
+def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int) -> float:
     """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it only with bad luck.
 
     ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has that share of their
-    squares which the squares of the filters are at its frequency; times omega^2 / top^2 if vectors are ``held``, A^T y.
-    Modes outside of the ends add to it.
+    squares which the squares of the filters are at its frequency, times (omega / top)^``power``. Modes outside of the ends
+    add to it.
     """
     phi = np.linspace(*ends, 33)
-    weights = np.min(window.weights(phi) * (np.cos(0.5 * phi) ** 2 if held else 1.0), axis=1)
+    weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
     first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
     some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
     vectors, some = some.shape[2], some.reshape(len(fresh), -1)
