@@ -4,7 +4,7 @@ The deformations of all contacts of a kind are the difference of two combination
 i, and ball j is one step along the flattened array away (:mod:`granphon.array.rooms`). The array is worked on in parts that
 stay in the processor's cache: combinations of motions by one product of matrices, differences and stiffnesses contact by
 contact, and forces on balls by another product. Several vectors at once are left to the sparse matrix, which is read once
-for all of them and is then two to three times as fast.
+for all of them, and is then faster.
 """
 
 from __future__ import annotations
