@@ -1,4 +1,4 @@
-"""Modes of networks: dense, factorised and filtered against bands and against each other; counts of modes without energy."""
+"""Modes of networks: dense, factorised, filtered, against bands and each other; counts of modes without energy."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
-from granphon.waves import eigenpairs
+from granphon.waves import eigenpairs, filtering
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -31,12 +31,12 @@ def nearest(bands, count, target):
     return np.sort(np.abs(cost - target))[:count]
 
 
-METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)}
+METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6)}
 
 
 @pytest.fixture(params=METHODS)
 def method(request, monkeypatch):
-    """Each of the three methods, for networks of any size."""
+    """Each of the two methods of networks that are not too large, for any size."""
     dense, factored = METHODS[request.param]
     monkeypatch.setattr(eigenpairs, "_DENSE", dense)
     monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), factored))
@@ -50,10 +50,7 @@ def test_modes_are_those_of_the_bands(method, target):
     found = np.sort(np.abs(modes.frequencies - (target or 0.0)))
     np.testing.assert_allclose(found, nearest(bands, 14, target or 0.0), atol=1e-7 * bands[-1])
     assert np.all(np.diff(modes.frequencies) >= 0.0)
-    if target is None or method != "filtered":
-        assert modes.zero_modes == np.sum(bands < 1e-6 * bands[-1]) == 2
-    else:
-        assert modes.zero_modes is None
+    assert modes.zero_modes == np.sum(bands < 1e-6 * bands[-1]) == 2
     flat = modes.vectors.reshape(14, -1)
     np.testing.assert_allclose(flat @ flat.T, np.eye(14), atol=1e-9)
     assert modes.residual <= 1e-8
@@ -81,7 +78,6 @@ def test_methods_agree_on_disorder(monkeypatch):
     assert found[0].zero_modes >= 2 + 3 * (100 - touching) > 2
 
 
-@pytest.mark.parametrize("method", ["dense", "factorised"], indirect=True)
 def test_mechanisms_are_counted(method):
     """The kagome lattice without friction has lines of balls that move at no cost: as many as A lacks in rank."""
     network, bands = ideal("kagome", (5, 4), 0.0)
@@ -162,7 +158,7 @@ def test_heavy_ball_is_a_mode_of_its_own():
     assert np.all(modes.translational_participation_ratio <= 1.0)
 
 
-def test_what_has_no_modes_is_refused(monkeypatch):
+def test_what_has_no_modes_is_refused():
     waves = gp.Waves(line([1.0, 1.0, 1.0], 1.0))
     with pytest.raises(InputError, match="3 modes are asked for, and only 2 cost energy"):
         waves.modes(3)
@@ -174,12 +170,6 @@ def test_what_has_no_modes_is_refused(monkeypatch):
     for bad in (-1.0, math.nan, "5"):
         with pytest.raises(InputError, match="nearest"):
             waves.modes(1, nearest=bad)
-    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
-    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
-    monkeypatch.setattr(eigenpairs, "_PRODUCTS", 2000)
-    network, _ = ideal()
-    with pytest.raises(ConvergenceError, match=r"products of D with a vector.*its density of states"):
-        gp.Waves(network).modes(3)
 
 
 def test_factors_miss_no_mode(monkeypatch):
@@ -212,3 +202,142 @@ def test_static_forces_lower_frequencies(method):
     np.testing.assert_allclose(modes.frequencies, nearest(exact, 5, 0.0), rtol=1e-6)
     assert modes.zero_modes == 2
     assert modes.frequencies[0] < gp.Waves(network).modes(1).frequencies[0]
+
+
+# -- networks too large to be factorised ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def filters(monkeypatch):
+    """Modes are filtered, and not found among all by the dense matrix."""
+    monkeypatch.setattr(eigenpairs, "_DENSE", 1)
+    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
+    monkeypatch.delattr(eigenpairs, "_find_dense")
+    monkeypatch.setattr(filtering, "_STARTS", (6, 4))  # fewer than usual: the networks are small
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["free of forces", "prestress"])
+def disordered(request):
+    """A triangular array whose springs differ, with and without static forces, and all its modes by the dense matrix."""
+    network, _ = ideal(shape=(36, 9))
+    random = np.random.default_rng(4)
+    factor, force = random.uniform(0.5, 1.5, (2, network.n_contacts))
+    network = replace(
+        network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness,
+        normal_force=0.01 * UNITS.force * force, prestress=request.param, lattice=None, shape=None,
+    )  # fmt: skip
+    waves = gp.Waves(network)
+    squares, vectors = np.linalg.eigh(waves.operator.matrix.toarray())
+    return waves, np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), vectors
+
+
+def exhaustive(*case):
+    return pytest.param(*case, marks=pytest.mark.exhaustive)
+
+
+#: amid the spectrum, where modes are dense; at its ends; and above all modes, below the bound of them
+@pytest.mark.parametrize("target", [None, exhaustive(900.0), 12.3e3, exhaustive(21e3), "top"])
+def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
+    waves, exact, vectors = disordered
+    top = waves.operator.top / (2.0 * np.pi)
+    where = 0.5 * (exact[-1] + top) if target == "top" else target or 0.0
+    modes = waves.modes(9, None if target is None else where)
+    cost = np.flatnonzero(exact > 1e-6 * top)
+    chosen = np.sort(cost[np.argsort(np.abs(exact[cost] - where))[:9]])
+    np.testing.assert_allclose(modes.frequencies, exact[chosen], rtol=1e-10)
+    overlap = np.abs(waves.operator.vector(np.moveaxis(modes.vectors, 0, -1)).T @ vectors[:, chosen])
+    np.testing.assert_allclose(overlap, np.eye(9), atol=1e-6)
+    assert modes.residual <= 1e-8
+    assert modes.zero_modes == (2 if target is None else None)
+
+
+@pytest.mark.exhaustive
+def test_filters_find_all_modes_of_one_frequency(filters):
+    """The ideal crystal has twelve modes of most frequencies."""
+    network, bands = ideal(shape=(24, 24))
+    modes = gp.Waves(network).modes(14, 12e3)
+    np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - 12e3)), nearest(bands, 14, 12e3), rtol=1e-10, atol=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_filters_find_the_modes_at_a_gap(filters, monkeypatch):
+    """Two masses in turn, springs that differ a little: between the bands there is nothing but a mode of an end."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
+    monkeypatch.setattr(filtering, "_STARTS", (12,))  # many modes lie close to the end of a band
+    masses, springs = np.tile([1.0, 2.0], 1000), np.random.default_rng(1).uniform(0.95, 1.05, 1999)
+    held = np.pad(springs, 1)
+    squares = eigvalsh_tridiagonal((held[:-1] + held[1:]) / masses, -springs / 2.0**0.5)
+    exact, target = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), 1.35 / (2.0 * np.pi)
+    found = gp.Waves(line(masses, springs)).modes(5, target).frequencies
+    assert np.min(np.abs(exact - target)) > 0.04 * target
+    np.testing.assert_allclose(np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10)
+
+
+def test_filters_leave_out_modes_without_energy(filters, disordered, monkeypatch):
+    """Random vectors A^T y, and D x where there are static forces, have no part of them."""
+    waves, exact, _ = disordered
+    monkeypatch.setattr(filtering, "_ZEROS", 0)
+    modes = waves.modes(5)
+    np.testing.assert_allclose(modes.frequencies, nearest(exact, 5, 0.0), rtol=1e-9)
+    assert modes.zero_modes is None
+
+
+@pytest.mark.exhaustive
+def test_filters_leave_out_many_modes_without_energy(filters, monkeypatch):
+    """The kagome lattice without friction has lines of balls that move at no cost, which are no modes of the result."""
+    network, bands = ideal("kagome", (19, 18), 0.0)
+    monkeypatch.setattr(filtering, "_ZEROS", 24)
+    assert np.sum(bands < 1e-6 * bands[-1]) > 30
+    modes = gp.Waves(network).modes(4)
+    np.testing.assert_allclose(modes.frequencies, nearest(bands, 4, 0.0), rtol=1e-10)
+    assert modes.zero_modes is None
+
+
+@pytest.mark.parametrize("disordered", [False], indirect=True, ids=["free of forces"])
+def test_filters_miss_no_mode(filters, disordered, monkeypatch):
+    """Where one mode is forgotten, what fresh vectors have left over shows it."""
+    waves, exact, _ = disordered
+    plain, lost, counted = filtering._solve, np.argmin(np.abs(exact - 12.3e3)), []
+
+    def forgetful(*arguments):
+        found = plain(*arguments)
+        kept = np.ones(found.omega.size, bool)
+        kept[np.argmin(np.abs(found.omega / (2.0 * np.pi) - exact[lost]))] = bool(counted)
+        return filtering._Found(*(part[..., kept] for part in found))
+
+    def count(*arguments):
+        counted.append(missing(*arguments))
+        return counted[-1]
+
+    missing = filtering._missing
+    monkeypatch.setattr(filtering, "_solve", forgetful)
+    monkeypatch.setattr(filtering, "_missing", count)
+    modes = waves.modes(5, 12.3e3)
+    assert 0.1 < counted[0] < 5.0
+    assert counted[1] < 1e-6
+    np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - 12.3e3)), nearest(exact, 5, 12.3e3), rtol=1e-8)
+
+
+@pytest.mark.parametrize(("limit", "value"), [("_BYTES", 10**6), ("_PRODUCTS", 5000)])
+@pytest.mark.parametrize("disordered", [False], indirect=True, ids=["free of forces"])
+def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatch, limit, value):
+    monkeypatch.setattr(filtering, limit, value)
+    monkeypatch.delattr(filtering._Window, "apply")
+    with pytest.raises(
+        InputError, match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of"
+    ):
+        disordered[0].modes(9, 12.3e3)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("target", [None, 20e3])
+def test_filters_find_what_factors_do_in_space(target, monkeypatch):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
+    waves = gp.Waves(gp.DirectSimulation(packing, shape=(12, 12, 12), seed=3).at_force(0.2).sample)
+    exact = waves.modes(6, target)
+    monkeypatch.setattr(eigenpairs, "_FACTORED", dict.fromkeys((1, 2, 3), 1))
+    monkeypatch.delattr(eigenpairs, "_find_dense")
+    modes = waves.modes(6, target)
+    np.testing.assert_allclose(modes.frequencies, exact.frequencies, rtol=1e-10)
+    np.testing.assert_allclose(modes.participation_ratio, exact.participation_ratio, rtol=1e-4)

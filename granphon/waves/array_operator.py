@@ -3,7 +3,8 @@
 The deformations of all contacts of a kind are the difference of two combinations of motions, one of ball j and one of ball
 i, and ball j is one step along the flattened array away (:mod:`granphon.array.rooms`). The array is worked on in parts that
 stay in the processor's cache: combinations of motions by one product of matrices, differences and stiffnesses contact by
-contact, and forces on balls by another product.
+contact, and forces on balls by another product. Several vectors at once are left to the sparse matrix, which is read once
+for all of them, and is then faster.
 """
 
 from __future__ import annotations
@@ -227,13 +228,12 @@ class ArrayOperator(WaveOperator):
 
     def advance(self, current: Array, previous: Array) -> Array:
         """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
-        for x, before in zip(*map(_columns, (current, previous)), strict=True):
-            shape = (self._fields, *self.cells)
-            target = before.reshape(shape)
-            for layers, found in self._multiply(x.reshape(shape), 4.0 / self.top**2, 2.0):
-                np.subtract(found, target[:, layers], out=target[:, layers])
-            if not np.shares_memory(target, before):
-                before[...] = target.ravel()
+        if current.ndim > 1:
+            return super().advance(current, previous)
+        shape = (self._fields, *self.cells)
+        target = previous.reshape(shape)
+        for layers, found in self._multiply(current.reshape(shape), 4.0 / self.top**2, 2.0):
+            np.subtract(found, target[:, layers], out=target[:, layers])
         return previous
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
@@ -245,9 +245,6 @@ class ArrayOperator(WaveOperator):
             out[:, layers] = found
         return out.ravel()
 
-    def _matmat(self, x: NDArray[Any]) -> NDArray[Any]:
-        return np.stack([self._matvec(one) for one in _columns(x)], axis=1)
-
 
 def _find_multiple(springs: list[tuple[int, Array]], kind: int, stiffness: Array) -> tuple[int, float]:
     """Return the place among ``springs`` of those that ``stiffness`` is a multiple of, and the factor; else a new place."""
@@ -257,8 +254,3 @@ def _find_multiple(springs: list[tuple[int, Array]], kind: int, stiffness: Array
             if np.ptp(ratio) <= _ROUNDING * ratio[0]:
                 return place, float(ratio[0])
     return len(springs), 1.0
-
-
-def _columns(x: NDArray[Any]) -> list[NDArray[Any]]:
-    """Return the vectors of (size,) or (size, m)."""
-    return [x] if x.ndim == 1 else list(x.T)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.waves.chebyshev import polynomials
-from granphon.waves.eigenpairs import UNSTABLE
+from granphon.waves.eigenproblem import UNSTABLE
 from granphon.waves.operator import WaveOperator
 
 __all__ = ["Moments", "Refinable", "keeps_vectors"]

@@ -102,13 +102,16 @@ class Waves:
         nearest : frequency, Hz; None for the lowest modes.
 
         Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised, and counted by the signs
-        of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000 in space. Beyond, a block of
-        vectors is filtered by Chebyshev polynomials, and no count says whether one is missed.
+        of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000 in space. Beyond, modes of a
+        window of frequencies are filtered out of random vectors by Chebyshev polynomials, and fresh random vectors, freed of
+        the modes that were found, show whether one is missed; that goes wrong less than once in a thousand times. The work
+        grows as the square of the number of motions, and is the same for one mode as for tens of them.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, or more modes than there are;
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes than there are, or, before
+        anything else is done, for modes that take more than 4 GiB or two million products of D with a vector;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
-        :class:`~granphon.base.errors.ConvergenceError` if modes do not converge, as those amid the spectrum of a network
-        that is too large to be factorised: they lie too close together.
+        :class:`~granphon.base.errors.ConvergenceError` if they turn out to take more, as where hundreds of modes have one
+        frequency, or where a gap around ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
 
