@@ -13,6 +13,7 @@ from granphon.base.errors import InputError, MechanismError, PrecisionError, Sce
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
 from granphon.laws import cluster_curve as curves
+from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
@@ -29,12 +30,14 @@ FLAT = UniformShape()
 @pytest.fixture(scope="module", autouse=True)
 def few_points():
     """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten times the error."""
-    kept = curves._POINTS, curves._MANY
-    curves._POINTS, curves._MANY = 128, 512
-    curves.cluster_curve.cache_clear()
-    yield
-    curves._POINTS, curves._MANY = kept
-    curves.cluster_curve.cache_clear()
+    few = {(curves, "_POINTS"): 128, (curves, "_ERROR"): 1e-3, (descents, "_FIRST"): 1, (descents, "_LEAST_SET"): 2**8}
+    kept = {where: getattr(*where) for where in few}
+    for values in (few, kept):
+        for where, value in values.items():
+            setattr(*where, value)
+        curves.cluster_curve.cache_clear()
+        if values is few:
+            yield
 
 
 @pytest.fixture(scope="module")
@@ -288,43 +291,61 @@ def test_quadrature_error_is_that_of_the_points():
 def test_descent_comes_near_the_equilibrium():
     response = cluster_response(TRIANGULAR, 0.0)
     points = draw_points(response, FLAT, 256, 2)
-    balance, descent = ClusterBalance(response, points), ClusterDescent(response, points, [])
+    balance, descent = ClusterBalance(response, points), ClusterDescent(response, FLAT, points)
     found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
-    for y, near in ((0.3, 2e-3), (0.1, 0.01)):
+    for y, steps, near in ((0.3, 15, 1e-3), (0.3, 50, 2e-5), (0.1, 15, 0.01), (0.1, 50, 1e-4)):
         found = balance.step(found, y)
         h = balance.overlaps(y, found.effective)
-        off = y + descent._descend(y, found.effective, *descent._few) - h
+        (after,) = descent._descend(y, found.effective, *descent._few, (steps,))
         closed = np.maximum(h, 0.0) ** 1.5
-        assert np.sqrt(np.mean(off[h > 0.0] ** 2)) < near
-        # what the balance is a mean of is nearly the same after the descent, but for a constant
-        after = descent._evaluate(found, *descent._few)
-        assert np.std(found.realisations - after[:, 0]) < 0.01 * np.std(closed[:, response.central].mean(axis=1))
+        assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
+        # what the balance is a mean of is the same after the descent, but for a constant
+        after = descent._evaluate(found, found.effective, *descent._few, (steps,))[0]
+        assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(closed[:, response.central].mean(axis=1))
         means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
-        assert_allclose(after[:, 1:].mean(axis=0), means, rtol=0.01)
+        assert_allclose(after[:, 1:4].mean(axis=0), means, rtol=0.01)
+        assert_allclose(after[:, 4:].mean(axis=0), 0.0, atol=2.0 * near * found.force)
 
 
 @pytest.mark.claim("cluster-quadrature")
 @pytest.mark.parametrize("lattice", [TRIANGULAR, pytest.param(FCC, marks=pytest.mark.exhaustive)])
 def test_many_realisations_take_the_quadrature_error_off(lattice):
-    """Two runs that share no point: they are as far apart as their errors say, which are smaller than those of the few."""
+    """Two runs that share no point: they are as far apart as their errors say, which are those that were asked for."""
     response = cluster_response(lattice, 0.0)
 
     def solve(first):
         few = draw_points(response, FLAT, 64, 16, first)
-        balance = ClusterBalance(response, few)
-        many = (draw_points(response, FLAT, 4096, 1, first + 16 + i) for i in range(8))
-        descent = ClusterDescent(response, few, many)
+        balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few, first)
         found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
         found.append(balance.step(found[0], 0.1))
-        return found, [descent.refine(one) for one in found]
+        return found, [descent.refine(one, 4e-4, number) for number, one in enumerate(found, 1)]
 
     (few, one), (_, other) = solve(0), solve(100)
     for before, a, b in zip(few, one, other, strict=True):
-        assert abs(a.force / b.force - 1.0) < 4.0 * np.hypot(a.error, b.error)
-        assert a.error < 0.5 * before.error
-        assert a.error < 6e-4
-        assert abs(a.force / before.force - 1.0) < 4.0 * np.hypot(a.error, before.error)
-        assert_allclose([a.contacts, a.fluctuation], [b.contacts, b.fluctuation], rtol=5e-3)
+        (force, ball, square, contacts), error = a.means, a.error
+        assert error <= 4e-4 * before.force
+        assert abs(force - b.means[0]) < 4.0 * np.hypot(error, b.error)
+        assert abs(force - before.force) < 4.0 * np.hypot(error, before.error * before.force)
+        assert_allclose(ball, force, rtol=3e-3)
+        assert_allclose([square, contacts], b.means[2:], rtol=5e-3)
+        assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("cluster-quadrature")
+@pytest.mark.parametrize("lattice", [TRIANGULAR, FCC])
+def test_quadrature_error_of_a_curve_is_below_its_bound(monkeypatch, lattice):
+    """From a* = 0.5 up below 1e-4 of f*; and a curve of other points is as far off as the two errors say."""
+    monkeypatch.setattr(curves, "_ERROR", 7e-5)
+    monkeypatch.setattr(descents, "_LEAST_SET", 2**12)
+    monkeypatch.setattr(descents, "_FIRST", 2**18)
+    response = cluster_response(lattice, 0.0)
+    one, other = (curves.solve_cluster(response, FLAT, 512, 4, seed) for seed in (0, 7))
+    y = np.linspace(0.0, 0.5, 11)
+    force, again = (curve.value(y, 1) for curve in (one, other))
+    error, second = (np.interp(y, curve.nodes, curve.errors) for curve in (one, other))
+    assert np.max(error) < 1e-4
+    assert np.max(np.abs(force / again - 1.0) / np.hypot(error, second)) < 3.0
 
 
 @pytest.mark.claim("cluster-without-push")

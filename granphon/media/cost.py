@@ -83,8 +83,8 @@ _BESIDE_TIME = 0.6
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
-#: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
-_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
+#: memory of a cluster medium, bytes, and its time, s: of any cluster, and for each of its balls
+_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
 #: time below which an estimate is not worth showing, s
 _TOLD_SECONDS = 1.0
 #: memory below which an estimate is not worth showing, bytes
@@ -351,10 +351,11 @@ def array_waves(products: float, balls: int, rows: float) -> Cost:
     return Cost(working=100.0 * balls * rows, known=7e-9 * products * balls * rows, parts=(what,))
 
 
-def cluster_media(count: int) -> Cost:
-    """Estimate the cost of ``count`` cluster media, each solved once for all loads."""
+def cluster_media(count: int, balls: float) -> Cost:
+    """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved once for all loads."""
     what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
-    return Cost(working=_CLUSTER_BYTES, known=_CLUSTER_SECONDS * count, parts=(what,))
+    seconds, more = _CLUSTER_SECONDS
+    return Cost(working=_CLUSTER_BYTES, known=count * (seconds + more * balls), parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
