@@ -44,7 +44,9 @@ _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
 #: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
-_ERROR, _ERROR_FORCE = 7e-5, 0.022
+_ERROR, _ERROR_FORCE = 7e-5, 0.025
+#: f* between which it is found at all overlaps of the curve, not at every other one
+_DENSE = (0.02, 0.1)
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
 _LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
@@ -91,23 +93,24 @@ def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scramble
 def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
     """Take the quadrature error off solutions in descending order of y.
 
-    At every other one it is taken off whole. Between them a survey, of the same points everywhere, says how the means go.
-    What is left to add to it is a spline: it is smooth, being the error of the survey, and the scatter between sets of the
-    survey says how smooth. What is taken off the stiffness is the slope of what is taken off the force.
+    At every other one it is taken off whole, and at all where that matters most. Between them a survey, of the same points
+    everywhere, says how the means go. What is left to add to it is a spline: it is smooth, being the error of the survey, as
+    the scatter between sets of the survey says. What is taken off the stiffness is the slope of what is taken off the force.
     """
     from scipy.interpolate import CubicSpline
 
     x = 1.0 / (np.array([one.y for one in found]) + offset)
-    even, odd = np.arange(0, len(found), 2), np.arange(1, len(found), 2)
-    better = [descent.refine(found[i], _find_goal(found[i].force), 1 + int(i)) for i in even]
+    is_whole = np.array([i % 2 == 0 or _DENSE[0] < one.force < _DENSE[1] for i, one in enumerate(found)])
+    whole, rest = np.flatnonzero(is_whole).tolist(), np.flatnonzero(~is_whole).tolist()
+    better = [descent.refine(found[i], _find_goal(found[i].force), 1 + i) for i in whole]
     surveys = np.zeros((len(found), *better[0].survey.shape))
-    surveys[even] = [one.survey for one in better]
-    surveys[odd] = [descent.survey(found[i]) for i in odd]
+    surveys[whole] = [one.survey for one in better]
+    surveys[rest] = [descent.survey(found[i]) for i in rest]
     means = surveys.mean(axis=1)
-    means += CubicSpline(x[even], [one.means - means[i] for i, one in zip(even, better, strict=True)])(x)
+    means += CubicSpline(x[whole], [one.means - means[i] for i, one in zip(whole, better, strict=True)])(x)
     # points of the solutions that are better are not the same: their errors are independent
-    weights = CubicSpline(x[even], np.eye(len(even)))(x)
-    rough = surveys[..., 0] - CubicSpline(x[even], surveys[even, :, 0])(x)
+    weights = CubicSpline(x[whole], np.eye(len(whole)))(x)
+    rough = surveys[..., 0] - CubicSpline(x[whole], surveys[whole, :, 0])(x)
     errors = np.hypot(
         np.sqrt(weights**2 @ np.square([one.error for one in better])),
         np.std(rough, axis=1, ddof=1) / np.sqrt(rough.shape[1]),
@@ -126,7 +129,7 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
 
 def _find_goal(force: float) -> float:
     """Return the relative standard error that the force is to have: larger below where the medium is valid."""
-    return _ERROR * max(1.0, (_ERROR_FORCE / force) ** 1.5)
+    return _ERROR * max(1.0, (_ERROR_FORCE / force) ** 2)
 
 
 def _guess(second: float, y: float) -> Effective:

@@ -4,7 +4,7 @@ A realisation is a point of the unit cube. Its first coordinates give the deviat
 that touch it, by the quantiles of their distribution. The many balls farther off add up to normal deviates with what is left
 of the covariance; so does the push of contacts outside, which is known up to its size
 (:mod:`granphon.laws.cluster_balance`). The points are Sobol's, scrambled, each with its antithetic one. Independent
-scrambles are kept apart, and from their differences follows the error of every mean. The points do not depend on the load.
+scrambles are kept apart, and from their differences follows the error of every mean.
 """
 
 from __future__ import annotations
