@@ -44,7 +44,7 @@ _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
 #: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
-_ERROR, _ERROR_FORCE = 7e-5, 0.025
+_ERROR, _ERROR_FORCE = 7e-5, 0.022
 #: f* between which it is found at all overlaps of the curve, not at every other one
 _DENSE = (0.02, 0.1)
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
@@ -129,7 +129,7 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
 
 def _find_goal(force: float) -> float:
     """Return the relative standard error that the force is to have: larger below where the medium is valid."""
-    return _ERROR * max(1.0, (_ERROR_FORCE / force) ** 2)
+    return _ERROR * max(1.0, (_ERROR_FORCE / force) ** 1.5)
 
 
 def _guess(second: float, y: float) -> Effective:
