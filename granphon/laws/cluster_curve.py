@@ -129,7 +129,7 @@ def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> lis
 
 def _find_goal(force: float) -> float:
     """Return the relative standard error that the force is to have: larger below where the medium is valid."""
-    return _ERROR * max(1.0, (_ERROR_FORCE / force) ** 1.5)
+    return float(_ERROR * max(1.0, _ERROR_FORCE / force) ** 1.5)
 
 
 def _guess(second: float, y: float) -> Effective:

@@ -89,7 +89,7 @@ class ClusterDescent:
 
     def survey(self, found: Balance) -> Array:
         """Return means (sets, 4) after a long descent, of a few sets of points that are the same for all solutions."""
-        return self._evaluate_first(found, (_LONG,))[0][:, :4]
+        return np.asarray(self._evaluate_first(found, (_LONG,))[0, :, :4])
 
     def refine(self, found: Balance, goal: float, number: int) -> Refined:
         """Find means so good that the force has a relative standard error of ``goal``, if the most points that there are do.

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from granphon.dynamics.cluster_response import ClusterResponse
 __all__ = ["ClusterPoints", "PointSource", "draw_points"]
 
 Array = NDArray[np.float64]
+#: of single or double precision
+Floats = NDArray[Any]
 #: variance of the deviations in widths W, by the definition of W
 _VARIANCE = 1.0 / 12.0
 #: eigenvalues of a covariance below this are rounding
@@ -69,7 +72,7 @@ class PointSource:
         self._shape, self._dtype = shape, dtype
         self.least = 2 ** math.ceil(math.log2(_POINTS_PER_DIRECTION * root.shape[1]))
 
-    def draw(self, seed: int | list[int], points: int) -> tuple[Array, Array] | None:
+    def draw(self, seed: int | list[int], points: int) -> tuple[Floats, Floats] | None:
         """Draw a set of ``points``, a power of two: misfits and pushes (n, n_c), or None if too few are of a rare kind."""
         from scipy.special import ndtri
 
@@ -82,7 +85,7 @@ class PointSource:
         found = _match(deviates.reshape(points, -1) @ self._parts, self._root)
         return None if found is None else (found[:, : self._contacts], found[:, self._contacts :])
 
-    def draw_enough(self, seeds: Sequence[int | list[int]], points: int) -> list[tuple[Array, Array]]:
+    def draw_enough(self, seeds: Sequence[int | list[int]], points: int) -> list[tuple[Floats, Floats]]:
         """Draw sets of ``points`` or more: a kind of balls that is rare asks for more.
 
         Raises :class:`~granphon.base.errors.PrecisionError` if it is so rare that even many more do not do.
