@@ -13,6 +13,7 @@ from granphon.base.errors import InputError, MechanismError, PrecisionError, Sce
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import local_field
 from granphon.laws import cluster_curve as curves
+from granphon.laws import cluster_descent as descents
 from granphon.laws.cluster import VALID_FORCE
 from granphon.laws.cluster_balance import ClusterBalance, Effective
 from granphon.laws.cluster_descent import ClusterDescent
@@ -26,15 +27,33 @@ FORCE = PACKING.law.coefficient * WIDTH**1.5
 FLAT = UniformShape()
 
 
+#: what says how many realisations there are: by default, and for tests
+FULL = {
+    (module, name): getattr(module, name)
+    for module, name in ((curves, "_POINTS"), (curves, "_ERROR"), (descents, "_FIRST"), (descents, "_LEAST_SET"))
+}
+FEW = dict(zip(FULL, (128, 1e-3, 1, 2**8), strict=True))
+
+
+def set_points(values):
+    """Set them for a while, and keep no curve that was found with others."""
+    with pytest.MonkeyPatch.context() as patch:
+        for (module, name), value in values.items():
+            patch.setattr(module, name, value)
+        curves.cluster_curve.cache_clear()
+        yield
+    curves.cluster_curve.cache_clear()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def few_points():
     """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten times the error."""
-    kept = curves._POINTS, curves._MANY
-    curves._POINTS, curves._MANY = 128, 512
-    curves.cluster_curve.cache_clear()
-    yield
-    curves._POINTS, curves._MANY = kept
-    curves.cluster_curve.cache_clear()
+    yield from set_points(FEW)
+
+
+@pytest.fixture
+def full_points(few_points):
+    yield from set_points(FULL)
 
 
 @pytest.fixture(scope="module")
@@ -288,43 +307,69 @@ def test_quadrature_error_is_that_of_the_points():
 def test_descent_comes_near_the_equilibrium():
     response = cluster_response(TRIANGULAR, 0.0)
     points = draw_points(response, FLAT, 256, 2)
-    balance, descent = ClusterBalance(response, points), ClusterDescent(response, points, [])
+    balance, descent = ClusterBalance(response, points), ClusterDescent(response, FLAT, points)
     found = balance.solve(0.3, Effective(0.19, 0.63, 0.08))
-    for y, near in ((0.3, 2e-3), (0.1, 0.01)):
+    for y, steps, near in ((0.3, 15, 1e-3), (0.3, 50, 2e-5), (0.1, 15, 0.01), (0.1, 50, 1e-4)):
         found = balance.step(found, y)
         h = balance.overlaps(y, found.effective)
-        off = y + descent._descend(y, found.effective, *descent._few) - h
+        (after,) = descent._descend(y, found.effective, *descent._few, (steps,))
         closed = np.maximum(h, 0.0) ** 1.5
-        assert np.sqrt(np.mean(off[h > 0.0] ** 2)) < near
-        # what the balance is a mean of is nearly the same after the descent, but for a constant
-        after = descent._evaluate(found, *descent._few)
-        assert np.std(found.realisations - after[:, 0]) < 0.01 * np.std(closed[:, response.central].mean(axis=1))
+        assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
+        # what the balance is a mean of is the same after the descent, but for a constant
+        after = descent._evaluate(found, found.effective, *descent._few, (steps,))[0]
+        assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(closed[:, response.central].mean(axis=1))
         means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
-        assert_allclose(after[:, 1:].mean(axis=0), means, rtol=0.01)
+        assert_allclose(after[:, 1:4].mean(axis=0), means, rtol=0.01)
+        assert_allclose(after[:, 4:].mean(axis=0), 0.0, atol=2.0 * near * found.force)
 
 
 @pytest.mark.claim("cluster-quadrature")
 @pytest.mark.parametrize("lattice", [TRIANGULAR, pytest.param(FCC, marks=pytest.mark.exhaustive)])
 def test_many_realisations_take_the_quadrature_error_off(lattice):
-    """Two runs that share no point: they are as far apart as their errors say, which are smaller than those of the few."""
+    """Two runs that share no point: they are as far apart as their errors say, which are those that were asked for."""
     response = cluster_response(lattice, 0.0)
 
     def solve(first):
         few = draw_points(response, FLAT, 64, 16, first)
-        balance = ClusterBalance(response, few)
-        many = (draw_points(response, FLAT, 4096, 1, first + 16 + i) for i in range(8))
-        descent = ClusterDescent(response, few, many)
+        balance, descent = ClusterBalance(response, few), ClusterDescent(response, FLAT, few, first)
         found = [balance.solve(0.3, Effective(0.19, 0.63, 0.08))]
         found.append(balance.step(found[0], 0.1))
-        return found, [descent.refine(one) for one in found]
+        return found, [descent.refine(one, 4e-4, number) for number, one in enumerate(found, 1)]
 
     (few, one), (_, other) = solve(0), solve(100)
     for before, a, b in zip(few, one, other, strict=True):
-        assert abs(a.force / b.force - 1.0) < 4.0 * np.hypot(a.error, b.error)
-        assert a.error < 0.5 * before.error
-        assert a.error < 6e-4
-        assert abs(a.force / before.force - 1.0) < 4.0 * np.hypot(a.error, before.error)
-        assert_allclose([a.contacts, a.fluctuation], [b.contacts, b.fluctuation], rtol=5e-3)
+        (force, ball, square, contacts), error = a.means, a.error
+        assert error <= 4e-4 * before.force
+        assert abs(force - b.means[0]) < 4.0 * np.hypot(error, b.error)
+        assert abs(force - before.force) < 4.0 * np.hypot(error, before.error * before.force)
+        assert_allclose(ball, force, rtol=3e-3)
+        assert_allclose([square, contacts], b.means[2:], rtol=5e-3)
+        assert_allclose(square, force**2 * (1.0 + before.fluctuation**2), rtol=0.02)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("cluster-quadrature")
+def test_curves_that_share_no_point_are_as_far_apart_as_their_errors():
+    """At the overlaps where it is solved and at those between."""
+    response = cluster_response(TRIANGULAR, 0.0)
+    curves_of = [curves.solve_cluster(response, FLAT, 128, 8, seed) for seed in (0, 100, 200)]
+    y = np.linspace(-0.05, 1.5, 32)
+    force = np.array([curve.value(y, curves.FORCE) for curve in curves_of])
+    errors = np.array([np.interp(y, curve.nodes, curve.errors) for curve in curves_of])
+    off = (force / force.mean(axis=0) - 1.0) / np.sqrt(np.mean(errors**2, axis=0))
+    assert np.max(errors[:, y >= 0.0]) < 2e-3
+    assert np.max(np.abs(off)) < 4.0
+    # not too large either
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 1.5
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("cluster-quadrature")
+@pytest.mark.parametrize(("lattice", "balls"), [(TRIANGULAR, 7), (FCC, 13)])
+def test_quadrature_leaves_less_than_a_ten_thousandth_of_the_force(lattice, balls, full_points):
+    curve = curves.cluster_curve(FLAT, lattice, 0.0, balls)
+    assert np.max(curve.errors[curve.nodes >= 0.0]) < 1e-4
+    assert np.interp(0.0, curve.nodes, curve.errors) < 1e-4
 
 
 @pytest.mark.claim("cluster-without-push")

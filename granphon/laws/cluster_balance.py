@@ -75,7 +75,8 @@ class Balance:
     ``force`` is the mean force on that ball's contacts, ``stiffness`` its slope over y, ``error`` its standard error from
     the quadrature, over the force; ``fluctuation`` the rms deviation of the mean force on the ball, over the force;
     ``contacts`` the part of its contacts that carry force. ``realisations`` (n,) are the forces that these are means of,
-    with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force.
+    with what each realisation misses of the conditions: ``influence`` (3,) is what a unit missing takes off the force, and
+    ``matrix`` (3, 3) has the derivatives of what is missing with f, kappa and tau.
     """
 
     y: float
@@ -88,6 +89,7 @@ class Balance:
     contacts: float
     realisations: Array
     influence: Array
+    matrix: Array
 
 
 class _Conditions(NamedTuple):
@@ -169,6 +171,7 @@ class ClusterBalance:
         return Balance(
             y, Effective(*now.tolist()), Effective(*slopes.tolist()), force, stiffness, error / force,
             float(np.std(found.ball)) / force, found.contacts, realisations, np.asarray(influence, float),
+            found.matrix,
         )  # fmt: skip
 
     def overlaps(self, y: float, effective: Effective) -> Array:

@@ -43,8 +43,10 @@ _FAR, _ORDERS = (6.0, 3.0, 1.8, 1.3, 1.0), np.arange(3, 10)
 _FAR_START, _FAR_DEVIATIONS = 2.0, 2.5
 #: realisations that find where the curve ends; and for each scramble of the curve, for a cluster of 12 contacts
 _TRIAL, _POINTS, _SCRAMBLES = 256, 1024, 8
-#: realisations of each scramble that only go through the descent, for a cluster of 12 contacts
-_MANY, _MANY_SCRAMBLES = 2**16, 16
+#: relative standard error of the force that the quadrature may leave, and f* from which on it may not be larger
+_ERROR, _ERROR_FORCE = 7e-5, 0.022
+#: f* between which it is found at all overlaps of the curve, not at every other one
+_DENSE = (0.02, 0.1)
 #: least part of f^(2/3) that is taken off in a step; and f* up to which the curve may end where it is not settled any more
 _LEAST_SHARE, _MOST_END = 0.02, 0.02
 #: x at the lowest overlap
@@ -62,16 +64,14 @@ def cluster_curve(shape: Shape, lattice: Lattice, mindlin_ratio: float, balls: i
     # a realisation of a larger cluster takes more time, and says more
     share = 2 ** max(0, round(1.3 * float(np.log2(len(response.response) / 12.0))))
     if share == 1:
-        return solve_cluster(response, shape, _POINTS, _MANY)
-    return solve_cluster(response, shape, _POINTS // 2, _MANY // share, max(2, 2 * _SCRAMBLES // share))
+        return solve_cluster(response, shape, _POINTS, _SCRAMBLES)
+    return solve_cluster(response, shape, _POINTS // 2, max(1, _SCRAMBLES // share))
 
 
-def solve_cluster(
-    response: ClusterResponse, shape: Shape, points: int, many: int, scrambles: int = _SCRAMBLES
-) -> ClusterCurve:
-    """Solve the cluster medium with ``points`` realisations, a power of two, in each of ``scrambles`` sets.
+def solve_cluster(response: ClusterResponse, shape: Shape, points: int, scrambles: int, seed: int = 0) -> ClusterCurve:
+    """Solve the cluster medium with ``points`` realisations in equilibrium, a power of two, in each of ``scrambles`` sets.
 
-    Sets of ``many`` more, likewise a power of two, take most of the quadrature error off.
+    Solutions of seeds that are ``scrambles`` or more apart share no realisation.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if it does not settle.
     """
@@ -79,7 +79,7 @@ def solve_cluster(
     second = float(np.mean(np.diag(response.misfit)[response.central])) / 12.0  # <s^2> in units of W^2
     lowest = _find_end(response, shape, top, second)
     offset = 1.0 / _MOST_X - lowest
-    few = draw_points(response, shape, points, scrambles)
+    few = draw_points(response, shape, points, scrambles, seed)
     balance = ClusterBalance(response, few)
     far = [balance.solve(y, _guess(second, y)) for y in (top * part for part in _FAR)]
     near = [far[-1]]
@@ -87,37 +87,49 @@ def solve_cluster(
     x = 1.0 / (top + offset) + (_MOST_X - 1.0 / (top + offset)) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _NODES)))
     for y in (1.0 / x[1:] - offset).tolist():
         near.append(balance.step(near[-1], y))
-    others = (draw_points(response, shape, many, 1, first=scrambles + i) for i in range(_MANY_SCRAMBLES))
-    descent = ClusterDescent(response, few, others)
-    return ClusterCurve.fit(far, _refine(near, descent, offset), offset, second)
+    return ClusterCurve.fit(far, _refine(near, ClusterDescent(response, shape, few, seed), offset), offset, second)
 
 
 def _refine(found: list[Balance], descent: ClusterDescent, offset: float) -> list[Balance]:
-    """Take the quadrature error off solutions in descending order of y: found at every other one, between by a spline.
+    """Take the quadrature error off solutions in descending order of y.
 
-    What is taken off is smooth, as the points are the same at all overlaps; its slope is that of the spline.
+    At every other one it is taken off whole, and at all where that matters most. Between them a survey, of the same points
+    everywhere, says how the means go. What is left to add to it is a spline: it is smooth, being the error of the survey, as
+    the scatter between sets of the survey says. What is taken off the stiffness is the slope of what is taken off the force.
     """
     from scipy.interpolate import CubicSpline
 
-    better = [descent.refine(one) for one in found[::2]]
-    y = np.array([one.y for one in found])
-    x = 1.0 / (y + offset)
-
-    def change(name: str) -> CubicSpline:
-        return CubicSpline(
-            x[::2], [getattr(b, name) - getattr(one, name) for b, one in zip(better, found[::2], strict=True)]
-        )
-
-    force, fluctuation, contacts = (change(name) for name in ("force", "fluctuation", "contacts"))
-    errors = np.interp(x, x[::2], [one.error for one in better])
+    x = 1.0 / (np.array([one.y for one in found]) + offset)
+    is_whole = np.array([i % 2 == 0 or _DENSE[0] < one.force < _DENSE[1] for i, one in enumerate(found)])
+    whole, rest = np.flatnonzero(is_whole).tolist(), np.flatnonzero(~is_whole).tolist()
+    better = [descent.refine(found[i], _find_goal(found[i].force), 1 + i) for i in whole]
+    surveys = np.zeros((len(found), *better[0].survey.shape))
+    surveys[whole] = [one.survey for one in better]
+    surveys[rest] = [descent.survey(found[i]) for i in rest]
+    means = surveys.mean(axis=1)
+    means += CubicSpline(x[whole], [one.means - means[i] for i, one in zip(whole, better, strict=True)])(x)
+    # points of the solutions that are better are not the same: their errors are independent
+    weights = CubicSpline(x[whole], np.eye(len(whole)))(x)
+    rough = surveys[..., 0] - CubicSpline(x[whole], surveys[whole, :, 0])(x)
+    errors = np.hypot(
+        np.sqrt(weights**2 @ np.square([one.error for one in better])),
+        np.std(rough, axis=1, ddof=1) / np.sqrt(rough.shape[1]),
+    )
+    slope = CubicSpline(x, means[:, 0] - [one.force for one in found])(x, 1)
     return [
         replace(
-            one, force=one.force + float(force(at)), stiffness=one.stiffness - float(at**2 * force(at, 1)),
-            error=float(error),
-            fluctuation=one.fluctuation + float(fluctuation(at)), contacts=one.contacts + float(contacts(at)),
+            one, force=force, stiffness=one.stiffness - float(at**2 * change), error=float(error / force),
+            fluctuation=float(np.sqrt(max(square / ball**2 - 1.0, 0.0))), contacts=contacts,
         )
-        for one, at, error in zip(found, x, errors, strict=True)
+        for one, at, change, error, (force, ball, square, contacts) in zip(
+            found, x, slope, errors, means.tolist(), strict=True
+        )
     ]  # fmt: skip
+
+
+def _find_goal(force: float) -> float:
+    """Return the relative standard error that the force is to have: larger below where the medium is valid."""
+    return float(_ERROR * max(1.0, _ERROR_FORCE / force) ** 1.5)
 
 
 def _guess(second: float, y: float) -> Effective:

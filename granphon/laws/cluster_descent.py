@@ -1,107 +1,202 @@
 """Many realisations of a cluster, each nearly in equilibrium: they take most of the quadrature error off the few that are.
 
-An equilibrium to rounding takes a dozen factorised matrices. A fixed number of steps of accelerated gradient descent takes a
-hundredth of that, and comes so near that what is left hardly differs from one realisation to another. So a mean over few
-realisations in equilibrium is corrected by the mean over many after the descent, less that of the few after the same
-descent (the multilevel method of Giles, Operations Research 56, 607 (2008), with two levels). What the descent is off
-cancels: nothing is left of it but a scatter, that of the difference, which is in the error.
+An equilibrium to rounding takes a dozen factorised matrices. A fixed number of steps of descent with momentum takes a
+hundredth of that, and comes so near that what is left hardly differs from one realisation to another. So means are found in
+three levels (the multilevel method of Giles, Operations Research 56, 607 (2008)), each with points of its own: many
+realisations after a short descent; what a long descent adds, of fewer; and what equilibrium adds, of the few that are in it.
+What a descent is off cancels: nothing is left of it but the scatter of the differences, which is in the error.
 
-Descent is in the modes of the cluster, with the stiffness of each as if all contacts were alike: it begins in the effective
-lattice, w = 0, where h = y + s + tau m.
+Sets of points are drawn until the error is as small as it is to be. The few realisations have found the effective lattice
+with an error of their own. The long descents correct it first, so that its square, which the conditions do not take off, is
+nothing.
+
+Descent is Polyak's heavy ball, x' = x - G g(x) + beta (x - x_before), for the energy of the cluster in its modes, with the
+stiffness of each as if all contacts had one, L: G_a = 1/(kappa (1 - lambda_a) + L lambda_a). It begins in the effective
+lattice, w = 0, where h = y + s + tau m. In the overlaps, of which w is a linear function, a step is a single product,
+h' = b + M (L h - h_+^(3/2)) + beta (h - h_before) with M = B G B^T.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.distributions import Shape
 from granphon.dynamics.cluster_response import ClusterResponse
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, Effective, find_modes
-from granphon.laws.cluster_points import ClusterPoints
+from granphon.laws.cluster_points import ClusterPoints, PointSource
 
 __all__ = ["ClusterDescent"]
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-#: steps of descent
-_STEPS = 30
+#: steps of a short and of a long descent
+_SHORT, _LONG = 15, 50
+#: part of the last step that is added to the next one
+_MOMENTUM = 0.7
 #: overlaps above the mean, over their rms, of the contacts whose stiffness is that of a step
-_STIFF = 2.0
+_STIFF = 0.25
 #: numbers that are worked on at a time
 _AT_ONCE = 2**15
+#: points of a set: at first, and where many are needed
+_LEAST_SET, _MOST_SET = 2**12, 2**15
+#: contacts of all points of a set that is the same for all solutions
+_FIRST = 2**18
+#: least number of sets of a level, number that is aimed at, and most
+_LEAST_SETS, _AIM_SETS, _MOST_SETS = 16, 40, 160
+#: where a realisation has what the conditions miss
+_MISS = slice(4, 7)
+#: part of the error that long descents may leave
+_LONG_SHARE = 0.4
+
+
+class Refined(NamedTuple):
+    """Means (4,) of which the first has the standard ``error``; and means (sets, 4) of a ``survey``.
+
+    They are the force on the ball in the middle, in the lattice that the conditions ask for; this force in a lattice that is
+    nearly that one, its square, and the part of the contacts that carry force.
+    """
+
+    means: Array
+    error: float
+    survey: Array
 
 
 class ClusterDescent:
-    """The ``few`` realisations of a balance and sets of ``many`` others, which correct its means."""
+    """Realisations of a cluster without number, which correct the solutions of a balance of the ``few``.
 
-    def __init__(self, response: ClusterResponse, few: ClusterPoints, many: Iterable[ClusterPoints]) -> None:
-        modes, values = find_modes(response)
-        self._modes, self._values, self._central = modes.astype(np.float32), values.astype(np.float32), response.central
-        self._few, self._half = _halve(few), len(few.misfits) // few.scrambles // 2
-        self._many = [_halve(one) for one in many]
+    Descents of another ``seed`` share no point.
+    """
 
-    def refine(self, found: Balance) -> Balance:
-        """Return the solution with the means of the many realisations, and what is left of the error."""
-        few = self._evaluate(found, *self._few)
-        many = np.array([np.mean(self._evaluate(found, *one), axis=0) for one in self._many])
-        force, ball, square, contacts = np.mean(many, axis=0) - np.mean(few, axis=0)
+    def __init__(self, response: ClusterResponse, shape: Shape, few: ClusterPoints, seed: int = 0) -> None:
+        modes, self._values = find_modes(response)
+        self._vectors = modes / np.sqrt(self._values)
+        self._central = response.central
+        middle = response.central / np.count_nonzero(response.central)
+        #: weights of the mean over all contacts, and over those of the ball in the middle
+        self._weights = np.stack([np.full(len(middle), 1.0 / len(middle)), middle], axis=1).astype(np.float32)
+        self._source = PointSource(response, shape, np.float32)
+        # of a small cluster, of which a realisation takes less time, there are more
+        points = max(_LEAST_SET, 2 ** int(np.log2(_FIRST / len(middle))))
+        #: sets that are the same for all solutions
+        self._first = self._source.draw_enough([[seed, 0, number] for number in range(_LEAST_SETS)], points)
+        self._seed = seed
+        self._few = few.misfits.astype(np.float32), few.pushes.astype(np.float32)
+        self._half = len(few.misfits) // few.scrambles // 2
+
+    def survey(self, found: Balance) -> Array:
+        """Return means (sets, 4) after a long descent, of a few sets of points that are the same for all solutions."""
+        return np.asarray(self._evaluate_first(found, (_LONG,))[0, :, :4])
+
+    def refine(self, found: Balance, goal: float, number: int) -> Refined:
+        """Find means so good that the force has a relative standard error of ``goal``, if the most points that there are do.
+
+        But for the survey, points are those of the ``number``, from 1 on: no two share any.
+        """
+        bound = goal * found.force
+        few = self._evaluate(found, found.effective, *self._few, (_LONG,))[0]
         # a realisation and its antithetic one are no two, but all else that the points do for the few is not counted
         pairs = np.mean((found.realisations - few[:, 0]).reshape(-1, 2, self._half), axis=1).ravel()
-        error = float(np.sqrt(np.var(pairs, ddof=1) / pairs.size + np.var(many[:, 0], ddof=1) / len(many)))
-        total = found.force + float(force)
-        # relative to the mean in the lattice of the few, where the squares are too
-        squares = (found.force**2 * (1.0 + found.fluctuation**2) + float(square)) / (found.force + float(ball)) ** 2
-        return replace(
-            found, force=total, error=error / total, fluctuation=float(np.sqrt(max(squares - 1.0, 0.0))),
-            contacts=found.contacts + float(contacts),
-        )  # fmt: skip
+        variance = float(np.var(pairs, ddof=1)) / pairs.size
+        first = self._evaluate_first(found, (_SHORT, _LONG))
+        least = max(_LONG_SHARE * bound, 0.5 * np.sqrt(variance))
+        points = len(self._first[0][0])
+        start, end = self._sample(found, found.effective, (_SHORT, _LONG), least, [number, 1], points, first)
+        variance += _find_variance(end - start)
+        miss = np.mean(end, axis=0) - np.mean(few, axis=0)
+        now = Effective(*(found.effective - np.linalg.solve(found.matrix, miss[_MISS])).tolist())
+        left = np.sqrt(max(bound**2 - variance, 0.25 * variance))
+        # sets are larger where there are many
+        wanted = points * start.shape[0] * _find_variance(start) / left**2 / _AIM_SETS
+        points = int(np.clip(2.0 ** np.floor(np.log2(wanted)), _LEAST_SET, _MOST_SET))
+        (many,) = self._sample(found, now, (_SHORT,), left, [number, 0], points)
+        variance += _find_variance(many)
+        equal = [found.force, found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
+        means = np.mean(many[:, :4], axis=0) + np.mean(end - start, axis=0)[:4] + equal - np.mean(few, axis=0)[:4]
+        return Refined(means, float(np.sqrt(variance)), first[1, :, :4])
 
-    def _evaluate(self, found: Balance, misfits: Single, pushes: Single) -> Array:
-        """Return for each realisation (n, 4), after the descent, what its mean is the mean of.
+    def _evaluate_first(self, found: Balance, steps: tuple[int, ...]) -> Array:
+        sets = [self._evaluate(found, found.effective, *one, steps) for one in self._first]
+        return np.stack([np.mean(one, axis=1) for one in sets], axis=1)
 
-        It is the force on the ball in the middle, with what the realisation misses of the conditions, as in
-        ``found.realisations`` up to a constant; that force alone; its square; and the part of the contacts that carry force.
+    def _sample(
+        self, found: Balance, now: Effective, steps: tuple[int, ...], bound: float, number: list[int], points: int,
+        known: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """Return means of sets (len(steps), sets, 7), so many that their force has an error of ``bound``.
+
+        With two numbers of steps it is that of the difference. Sets are those ``known``, and more of so many ``points``.
         """
-        y, (f, kappa, tau) = found.y, found.effective
-        size = max(1, _AT_ONCE // len(self._modes))
-        rows = []
+        sets = [] if known is None else list(known.swapaxes(0, 1))
+        while True:
+            if len(sets) >= _LEAST_SETS:
+                means = np.stack(sets, axis=1)
+                off = means[-1] - means[0] if len(steps) > 1 else means[0]
+                if len(sets) >= _MOST_SETS or _find_variance(off) <= bound**2:
+                    return means
+            drawn = self._source.draw_enough([[self._seed, *number, len(sets)]], points)[0]
+            sets.append(np.mean(self._evaluate(found, now, *drawn, steps), axis=1))
+
+    def _evaluate(self, found: Balance, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]) -> Array:
+        """Return for each realisation (len(steps), n, 7), after so many steps, what the solution has means of.
+
+        First is the force on the ball in the middle less what the conditions miss, as their ``influence`` says; then that
+        force alone, its square, the part of its contacts that carry force, and the three that the conditions miss.
+        """
+        y, (f, kappa, tau) = found.y, now
+        n_c = len(self._weights)
+        size = max(1, _AT_ONCE // n_c)
+        rows = np.empty((len(steps), len(misfits), 7))
         for start in range(0, len(misfits), size):
             part = slice(start, start + size)
-            off = self._descend(y, found.effective, misfits[part], pushes[part])
-            closed = np.maximum(y + off, 0.0)
-            force = closed * np.sqrt(closed)
-            phi = force - f - kappa * off
-            ball = force[:, self._central]
-            mean = np.mean(ball, axis=1, dtype=float)
-            missed = np.stack([np.mean(one, axis=1, dtype=float) for one in (force, phi * misfits[part], phi * phi)], axis=1)
-            weights = found.influence / [1.0, 1.0, 2.0 * tau * kappa]
-            rows.append(
-                np.stack([mean - missed @ weights, mean, mean**2, np.mean(ball > LEAST_CONTACT * f, axis=1)], axis=1)
-            )
-        return np.concatenate(rows)
+            for row, h in zip(rows, self._descend(y, now, misfits[part], pushes[part], steps), strict=True):
+                closed = np.maximum(h, np.float32(0.0))
+                force = closed * np.sqrt(closed)
+                phi = force - np.float32(f) - np.float32(kappa) * (h - np.float32(y))
+                mean, ball = (force @ self._weights).T.astype(float)
+                pull, square = (np.einsum("nc,nc->n", phi, one) / n_c for one in (misfits[part], phi))
+                miss = np.stack([mean - f, pull, (square - (kappa * tau) ** 2) / (2.0 * kappa * tau)], axis=1)
+                contacts = np.mean(force[:, self._central] > LEAST_CONTACT * f, axis=1)
+                row[part, : _MISS.start] = np.stack([ball - miss @ found.influence, ball, ball**2, contacts], axis=1)
+                row[part, _MISS] = miss
+        return rows
 
-    def _descend(self, y: float, now: Effective, misfits: Single, pushes: Single) -> Single:
-        """Return h - y (n, n_c) after the steps: Nesterov's method for the energy of the cluster."""
+    def _descend(
+        self, y: float, now: Effective, misfits: Single, pushes: Single, steps: tuple[int, ...]
+    ) -> Iterator[Single]:
+        """Yield the overlaps h (n, n_c) after so many steps."""
+        from scipy.linalg.blas import saxpy, sgemm
+
         f, kappa, tau = now
-        b, soft = self._modes, np.float32(kappa) * (1.0 - self._values)
         free = misfits + np.float32(tau) * pushes
         stiff = 1.5 * np.sqrt(max(y, 0.0) + _STIFF * float(np.std(free)))
-        rate = (1.0 / (soft + np.float32(stiff) * self._values)).astype(np.float32)
-        # the pull on a mode: what of it does not depend on w first
-        fixed = np.float32(kappa) * (free @ b) + np.float32(f) * b.sum(axis=0)
-        shift = np.float32(y)
-        w = ahead = np.zeros_like(fixed)
-        for step in range(_STEPS):
-            closed = np.maximum(free - ahead @ b.T + shift, np.float32(0.0))
-            moved = ahead - rate * (fixed + soft * ahead - (closed * np.sqrt(closed)) @ b)
-            ahead = moved + np.float32(step / (step + 3.0)) * (moved - w)
-            w = moved
-        return np.asarray(free - w @ b.T)
+        move = (self._vectors * (self._values / (kappa * (1.0 - self._values) + stiff * self._values))) @ self._vectors.T
+        # with x = h / L^2 it is L h - h^(3/2) = L^3 x (1 - x^(1/2))
+        unit = np.float32(stiff**2)
+        begin = (free + np.float32(y)) / unit
+        pull = np.float32((stiff - kappa) / unit) * free + np.float32((stiff * y - f) / unit)
+        fixed = begin - pull @ move.astype(np.float32)
+        move = (-stiff * move).astype(np.float32)
+        before = x = begin
+        for step in range(1, steps[-1] + 1):
+            momentum = _MOMENTUM * step / (step + 3.0)
+            root = np.maximum(x, np.float32(0.0))
+            np.sqrt(root, out=root)
+            root -= np.float32(1.0)
+            root *= x
+            # both BLAS routines add to what they are given, the arrays being whole
+            after = sgemm(1.0, move, root.T, -momentum if step > 1 else 0.0, before.T, overwrite_c=step > 1).T
+            if step > 1:
+                saxpy(x.ravel(), after.reshape(-1), a=momentum)
+            after += fixed
+            before, x = x, after
+            if step in steps:
+                yield x * unit
 
 
-def _halve(points: ClusterPoints) -> tuple[Single, Single]:
-    """Return misfits and pushes in single precision, which does for the descent."""
-    return points.misfits.astype(np.float32), points.pushes.astype(np.float32)
+def _find_variance(means: Array) -> float:
+    """Return the variance of the mean force over sets."""
+    return float(np.var(means[:, 0], ddof=1)) / len(means)

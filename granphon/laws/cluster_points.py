@@ -4,12 +4,15 @@ A realisation is a point of the unit cube. Its first coordinates give the deviat
 that touch it, by the quantiles of their distribution. The many balls farther off add up to normal deviates with what is left
 of the covariance; so does the push of contacts outside, which is known up to its size
 (:mod:`granphon.laws.cluster_balance`). The points are Sobol's, scrambled, each with its antithetic one. Independent
-scrambles are kept apart, and from their differences follows the error of every mean. The points do not depend on the load.
+scrambles are kept apart, and from their differences follows the error of every mean.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +22,11 @@ from granphon.base.errors import PrecisionError, message
 from granphon.base.results import read_only
 from granphon.dynamics.cluster_response import ClusterResponse
 
-__all__ = ["ClusterPoints", "draw_points"]
+__all__ = ["ClusterPoints", "PointSource", "draw_points"]
 
 Array = NDArray[np.float64]
+#: of single or double precision
+Floats = NDArray[Any]
 #: variance of the deviations in widths W, by the definition of W
 _VARIANCE = 1.0 / 12.0
 #: eigenvalues of a covariance below this are rounding
@@ -47,6 +52,55 @@ class ClusterPoints:
     scrambles: int
 
 
+class PointSource:
+    """Scrambled sets of realisations for a cluster and a distribution, to be drawn in single or double precision."""
+
+    def __init__(self, response: ClusterResponse, shape: Shape, dtype: type[np.floating] = np.float64) -> None:
+        from scipy.linalg import block_diag
+
+        near = response.influence
+        far = _root(_VARIANCE * (response.misfit - near @ near.T))
+        push = _root(response.remote)
+        self._contacts, self._near = near.shape
+        exact = np.zeros((2 * self._contacts, 2 * self._contacts))
+        exact[: self._contacts, : self._contacts] = _VARIANCE * response.misfit
+        exact[self._contacts :, self._contacts :] = push @ push.T
+        root = _root(exact)
+        both = block_diag(np.hstack([np.sqrt(_VARIANCE) * near, far]), push)
+        #: deviates give uncorrelated parts of the realisations, and these the realisations
+        self._parts, self._root = (np.linalg.pinv(root) @ both).T.astype(dtype), root
+        self._shape, self._dtype = shape, dtype
+        self.least = 2 ** math.ceil(math.log2(_POINTS_PER_DIRECTION * root.shape[1]))
+
+    def draw(self, seed: int | list[int], points: int) -> tuple[Floats, Floats] | None:
+        """Draw a set of ``points``, a power of two: misfits and pushes (n, n_c), or None if too few are of a rare kind."""
+        from scipy.special import ndtri
+
+        cube = _scramble(len(self._parts), points // 2, seed)
+        deviates = np.empty((2, points // 2, len(self._parts)), self._dtype)
+        for half, part in zip(deviates, (cube, 1.0 - cube[:, : self._near]), strict=True):
+            half[:, : self._near] = self._shape.quantile(part[:, : self._near]) / np.sqrt(_VARIANCE)
+        deviates[0, :, self._near :] = ndtri(cube[:, self._near :])
+        np.negative(deviates[0, :, self._near :], out=deviates[1, :, self._near :])
+        found = _match(deviates.reshape(points, -1) @ self._parts, self._root)
+        return None if found is None else (found[:, : self._contacts], found[:, self._contacts :])
+
+    def draw_enough(self, seeds: Sequence[int | list[int]], points: int) -> list[tuple[Floats, Floats]]:
+        """Draw sets of ``points`` or more: a kind of balls that is rare asks for more.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` if it is so rare that even many more do not do.
+        """
+        points = max(points, self.least)
+        most = max(points, _MOST_POINTS)
+        while points <= most:
+            sets = [one for seed in seeds if (one := self.draw(seed, points)) is not None]
+            if len(sets) == len(seeds):
+                return sets
+            points *= 2
+        what = "the cluster medium does not hold balls of so rare a kind"
+        raise PrecisionError(message(what, mend="Use the effective medium, or leave the rarest diameters out"))
+
+
 def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles: int, first: int = 0) -> ClusterPoints:
     """Draw ``scrambles`` sets of ``points`` realisations each, a power of two, half of them antithetic to the others.
 
@@ -54,52 +108,17 @@ def draw_points(response: ClusterResponse, shape: Shape, points: int, scrambles:
     points. Raises :class:`~granphon.base.errors.PrecisionError` for a distribution with so rare a kind of balls that even
     many more do not.
     """
-    near = response.influence
-    far = _root(_VARIANCE * (response.misfit - near @ near.T))
-    push = _root(response.remote)
-    spread = np.sqrt(_VARIANCE) * near
-    n_c, n_far = len(near), far.shape[1]
-    both = np.zeros((2 * n_c, near.shape[1] + n_far + push.shape[1]))
-    both[:n_c, : near.shape[1]], both[:n_c, near.shape[1] : near.shape[1] + n_far] = spread, far
-    both[n_c:, near.shape[1] + n_far :] = push
-    exact = np.zeros((2 * n_c, 2 * n_c))
-    exact[:n_c, :n_c], exact[n_c:, n_c:] = _VARIANCE * response.misfit, push @ push.T
-    root = _root(exact)
-    while points < _POINTS_PER_DIRECTION * root.shape[1]:
-        points *= 2
-
-    def draw(seed: int, points: int) -> Array | None:
-        cube = _scramble(both.shape[1], points // 2, seed)
-        cube = np.concatenate([cube, 1.0 - cube])
-        deviates = _to_normal(cube)
-        deviates[:, : near.shape[1]] = shape.quantile(cube[:, : near.shape[1]]) / np.sqrt(_VARIANCE)
-        return _match(deviates @ both.T, root)
-
-    while True:
-        # of a rare kind of balls there may be too few at a place
-        sets = [one for seed in range(first, first + scrambles) if (one := draw(seed, points)) is not None]
-        if len(sets) == scrambles:
-            break
-        points *= 2
-        if points > _MOST_POINTS:
-            what = "the cluster medium does not hold balls of so rare a kind"
-            raise PrecisionError(message(what, mend="Use the effective medium, or leave the rarest diameters out"))
-    found = np.concatenate(sets)
-    return ClusterPoints(read_only(found[:, :n_c].copy()), read_only(found[:, n_c:].copy()), scrambles)
+    sets = PointSource(response, shape).draw_enough(range(first, first + scrambles), points)
+    misfits, pushes = (read_only(np.concatenate(part)) for part in zip(*sets, strict=True))
+    return ClusterPoints(misfits, pushes, scrambles)
 
 
-def _scramble(dimensions: int, points: int, seed: int) -> Array:
+def _scramble(dimensions: int, points: int, seed: int | list[int]) -> Array:
     """Return scrambled Sobol points (points, dimensions) of the open unit cube."""
     from scipy.stats import qmc
 
     found = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(seed)).random(points)
     return np.asarray(np.clip(found, 2.0**-40, 1.0 - 2.0**-40))
-
-
-def _to_normal(cube: Array) -> Array:
-    from scipy.special import ndtri
-
-    return np.asarray(ndtri(cube))
 
 
 def _root(covariance: Array) -> Array:
@@ -109,14 +128,13 @@ def _root(covariance: Array) -> Array:
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept]))[:, ::-1])
 
 
-def _match(found: Array, root: Array) -> Array | None:
-    """Return the rows of ``found``, shifted and stretched so that their mean is zero and their covariance root root^T.
+def _match(parts: Array, root: Array) -> Array | None:
+    """Return the realisations of uncorrelated ``parts``, so stretched that their covariance is root root^T, of mean zero.
 
     It is None if a direction is nearly missing, as where no ball of a rare kind is at a place.
     """
-    parts = found @ np.linalg.pinv(root).T
-    parts = parts - parts.mean(axis=0)
-    values, vectors = np.linalg.eigh(parts.T @ parts / len(parts))
+    parts -= parts.mean(axis=0, dtype=float).astype(parts.dtype)
+    values, vectors = np.linalg.eigh((parts.T @ parts / len(parts)).astype(float))
     if values[0] < _LEAST_VARIANCE:
         return None
-    return np.asarray(parts @ ((vectors / np.sqrt(values)) @ vectors.T) @ root.T)
+    return np.asarray(parts @ ((vectors / np.sqrt(values)) @ vectors.T @ root.T).astype(parts.dtype))

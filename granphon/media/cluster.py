@@ -25,8 +25,9 @@ class ClusterMedium(_ByLaw):
     """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
 
     It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
-    diameters, the same at every load and on every machine. The first state takes 30 to 50 s; the law is then kept
-    for its distribution, lattice, Mindlin ratio and number of balls.
+    diameters, so many that their standard error is below 1e-4 of the force where the medium is valid. The first state takes
+    up to 50 s with the first shell, and minutes with more; the law is then kept for its distribution, lattice, Mindlin ratio
+    and number of balls.
 
     Parameters
     ----------

@@ -85,8 +85,8 @@ _BESIDE_TIME = 0.6
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
-#: memory and time of a cluster medium, bytes and s: larger clusters have fewer realisations, and cost the same
-_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, 40.0
+#: memory of a cluster medium, bytes, and its time, s: of any cluster, and for each of its balls
+_CLUSTER_BYTES, _CLUSTER_SECONDS = 2e8, (10.0, 3.0)
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
@@ -367,10 +367,11 @@ def array_waves(products: float, balls: int, contacts: float, rows: float, heard
     return Cost(working=memory, known=7e-9 * products * balls * rows, parts=(what,))
 
 
-def cluster_media(count: int) -> Cost:
-    """Estimate the cost of ``count`` cluster media, each solved once for all loads."""
+def cluster_media(count: int, balls: float) -> Cost:
+    """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved once for all loads."""
     what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
-    return Cost(working=_CLUSTER_BYTES, known=_CLUSTER_SECONDS * count, parts=(what,))
+    seconds, more = _CLUSTER_SECONDS
+    return Cost(working=_CLUSTER_BYTES, known=count * (seconds + more * balls), parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:

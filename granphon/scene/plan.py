@@ -372,7 +372,7 @@ class Plan:
         found = {medium.law for medium in media if isinstance(medium, ClusterMedium) and medium.packing.width}
         laws = {replace(law, coefficient=1.0, width=1.0) for law in found if isinstance(law, ClusterLaw)}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / len(self.few))
-        return costs.cluster_media(count) if count else Cost()
+        return costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
 
     def _estimate_simulations(self) -> Cost:
         """Memory and time of all simulations, one after the other.

@@ -20,7 +20,7 @@ from side_by_side import Part, Row, command_line
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
-from granphon.balls.lattices import FCC, TRIANGULAR
+from granphon.balls.lattices import FCC, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.dynamics.local_field import local_field
 from granphon.dynamics.tensors import bulk_and_shear
@@ -303,6 +303,8 @@ def fits(repeats: int) -> list[Row]:
 CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4])
 #: lattice of the clusters, shape and number of the arrays, and numbers of balls
 CLUSTERS = ((TRIANGULAR, (128, 128), 24, (7, 19, 37)), (FCC, (32, 32, 32), 8, (13,)))
+#: processor time of the curve of a cluster of one shell, s, and quadrature error of f* from a* = 0.5 up
+CLUSTER_SECONDS, QUADRATURE_BOUND = 60.0, 1e-4
 #: what force and stiffness of a cluster may be off where it is valid, but for three standard errors
 CLUSTER_BOUND = 0.025
 
@@ -312,22 +314,37 @@ def read(state: gp.ContactState, name: str) -> Array:
     return np.asarray(getattr(state, name)) * (WIDTH / UNIT if name == "normal_stiffness" else 1.0)
 
 
+def find_curve(lattice: Lattice, balls: int, most: float) -> list[Row]:
+    """The curve of a cluster medium, nothing kept: processor time, and the quadrature error."""
+    cluster_curve.cache_clear()
+    seconds = processor_time(lambda: cluster_curve(gp.Uniform(WIDTH).shape, lattice, 0.0, balls, 0.0))
+    medium = gp.ClusterMedium(gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice), balls)
+    left = np.asarray(medium.law.quadrature_error((CLUSTER_SPACINGS - 0.5) * WIDTH))
+    what = f"quadrature error of f*, {balls} balls, {lattice.name}: largest from a* = 0.5 up"
+    note = ", ".join(f"{error:.1e}" for error in left)
+    return [
+        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}", seconds, "s", most),
+        Row(what, float(np.max(left[CLUSTER_SPACINGS >= 0.5])), "", QUADRATURE_BOUND, note=note),
+    ]
+
+
+def quadrature(repeats: int) -> list[Row]:
+    """The curves of clusters of one shell: processor time, and quadrature error."""
+    return [row for lattice, *_, sizes in CLUSTERS for row in find_curve(lattice, sizes[0], CLUSTER_SECONDS)]
+
+
+def shells(repeats: int) -> list[Row]:
+    """The same of clusters of more shells."""
+    return [row for lattice, *_, sizes in CLUSTERS for balls in sizes[1:] for row in find_curve(lattice, balls, math.inf)]
+
+
 def clusters(repeats: int) -> list[Row]:
-    """The curve of cluster media of each size, nothing kept: processor time; and the law against arrays at the same a*."""
-    rows, shape = [], gp.Uniform(WIDTH).shape
+    """The laws of cluster media of each size against arrays at the same a*."""
+    rows: list[Row] = []
     overlap = (CLUSTER_SPACINGS - 0.5) * WIDTH
     for lattice, sides, samples, sizes in CLUSTERS:
         packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice)
-        laws = {}
-        for balls in sizes:
-            cluster_curve.cache_clear()
-            seconds = processor_time(lambda balls=balls, on=lattice: cluster_curve(shape, on, 0.0, balls, 0.0))
-            rows.append(Row(f"curve of a cluster medium of {balls} balls, {lattice.name}", seconds, "s", 60.0))
-            medium = gp.ClusterMedium(packing, balls)
-            laws[f"{balls} balls"] = medium.at_overlap(overlap)
-            left = np.asarray(medium.law.quadrature_error(overlap))
-            note = ", ".join(f"{error:.1e}" for error in left)
-            rows.append(Row(f"quadrature error of f*, {balls} balls, {lattice.name}: a* = 0.6", float(left[3]), note=note))
+        laws = {f"{balls} balls": gp.ClusterMedium(packing, balls).at_overlap(overlap) for balls in sizes}
         laws["effective medium"] = gp.EffectiveMedium(packing).at_overlap(overlap)
         names = ("reduced_force", "normal_stiffness", "contact_fraction", "force_fluctuation")
         start, found = time.process_time(), []
@@ -383,7 +400,7 @@ PARTS: dict[str, Part] = {
     "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
     "exponents": exponents,
     "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
-    "clusters": clusters,
+    "quadrature": quadrature, "shells": shells, "clusters": clusters,
 }  # fmt: skip
 
 if __name__ == "__main__":
