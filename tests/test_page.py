@@ -140,6 +140,7 @@ def run_node(program: str, **given: Any) -> Any:
 
 
 @needs_node
+@pytest.mark.claim("page-agrees")
 @pytest.mark.parametrize("seeds", only({range(2)}, [range(2), range(2, 20)]), ids=lambda seeds: f"{len(seeds)} settings")
 def test_the_page_computes_what_the_library_computes(seeds):
     cases = [draw_settings(name, seed) for name in LATTICES for seed in seeds]
@@ -182,6 +183,7 @@ def test_motions_are_eigenvectors_of_the_library():
 
 
 @needs_node
+@pytest.mark.claim("page-interpolates")
 @pytest.mark.parametrize("name", only({"ema"}, ["afa", "ema"]))
 def test_interpolated_contacts_are_as_good_as_the_page_says(name):
     """At loads, widths and frictions between the nodes; the error of k is the one that the page tells."""
@@ -200,7 +202,7 @@ def test_interpolated_contacts_are_as_good_as_the_page_says(name):
         assert found["overlap"] == pytest.approx(state.overlap, rel=1e-4, abs=1e-6 * width)
         assert found["exponent"] == pytest.approx(state.exponent, abs=1e-3)  # a slope of a law that has kinks
         assert found["reduced"] == pytest.approx(state.reduced_force)
-    assert data["media"][0]["error"] < 1e-5
+    assert data["media"][0]["error"] < 2.5e-6
 
 
 @needs_node

@@ -10,8 +10,8 @@ export function voigtNames(periods) {
   return VOIGT[periods].map(([a, b]) => "xyz"[a] + "xyz"[b]);
 }
 
-// Velocities along a unit vector, ascending, d (k/M)^1/2, each with the part of its displacement along the vector;
-// NaN where the static forces make a squared velocity negative
+// Velocities along a unit vector, ascending, d (k/M)^1/2, each with the parts of its displacement along the vector and across
+// the periods; NaN where the static forces make a squared velocity negative
 export function soundVelocities(lattice, direction, stiffness = gradientStiffness(lattice)) {
   const { translations, data } = lattice;
   const p = data.periods;
@@ -30,8 +30,13 @@ export function soundVelocities(lattice, direction, stiffness = gradientStiffnes
   const rounding = 1e-14 * Math.max(...Array.from(values, Math.abs));
   return [...values].map((square, wave) => {
     let along = 0;
-    translations.forEach((axis, i) => (along += axis < p ? vectors.re[wave * n + i] * direction[axis] : 0));
-    return { velocity: Math.abs(square) <= rounding ? 0 : Math.sqrt(square), longitudinal: along * along };
+    let across = 0;
+    translations.forEach((axis, i) => {
+      const one = vectors.re[wave * n + i];
+      if (axis < p) along += one * direction[axis];
+      else across += one * one;
+    });
+    return { velocity: Math.abs(square) <= rounding ? 0 : Math.sqrt(square), longitudinal: along * along, across };
   });
 }
 

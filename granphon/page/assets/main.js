@@ -7,7 +7,7 @@ import { ballMotions, makeLattice, rotationalPart, solveModes } from "./lattice.
 import { elasticTensor, soundVelocities } from "./long_waves.js";
 import { findContact } from "./medium.js";
 import { ModeView } from "./mode_view.js";
-import { drawNumbers, findSound, followSound } from "./numbers_view.js";
+import { drawNumbers, findSound, followSound, printVelocity } from "./numbers_view.js";
 import { makePath } from "./path.js";
 import { computeBands, gatherStates } from "./spectrum.js";
 import { readLink, solveState, startState, writeLink } from "./state.js";
@@ -55,7 +55,6 @@ function redraw(points = null) {
   cancelStates();
   const { contact, lattice, problem } = solveState(data, state);
   showControls(lattice);
-  byId("problem").hidden = true;
   state.branch = Math.min(state.branch, lattice.branches - 1);
   const path = makePath(data.lattice, points ?? QUICK(lattice.branches));
   const hertz = Math.sqrt(contact.stiffness / data.balls.mass) / (2 * Math.PI);
@@ -93,7 +92,8 @@ function settle() {
   drawMode();
   drawVelocities(byId("velocities"), followSound(data, state), state.force, sound.map(([, value]) => value));
   byId("spoken").textContent = `Force ${printQuantity(state.force, "N")}. Top frequency ${printNumber(top * unit.scale)} ${unit.name}. ` +
-    sound.map(([name, value]) => `${name} ${value === null ? "none" : printQuantity(value, "m/s")}`).join(". ");
+    sound.map(([name, value]) => `${name} ${printVelocity(value)}`).join(". ") +
+    `. ${byId("mode-words").textContent}`;
   cancelStates = gatherStates(lattice, top, (dos) => {
     current.dos = dos;
     bandsView.draw(current);
@@ -136,8 +136,10 @@ function showProblems(problem, bands, path, lattice) {
   if (!problem && state.width > 0 && current.contact.reduced < medium.valid) {
     words.push(`The ${medium.words} is valid from f* = ${printNumber(medium.valid, 3)}; here f* = ${printNumber(current.contact.reduced, 3)}.`);
   }
-  byId("problem").textContent = words.join(" ");
-  byId("problem").hidden = !words.length;
+  const said = words.join(" ");
+  // written only when it changes, as a screen reader says what is written
+  if (byId("problem").textContent !== said) byId("problem").textContent = said;
+  byId("problem").hidden = !said;
 }
 
 function makeControls() {

@@ -4,6 +4,10 @@ import { themeColour } from "./theme.js";
 
 // Radius, in diameters, within which balls are drawn, on a line, in a plane and in space
 const REACH = { 1: 4.6, 2: 3.4, 3: 1.8 };
+// Radius of the balls that are drawn: in space smaller than that of balls that touch, so that inner ones are seen
+const RADIUS = { 1: 0.47, 2: 0.47, 3: 0.33 };
+// Height of the picture over its width
+const SHAPE = { 1: 0.4, 2: 1, 3: 1 };
 // Largest displacement, and largest angle times the radius, in diameters
 const LARGEST = 0.2;
 const PERIOD = 2.4; // s
@@ -12,6 +16,7 @@ export class ModeView {
   constructor(canvas, data) {
     this.canvas = canvas;
     this.data = data;
+    canvas.style.aspectRatio = String(1 / SHAPE[data.periods]);
     this.balls = listBalls(data);
     this.time = 0;
     this.speed = 1;
@@ -69,7 +74,7 @@ export class ModeView {
 
   build() {
     this.scene = new THREE.Scene();
-    this.sphere = new THREE.SphereGeometry(0.47, 24, 16).toNonIndexed();
+    this.sphere = new THREE.SphereGeometry(RADIUS[this.data.periods], 24, 16).toNonIndexed();
     this.sphere.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * this.sphere.attributes.position.count), 3));
     const material = new THREE.MeshLambertMaterial({ vertexColors: true });
     this.mesh = new THREE.InstancedMesh(this.sphere, material, this.balls.length);
@@ -115,15 +120,16 @@ export class ModeView {
   }
 
   render() {
-    const size = this.canvas.clientWidth;
+    const { clientWidth: size, clientHeight: height } = this.canvas;
     if (!size || !this.motions) return;
     this.stale = false;
     const ratio = Math.min(devicePixelRatio, 2);
-    if (this.canvas.width !== Math.round(size * ratio)) {
+    if (this.canvas.width !== Math.floor(size * ratio)) {
       this.renderer.setPixelRatio(ratio);
-      this.renderer.setSize(size, size, false);
+      this.renderer.setSize(size, height, false);
       const half = this.reach;
-      Object.assign(this.camera, { left: -half, right: half, top: half, bottom: -half });
+      const tall = (half * height) / size;
+      Object.assign(this.camera, { left: -half, right: half, top: tall, bottom: -tall });
       this.camera.updateProjectionMatrix();
     }
     this.group.rotation.set(this.angles[1] - (this.data.periods === 3 ? Math.PI / 2 - 0.2 : 0), 0, 0);

@@ -17,16 +17,17 @@ export function findSound(data, contact, lattice) {
   const found = lattice.statement.mechanism ? [] : soundVelocities(lattice, data.direction);
   const names = lattice.waves;
   if (!found.length) return names.map((name) => [WAVES[name] ?? name, null]);
-  // the (quasi-)longitudinal wave has most of its displacement along the direction; the others ascend
+  // the (quasi-)longitudinal wave has most of its displacement along the direction, that out of the plane most across it; the
+  // others ascend
   const rest = [...found];
-  return names.map((name) => {
+  const take = (part) => {
     let at = 0;
-    if (name === "longitudinal") rest.forEach((one, n) => (at = one.longitudinal > rest[at].longitudinal ? n : at));
-    if (name !== "longitudinal" && name !== "out_of_plane" && names.includes("out_of_plane")) {
-      rest.forEach((one, n) => (at = one.velocity > rest[at].velocity ? n : at));
-    }
-    return [WAVES[name] ?? name, rest.splice(at, 1)[0].velocity * scale];
-  });
+    rest.forEach((one, n) => (at = one[part] > rest[at][part] ? n : at));
+    return rest.splice(at, 1)[0].velocity * scale;
+  };
+  const named = { longitudinal: "longitudinal", out_of_plane: "across" };
+  const taken = new Map(names.filter((name) => named[name]).map((name) => [name, take(named[name])]));
+  return names.map((name) => [WAVES[name] ?? name, taken.get(name) ?? rest.shift().velocity * scale]);
 }
 
 // Velocities over the force: {forces, lines: [{name, values}]}
@@ -76,7 +77,7 @@ export function drawNumbers(element, data, state, contact, lattice, sound) {
       : `<tr><th scope="row">${name}</th><td>${value}</td></tr>`).join("");
 }
 
-function printVelocity(value) {
+export function printVelocity(value) {
   if (value === null) return "none: a mechanism";
   return Number.isNaN(value) ? "none: it buckles" : printQuantity(value, "m/s");
 }

@@ -2,8 +2,8 @@
 
 import { rotationalPart, solveModes } from "./lattice.js";
 
-// Points of the mesh along each period
-const MESHES = { 1: 400, 2: 40, 3: 12 };
+// Wave vectors of the density of states
+const COUNTS = { 1: 500, 2: 1000, 3: 1000 };
 const BINS = 90;
 
 // Values (points x branches) and rotational parts of all branches; `buckles` is the index of the first point where a squared
@@ -24,10 +24,11 @@ export function computeBands(lattice, points) {
 
 // Density of states per ball of the reduced frequency, gathered in slices of time so that the page stays quick:
 // calls `done({frequencies, total, turning, points})` at the end, unless the returned function is called before.
+// The wave vectors are a sequence that fills the zone evenly and has no two of one component, as those of a mesh do.
 export function gatherStates(lattice, top, done) {
   const p = lattice.data.periods;
-  const side = Math.max(4, Math.round(MESHES[p] / (lattice.balls > 1 ? 1.4 : 1)));
-  const count = side ** p;
+  const count = COUNTS[p];
+  const steps = evenSteps(p);
   const total = new Float64Array(BINS);
   const turning = new Float64Array(BINS);
   const width = (1.02 * top) / BINS;
@@ -36,10 +37,8 @@ export function gatherStates(lattice, top, done) {
   const step = () => {
     if (cancelled) return;
     const end = performance.now() + 10;
-    // q and -q have the same frequencies: half of the mesh is enough
-    for (; at < count / 2 && performance.now() < end; at++) {
-      const q = [];
-      for (let rest = at, a = 0; a < p; a++, rest = Math.floor(rest / side)) q.unshift(((rest % side) + 0.5) / side);
+    for (; at < count && performance.now() < end; at++) {
+      const q = steps.map((step) => (0.5 + at * step) % 1);
       const modes = solveModes(lattice, q);
       modes.values.forEach((value, k) => {
         if (!(value >= 0)) return;
@@ -48,9 +47,9 @@ export function gatherStates(lattice, top, done) {
         if (lattice.rotations.length) turning[bin] += rotationalPart(lattice, modes, k);
       });
     }
-    if (at < count / 2) setTimeout(step, 0);
+    if (at < count) setTimeout(step, 0);
     else {
-      const scale = 1 / (Math.ceil(count / 2) * lattice.balls * width);
+      const scale = 1 / (count * lattice.balls * width);
       done({
         frequencies: Array.from({ length: BINS }, (_, bin) => (bin + 0.5) * width), points: count,
         total: Array.from(total, (one) => one * scale), turning: Array.from(turning, (one) => one * scale),
@@ -59,4 +58,11 @@ export function gatherStates(lattice, top, done) {
   };
   setTimeout(step, 0);
   return () => (cancelled = true);
+}
+
+// Powers of the root of x^(p+1) = x + 1 below one: multiples of them, less their whole parts, fill a cube evenly
+function evenSteps(p) {
+  let root = 1.5;
+  for (let n = 0; n < 60; n++) root = (1 + root) ** (1 / (p + 1));
+  return Array.from({ length: p }, (_, a) => root ** -(a + 1));
 }

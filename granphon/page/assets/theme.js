@@ -1,12 +1,17 @@
 // Dark and light: by the system, or by the switch.
 
+// kept until the theme changes, as each look at a style makes the browser work all of them out
+const colours = new Map();
+
 export function setTheme(choice) {
+  colours.clear();
   const dark = choice ? choice === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
   document.documentElement.dataset.theme = dark ? "dark" : "light";
 }
 
 export function themeColour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
 }
 
 // Colour of a part from 0 (displacement) to 1 (rotation), as text

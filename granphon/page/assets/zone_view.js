@@ -33,7 +33,7 @@ export function drawZone(element, data, fractions) {
       const [dx, dy] = [x - SIZE / 2, y - SIZE / 2];
       const far = Math.hypot(dx, dy) || 1;
       const out = label === "Γ" ? [-11, 13] : [(14 * dx) / far, (14 * dy) / far + 4];
-      parts.push(`<text x="${x + out[0]}" y="${y + out[1]}" text-anchor="middle" font-size="13" fill="${themeColour("ink")}">${label}</text>`);
+      parts.push(`<text x="${x + out[0]}" y="${y + out[1]}" text-anchor="middle" font-size="13" fill="${themeColour("ink")}">${escapeText(label)}</text>`);
     });
   }
   const [x, y] = project(toCartesian(data, fractions));
@@ -42,6 +42,11 @@ export function drawZone(element, data, fractions) {
     <circle cx="${x}" cy="${y}" r="5" fill="${themeColour("turn")}" stroke="${themeColour("card")}"/>`);
   const words = `Brillouin zone with the path and the wave vector ${fractions.slice(0, data.periods).map((one) => one.toFixed(3)).join(", ")}`;
   element.innerHTML = `<svg viewBox="0 0 ${SIZE} ${SIZE}" role="img" aria-label="${words}">${parts.join("")}</svg>`;
+}
+
+// Labels come from the scene: what they say is text
+function escapeText(text) {
+  return text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 }
 
 function turn([x, y, z]) {
