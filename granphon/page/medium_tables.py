@@ -46,7 +46,7 @@ _FRICTION_NODES = {2: 8, 3: 5}
 #: least eta of a table on a lattice that does not stand without friction
 _LEAST_FRICTION = 0.05
 #: loads of a simulation
-_SIMULATED = 11
+_SIMULATED = 17
 #: names of the media on a page
 _WORDS = {
     "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
@@ -70,19 +70,26 @@ def tabulate_medium(packing: Packing, choice: MediumChoice, least_force: float, 
     -------
     "name", "words"; "table", None where balls that differ have the stiffness of equal balls, else with "log_force" (n,),
     "roots" (m,) of eta, and "overlap", "log_stiffness" and "slope", (m, n); "error", the largest relative error of k from
-    interpolation, found between the nodes; "valid", the f* from which the medium is valid; "note", what the table leaves
-    out, in words; "refusal", why the medium has no table, in words.
+    interpolation at the packing's eta, and "friction_error" that at others, both found between the nodes; "valid", the f*
+    from which the medium is valid; "note", what the table leaves out, in words; "refusal", why the medium has no table.
     """
     name = choice.name
     found: dict[str, Any] = {
-        "name": choice.label, "words": _WORDS[name], "table": None, "error": 0.0, "valid": 0.0, "note": "", "refusal": "",
+        "name": choice.label, "words": _WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
+        "valid": 0.0, "note": "", "refusal": "",
     }  # fmt: skip
-    if packing.structure.periods == 1 or name == "ala":
+    if packing.structure.periods == 1:
         return found
+    if name == "ala":
+        return found | {"note": "In the averaged lattice all balls have the mean diameter: the width changes nothing."}
     try:
         if name == "simulation":
             curve, low, high, error = _simulate(packing, choice, least_force)
-            return found | _tabulate([curve], [0.0], low, high) | {"error": error, "note": _SIMULATION_NOTE}
+            return (
+                found
+                | _tabulate([curve], [0.0], low, high)
+                | {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
+            )
         roots, note = _choose_friction(packing, choice, most_friction)
         laws = [_make_law(packing, choice, root**2) for root in roots]
     except MechanismError as error:
@@ -122,6 +129,9 @@ def _choose_friction(packing: Packing, choice: MediumChoice, most: float) -> tup
     count = _FRICTION_NODES[packing.structure.periods]
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
     roots = least + (most**0.5 - least) * nodes
+    own = packing.mindlin_ratio**0.5
+    if own > least:  # kinks of a law move with eta: at the scene's own, nothing is interpolated in eta
+        roots[1 + np.argmin(np.abs(roots[1:-1] - own))] = own
     given = [name for name in ("torsion", "bending") if getattr(packing, name) and packing.torsion != "mindlin"]
     said = ", ".join(f"{name} {getattr(packing, name):g}" for name in given) or "no torsion and no bending"
     return roots.tolist(), (
@@ -178,17 +188,18 @@ def _find_start(curve: _Curve, low: float) -> float:
 def _tabulate(
     curves: list[_Curve], roots: list[float], low: float, high: float, checks: list[tuple[float, _Curve]] | None = None
 ) -> dict[str, Any]:
-    """Return "table" and "error"; ``checks`` are further curves, with their roots of eta, by which the error is found."""
+    """Return "table" and the errors; ``checks`` are further curves, with their roots of eta, by which the error is found."""
     x, values, error = _place_nodes(curves, low, high)
     table = {
         "log_force": x.tolist(), "roots": roots,
         **{name: [one[n].tolist() for one in values] for n, name in enumerate(("overlap", "log_stiffness", "slope"))},
     }  # fmt: skip
+    beside = 0.0
     for root, curve in checks or []:
         weights = _interpolate(np.array(roots), root)
         guess = sum(weight * one[1] for weight, one in zip(weights, values, strict=True))
-        error += float(np.max(np.abs(np.expm1(guess - curve(x)[1])))) if len(roots) > 1 else 0.0
-    return {"table": table, "error": error}
+        beside = max(beside, float(np.max(np.abs(np.expm1(guess - curve(x)[1])))))
+    return {"table": table, "error": error, "friction_error": error + beside}
 
 
 def _place_nodes(curves: list[_Curve], low: float, high: float) -> tuple[Array, list[Array], float]:

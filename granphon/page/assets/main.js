@@ -191,8 +191,9 @@ function showControls(lattice) {
   if (medium.refusal) notes.push(`There is no slider for the width: ${medium.refusal}`);
   else if (medium.table) {
     notes.push(`Balls that differ: ${medium.words}, ${data.balls.spread} distribution, computed beforehand. Interpolated stiffnesses are` +
-      ` right to ${printNumber(medium.error, 2)}.`, medium.note);
-  }
+      ` right to ${printNumber(medium.error, 2)} at the scene's friction` + (medium.friction_error > medium.error
+      ? `, and to ${printNumber(medium.friction_error, 2)} at others.` : "."), medium.note);
+  } else if (medium.note) notes.push(medium.note);
   byId("notes").textContent = notes.join(" ");
 }
 
