@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import only
+from test_structure import loaded_after
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -294,6 +295,16 @@ def test_modules_share_their_names_without_a_clash():
         "main"
     }
     assert joined == {path.stem for path in ASSETS.glob("*.js")}
+
+
+def test_a_page_needs_neither_phonopy_nor_matplotlib():
+    code = (
+        "import granphon as gp\nfrom granphon.balls.loads import Load\nfrom granphon.media.choice import MediumChoice\n"
+        "from granphon.page.page import make_page\n"
+        "balls = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, lattice='fcc')\n"
+        "make_page(balls, [MediumChoice('afa')], Load('force', 1.0))"
+    )
+    assert not {name.split(".")[0] for name in loaded_after(code)} & {"phonopy", "spglib", "matplotlib", "xarray"}
 
 
 # -- the commands -----------------------------------------------------------------------------------------------------

@@ -132,8 +132,8 @@ def _choose_friction(packing: Packing, choice: MediumChoice, most: float) -> tup
     own = packing.mindlin_ratio**0.5
     if own > least:  # kinks of a law move with eta: at the scene's own, nothing is interpolated in eta
         roots[1 + np.argmin(np.abs(roots[1:-1] - own))] = own
-    given = [name for name in ("torsion", "bending") if getattr(packing, name) and packing.torsion != "mindlin"]
-    said = ", ".join(f"{name} {getattr(packing, name):g}" for name in given) or "no torsion and no bending"
+    stiffness = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
+    said = " and ".join(f"{name} {value:g}" if value else f"no {name}" for name, value in stiffness.items())
     return roots.tolist(), (
         f"The stiffness of the contacts is that of the medium with {said}; the sliders of torsion and bending change the"
         " lattice alone."
@@ -143,8 +143,12 @@ def _choose_friction(packing: Packing, choice: MediumChoice, most: float) -> tup
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
     if dict(choice.options).get("local_field") == "paper":
         return paper_local_field(eta).xi
-    torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0
-    return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion).xi
+    return local_field(packing.structure, eta, bending=packing.bending, torsion=_find_own_torsion(packing)).xi
+
+
+def _find_own_torsion(packing: Packing) -> float:
+    """Return the torsion that the effective medium takes: none for that of Hertz contacts, which is of the order delta/d."""
+    return packing.torsion if isinstance(packing.torsion, float) else 0.0
 
 
 def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
@@ -153,8 +157,8 @@ def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
     if choice.name == "afa":
         return AveragedLaw(1.0, 1.0, shape)
     if choice.name == "cluster":
-        medium = choice.of(replace(packing, spread=packing.spread or Uniform(1e-3 * packing.diameter)))
-        assert isinstance(medium, ClusterMedium)
+        options: Any = dict(choice.options)
+        medium = ClusterMedium(packing, **options)
         if medium.response.is_fixed:
             return None
         return ClusterLaw(1.0, 1.0, shape, packing.structure, eta, medium.n_balls, packing.bending)

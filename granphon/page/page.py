@@ -96,6 +96,8 @@ def describe_page(
             raise MechanismError(table["refusal"])
         tables.append(table)
     torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
+    if all(table["refusal"] for table in tables):
+        widest = 0.0
     along = as_direction((1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods)
     return {
         "schema": PAGE_SCHEMA,

@@ -16,8 +16,8 @@ import { choosePrefix, printNumber, printQuantity } from "./units.js";
 import { drawZone } from "./zone_view.js";
 
 // Points of the path while a slider moves, by the number of branches, and when the page is still
-const QUICK = (branches) => Math.max(24, Math.min(150, Math.round(900 / branches)));
-const FINE = 300;
+const QUICK = (branches) => Math.max(12, Math.min(150, Math.round(900 / branches)));
+const FINE = (branches) => Math.max(40, Math.min(300, Math.round(6000 / branches)));
 const REST = 180; // ms
 const MOTIONS = { longitudinal: "along the line", in_plane: "in the plane", out_of_plane: "out of the plane", all: "all six" };
 
@@ -85,7 +85,7 @@ function settle() {
     drawVelocities(byId("velocities"), followSound(data, state), state.force, []);
     return;
   }
-  current.path = makePath(data.lattice, FINE);
+  current.path = makePath(data.lattice, FINE(lattice.branches));
   current.bands = computeBands(lattice, current.path.points);
   current.selected = { point: nearestPoint(current.path), branch: state.branch };
   bandsView.draw(current);

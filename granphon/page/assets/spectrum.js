@@ -2,8 +2,8 @@
 
 import { rotationalPart, solveModes } from "./lattice.js";
 
-// Wave vectors of the density of states
-const COUNTS = { 1: 500, 2: 1000, 3: 1000 };
+// Wave vectors of the density of states: fewer for cells of many balls, which have as many frequencies
+const COUNT = (branches) => Math.max(100, Math.min(1000, Math.round(20000 / branches)));
 const BINS = 90;
 
 // Values (points x branches) and rotational parts of all branches; `buckles` is the index of the first point where a squared
@@ -27,7 +27,7 @@ export function computeBands(lattice, points) {
 // The wave vectors are a sequence that fills the zone evenly and has no two of one component, as those of a mesh do.
 export function gatherStates(lattice, top, done) {
   const p = lattice.data.periods;
-  const count = COUNTS[p];
+  const count = COUNT(lattice.branches);
   const steps = evenSteps(p);
   const total = new Float64Array(BINS);
   const turning = new Float64Array(BINS);
