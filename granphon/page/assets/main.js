@@ -112,7 +112,8 @@ function drawMode() {
   const { lattice, path, selected, unit } = current;
   const q = path.points[selected.point];
   const modes = solveModes(lattice, q);
-  modeView.show(ballMotions(lattice, modes, selected.branch), modes.folded);
+  modeView.show(ballMotions(lattice, modes, selected.branch), modes.folded,
+    lattice.translations.some((axis) => axis >= data.lattice.periods));
   drawZone(byId("zone"), data.lattice, q);
   const value = modes.values[selected.branch] * unit.scale;
   const turning = Math.round(100 * rotationalPart(lattice, modes, selected.branch));

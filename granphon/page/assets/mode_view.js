@@ -21,7 +21,8 @@ export class ModeView {
     this.time = 0;
     this.speed = 1;
     this.playing = true;
-    this.angles = data.periods === 3 ? [0.5, 0.35] : [0, 0];
+    this.angles = [0, 0];
+    this.turned = false;
     this.motions = null;
     try {
       this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
@@ -42,8 +43,10 @@ export class ModeView {
     requestAnimationFrame(step);
   }
 
-  // Motions of the balls of a cell (of ballMotions()), and the wave vector in fractions
-  show(motions, fractions) {
+  // Motions of the balls of a cell (of ballMotions()), and the wave vector in fractions. `across` says whether balls leave
+  // their line or plane: it is then seen from the side, until somebody turns the view
+  show(motions, fractions, across) {
+    if (!this.turned) this.angles = this.data.periods === 3 ? [0.5, 0.35] : across ? [0.35, -1] : [0, 0];
     const sizes = motions.flatMap((ball) => [magnitude(ball.slice(0, 3)), 0.5 * magnitude(ball.slice(3))]);
     const largest = Math.max(...sizes);
     this.motions = motions;
@@ -98,6 +101,7 @@ export class ModeView {
   listen() {
     let from = null;
     const turnBy = (x, y) => {
+      this.turned = true;
       this.angles = [this.angles[0] + x, Math.min(Math.max(this.angles[1] + y, -1.5), 1.5)];
       this.stale = true;
     };
