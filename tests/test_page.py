@@ -225,6 +225,20 @@ def test_friction_between_the_nodes_of_the_effective_medium():
     assert data["media"][0]["friction_error"] < 2e-4
 
 
+def test_the_page_says_what_bending_would_do_to_the_medium():
+    packing = replace(BALLS, spread=gp.Uniform(2e-6), lattice="kagome")
+    data = describe_page(packing, [MediumChoice("ema")], FORCE)
+    told = re.search(r"would change the stiffness by up to (\S+) of itself", data["media"][0]["note"])
+    assert told
+    forces = np.geomspace(*data["limits"]["force"], 12)
+    stiffness = gp.EffectiveMedium(packing).at_force(forces).normal_stiffness
+    found = 0.0
+    for bending in (0.02, 0.1, data["limits"]["rolling"]):
+        bent = gp.EffectiveMedium(replace(packing, bending=bending)).at_force(forces).normal_stiffness
+        found = max(found, float(np.max(np.abs(bent / stiffness - 1.0))))
+    assert 0.01 < found <= 1.05 * float(told[1])
+
+
 @needs_node
 def test_finite_overlap_and_the_torsion_of_hertz_contacts_are_those_of_a_state():
     packing = replace(BALLS, lattice="fcc", torsion="mindlin", bending=0.01)

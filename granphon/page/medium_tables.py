@@ -56,7 +56,9 @@ _WORDS = {
 _Curve = Callable[[Array], tuple[Array, Array, Array]]
 
 
-def tabulate_medium(packing: Packing, choice: MediumChoice, least_force: float, most_friction: float) -> dict[str, Any]:
+def tabulate_medium(
+    packing: Packing, choice: MediumChoice, least_force: float, most_friction: float, most_rolling: float
+) -> dict[str, Any]:
     """Return the table of a medium, as plain numbers and texts, for the shape of the packing's spread, or a uniform one.
 
     Parameters
@@ -65,6 +67,7 @@ def tabulate_medium(packing: Packing, choice: MediumChoice, least_force: float, 
     choice : the medium, not an automatic one.
     least_force : f* from which the table is wanted; it begins later where the medium has no solution.
     most_friction : the largest eta.
+    most_rolling : the largest torsion and bending, over k d^2, of which the table leaves out what they do to the medium.
 
     Returns
     -------
@@ -100,6 +103,9 @@ def tabulate_medium(packing: Packing, choice: MediumChoice, least_force: float, 
     low = max(_find_start(curve, np.log(least_force)) for curve in curves)
     between = [0.5 * (one + other) for one, other in itertools.pairwise(roots)]
     checks = [(root, _follow(law)) for root in between if (law := _make_law(packing, choice, root**2)) is not None]
+    if name == "ema":
+        change = _find_effect_of_rolling(packing, choice, most_rolling, low)
+        note += f" In the medium they would change the stiffness by up to {change:.2g} of itself." if change else ""
     valid = {"afa": high_pressure_overlap(1.0) ** 1.5, "ema": VALID_FORCE, "cluster": VALID_CLUSTER_FORCE}[name]
     return found | _tabulate(curves, roots, low, 1.5 * np.log(_EQUAL), checks) | {"valid": valid, "note": note}
 
@@ -138,6 +144,28 @@ def _choose_friction(packing: Packing, choice: MediumChoice, most: float) -> tup
         f"The stiffness of the contacts is that of the medium with {said}; the sliders of torsion and bending change the"
         " lattice alone."
     )
+
+
+def _find_effect_of_rolling(packing: Packing, choice: MediumChoice, most: float, low: float) -> float:
+    """Return the largest relative change of k, from ln f* = ``low`` on, as torsion and bending go to ``most`` or zero.
+
+    What leaves the lattice a mechanism does not count: there the medium has no stiffness at all.
+    """
+    if dict(choice.options).get("local_field") == "paper":
+        return 0.0
+    own = (packing.torsion, packing.bending)
+    twists = (own[0], most) if packing.structure.periods == 3 else (own[0],)
+    x, eta, change = np.linspace(low, 1.5 * np.log(_EQUAL), _NODES), packing.mindlin_ratio, 0.0
+    before = _make_law(packing, choice, eta)
+    for torsion, bending in {*itertools.product(twists, (own[1], most)), (0.0, 0.0)} - {own}:
+        other = replace(packing, torsion=torsion, bending=bending)
+        try:
+            law = _make_law(other, choice, eta)
+        except (MechanismError, PrecisionError):
+            continue
+        if before is not None and law is not None:
+            change = max(change, float(np.max(np.abs(np.expm1(_follow(law)(x)[1] - _follow(before)(x)[1])))))
+    return change
 
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:

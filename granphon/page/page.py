@@ -88,14 +88,15 @@ def describe_page(
     widest = (forces[0] / (_LEAST_REDUCED * law.coefficient)) ** (2.0 / 3.0)
     widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
     most_friction = max(1.0, packing.mindlin_ratio)
+    torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
+    most_rolling = max(_MOST_ROLLING, 2.0 * packing.bending, 2.0 * float(torsion))
     tables = []
     for choice in dict.fromkeys(chosen):
         least_reduced = least / (law.coefficient * widest**1.5)
-        table = tabulate_medium(packing, choice, least_reduced, most_friction)
+        table = tabulate_medium(packing, choice, least_reduced, most_friction, most_rolling)
         if table["refusal"] and packing.spread_matters:  # what the scene asks for must be possible
             raise MechanismError(table["refusal"])
         tables.append(table)
-    torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
     if all(table["refusal"] for table in tables):
         widest = 0.0
     along = as_direction((1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods)
@@ -113,7 +114,7 @@ def describe_page(
         "media": tables,
         "limits": {
             "force": [least, most], "width": widest if structure.periods > 1 else 0.0, "eta": most_friction,
-            "rolling": max(_MOST_ROLLING, 2.0 * packing.bending, 2.0 * float(torsion)),
+            "rolling": most_rolling,
         },
         "direction": along.tolist(),
         "start": {
