@@ -17,6 +17,7 @@ from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, pl
 from granphon.figures.modes import animate_mode, plot_mode
 from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
+from granphon.phonons.zones import zone_faces
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -94,7 +95,7 @@ def volume(faces):
 )
 def test_the_zone_in_space_is_the_wigner_seitz_cell(cell, corners):
     reciprocal = np.linalg.inv(cell).T
-    faces = zones.zone_faces(reciprocal)
+    faces = zone_faces(reciprocal)
     if corners is not None:
         assert sorted(map(len, faces)) == corners
     assert volume(faces) == pytest.approx(abs(np.linalg.det(reciprocal)), rel=1e-9)

@@ -22,6 +22,7 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures import bands as plot
 from granphon.figures import scales, style, zones
 from granphon.figures.modes import plot_mode
+from granphon.phonons.zones import zone_polygon
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
@@ -218,7 +219,7 @@ def area(corners):
 )
 def test_the_zone_is_the_wigner_seitz_cell(cell, corners):
     reciprocal = np.linalg.inv(cell).T
-    polygon = zones.zone_polygon(reciprocal)
+    polygon = zone_polygon(reciprocal)
     assert len(polygon) == corners
     assert_allclose(area(polygon), abs(np.linalg.det(reciprocal)), rtol=1e-12)  # anticlockwise: the area is positive
     steps = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 2), axis=-1).reshape(-1, 2)

@@ -60,6 +60,8 @@ def _granphon(
       granphon plot out -o figure.pdf     draw the results again
       granphon mode scene.yaml --at K -o mode.png
                                           draw how balls move in a mode
+      granphon page scene.yaml -o page.html
+                                          make a page to play with
       granphon tradeoff scene.yaml        what accuracy costs, measured
     """
 

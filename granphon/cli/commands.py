@@ -14,7 +14,7 @@ from typing import Any
 import typer
 
 from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning
-from granphon.cli import doctor, modes, scenes, studies  # noqa: F401  importing them adds their commands to app
+from granphon.cli import doctor, modes, pages, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 

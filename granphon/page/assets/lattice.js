@@ -1,0 +1,180 @@
+// The lattice of contacts: C(q) from the rows of its contacts, and the frequencies and motions that follow.
+// Everything is in reduced units: length d, stiffness k, mass of a ball M. Wave vectors are fractions of the reciprocal cell.
+
+import { addGram, columnLengths, hermitianEigen, singularValues, zeroMatrix } from "./linear_algebra.js";
+
+// a frequency is zero if it is no larger than this multiple of the rounding of its own columns
+const ROUNDING = 32 * Number.EPSILON;
+const KINDS = ["elongation", "slip", "twist", "roll"];
+
+// The lattice at some settings: {motions, eta, torsion, bending, spacing, push}. `spacing` a/d and `push` f/(k a) are 1 and 0
+// without the terms of finite overlap.
+export function makeLattice(data, settings) {
+  const known = data.motions.find((one) => one.name === settings.motions);
+  const present = [settings.eta, settings.torsion, settings.bending].map((one) => (one > 0 ? "1" : "0")).join("");
+  const statement = known.statements[present];
+  const columns = [...known.translations, ...(statement.rotate ? known.rotations.map((axis) => 3 + axis) : [])];
+  const lattice = {
+    data, settings, statement, waves: known.waves, twist: known.twist,
+    columns, translations: known.translations, rotations: statement.rotate ? known.rotations : [],
+    count: columns.length, balls: data.positions.length,
+    half: data.contacts.vector.map((vector) => toFractions(data, vector)),
+  };
+  lattice.branches = lattice.count * lattice.balls;
+  lattice.frame = makeFrame(lattice.balls);
+  const stiffness = { elongation: 1, slip: settings.eta, twist: settings.torsion, roll: settings.bending, push: 1 };
+  lattice.deforming = weightRows(lattice, KINDS, stiffness);
+  lattice.pushing = settings.push ? weightRows(lattice, ["push"], { push: settings.push }) : null;
+  return lattice;
+}
+
+// Frequencies (ascending) and mass-weighted motions at a wave vector. `squares` has the squared frequencies, which static
+// forces can make negative; the frequency is then NaN, and `buckles` says so.
+export function solveModes(lattice, fractions) {
+  const folded = fractions.slice(0, lattice.data.periods).map((one) => one - Math.round(one));
+  const rows = computeRows(lattice, lattice.deforming, folded);
+  if (!lattice.pushing) {
+    const { values, right } = singularValues(rows);
+    clearRounding(lattice, rows, values, right);
+    return { values, vectors: right, folded, buckles: false };
+  }
+  const matrix = zeroMatrix(lattice.branches, lattice.branches, rows.im !== null);
+  addGram(matrix, rows, 1);
+  addGram(matrix, computeRows(lattice, lattice.pushing, folded), -1);
+  const { values: squares, vectors } = hermitianEigen(matrix);
+  // squares are rounded as multiples of the largest
+  const least = ROUNDING * Math.max(Math.abs(squares[0]), Math.abs(squares[squares.length - 1]));
+  const values = squares.map((one) => (Math.abs(one) <= least ? 0 : Math.sqrt(one)));
+  return { values, vectors, squares, folded, buckles: squares[0] < -least };
+}
+
+// Part of the kinetic energy of mode `branch` that is rotation
+export function rotationalPart(lattice, modes, branch) {
+  const first = lattice.translations.length;
+  let sum = 0;
+  for (let row = 0; row < lattice.branches; row++) {
+    if (row % lattice.count < first) continue;
+    const at = branch * lattice.branches + row;
+    sum += modes.vectors.re[at] ** 2 + (modes.vectors.im ? modes.vectors.im[at] ** 2 : 0);
+  }
+  return Math.min(sum, 1);
+}
+
+// Motion of each ball in mode `branch`: complex u (diameters) and phi (rad) along x, y, z, before the factor exp(i q.r)
+export function ballMotions(lattice, modes, branch) {
+  const found = [];
+  const vector = (row) => {
+    const at = branch * lattice.branches + row;
+    return [modes.vectors.re[at], modes.vectors.im ? modes.vectors.im[at] : 0];
+  };
+  for (let ball = 0; ball < lattice.balls; ball++) {
+    const motion = Array.from({ length: 6 }, () => [0, 0]);
+    lattice.columns.forEach((axis, m) => {
+      for (let b = 0; b < lattice.balls; b++) {
+        const [re, im] = vector(b * lattice.count + m);
+        const weight = lattice.frame[ball][b];
+        // rotations are kept divided by i
+        motion[axis][0] += weight * (axis < 3 ? re : -im);
+        motion[axis][1] += weight * (axis < 3 ? im : re);
+      }
+    });
+    for (let axis = 3; axis < 6; axis++) motion[axis] = motion[axis].map((one) => one / lattice.data.gyration);
+    found.push(motion);
+  }
+  return found;
+}
+
+// Vector in space (spacings) as multiples of the lattice vectors
+function toFractions(data, vector) {
+  return Array.from({ length: data.periods }, (_, a) =>
+    data.reciprocal[a].reduce((sum, g, axis) => sum + g * vector[axis], 0) / (2 * Math.PI));
+}
+
+// Orthogonal matrix [ball][b] whose first column moves all balls alike
+function makeFrame(n) {
+  const frame = Array.from({ length: n }, () => new Float64Array(n));
+  for (let ball = 0; ball < n; ball++) {
+    frame[ball][0] = 1 / Math.sqrt(n);
+    for (let b = 1; b < n; b++) {
+      frame[ball][b] = ball < b ? 1 / Math.sqrt(b * (b + 1)) : ball === b ? -b / Math.sqrt(b * (b + 1)) : 0;
+    }
+  }
+  return frame;
+}
+
+// Rows of C(q) of some kinds, times the root of their stiffness: coefficients of the sine and cosine of the half angle.
+// Rotations and rows are divided by i, rows of rotations alone once more: then those of one ball in the cell are real.
+function weightRows(lattice, kinds, stiffness) {
+  const { data, settings, frame, count, balls, branches } = lattice;
+  const found = [];
+  for (const row of data.rows) {
+    const weight = stiffness[row.kind];
+    if (!kinds.includes(row.kind) || !(Math.abs(weight) > 0)) continue;
+    const ofTurns = row.kind === "twist" || row.kind === "roll";
+    const root = Math.sqrt(Math.abs(weight));
+    data.contacts.i.forEach((i, contact) => {
+      const j = data.contacts.j[contact];
+      const gap = new Float64Array(branches);
+      const total = new Float64Array(branches);
+      lattice.columns.forEach((axis, m) => {
+        // the arm of a slip is half the spacing
+        const factor = root * (row.kind === "slip" && axis >= 3 ? settings.spacing : 1);
+        for (let b = 0; b < balls; b++) {
+          const head = factor * row.head[contact][axis] * frame[j][b];
+          const tail = factor * row.tail[contact][axis] * frame[i][b];
+          gap[b * count + m] = head - tail;
+          total[b * count + m] = head + tail;
+        }
+      });
+      if (gap.some((one) => one !== 0) || total.some((one) => one !== 0)) {
+        const real = Uint8Array.from(gap, (_, place) => (lattice.columns[place % count] >= 3) === ofTurns);
+        found.push({ contact, gap, total, real, kind: row.kind, row, root });
+      }
+    });
+  }
+  return found;
+}
+
+function computeRows(lattice, rows, folded) {
+  const m = Math.max(rows.length, 1);
+  const n = lattice.branches;
+  const found = zeroMatrix(m, n, lattice.balls > 1);
+  const sines = lattice.half.map((vector) => Math.PI * vector.reduce((sum, one, a) => sum + one * folded[a], 0));
+  const cosines = sines.map(Math.cos);
+  sines.forEach((angle, c) => (sines[c] = Math.sin(angle)));
+  rows.forEach((row, place) => {
+    const sine = sines[row.contact];
+    const cosine = cosines[row.contact];
+    for (let col = 0; col < n; col++) {
+      const at = col * m + place;
+      if (row.real[col]) {
+        found.re[at] = row.total[col] * sine;
+        if (found.im) found.im[at] = -row.gap[col] * cosine;
+      } else {
+        found.re[at] = row.gap[col] * cosine;
+        if (found.im) found.im[at] = row.total[col] * sine;
+      }
+    }
+  });
+  return found;
+}
+
+// Set to zero the frequencies that are the rounding of their own columns
+function clearRounding(lattice, rows, values, right) {
+  const n = values.length;
+  let lengths = null;
+  for (let k = 0; k < n; k++) {
+    if (k < lattice.statement.free) {
+      values[k] = 0;
+      continue;
+    }
+    if (values[k] === 0 || values[k] > 1e-10 * values[n - 1]) continue;
+    lengths ??= columnLengths(rows);
+    let sum = 0;
+    for (let row = 0; row < n; row++) {
+      const size = right.re[k * n + row] ** 2 + (right.im ? right.im[k * n + row] ** 2 : 0);
+      sum += lengths[row] ** 2 * size;
+    }
+    if (values[k] <= ROUNDING * Math.sqrt(sum)) values[k] = 0;
+  }
+}

@@ -1,0 +1,145 @@
+"""The page of a packing under load: one file for a browser, with everything inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.diameters import Uniform
+from granphon.balls.lattices import as_direction
+from granphon.balls.loads import Load
+from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.errors import InputError, MechanismError
+from granphon.media.choice import MediumChoice
+from granphon.page.bundle import fill_template
+from granphon.page.lattice_data import describe_lattice
+from granphon.page.medium_tables import tabulate_medium
+from granphon.phonons.paths import BandPath
+
+__all__ = ["PAGE_SCHEMA", "describe_page", "make_page"]
+
+#: number of the layout of a page's data
+PAGE_SCHEMA = 1
+#: the slider of the load goes so far below and above the loads of the scene, up to this overlap in diameters
+_BELOW, _ABOVE, _MOST_OVERLAP = 1e-2, 1e2, 0.05
+#: f* of the first load at the largest width of the slider
+_LEAST_REDUCED = 0.1
+#: sliders of torsion and bending go to this stiffness, over k d^2
+_MOST_ROLLING = 0.2
+
+
+def make_page(
+    packing: Packing,
+    media: Sequence[MediumChoice],
+    load: Load,
+    *,
+    finite_overlap: bool = False,
+    path: BandPath | None = None,
+    direction: Sequence[float] | None = None,
+    title: str = "granphon",
+    remarks: Sequence[str] = (),
+) -> str:
+    """Return the text of the page, HTML; the arguments are those of :func:`describe_page`."""
+    data = describe_page(
+        packing, media, load, finite_overlap=finite_overlap, path=path, direction=direction, remarks=remarks
+    )
+    return fill_template(data, title)
+
+
+def describe_page(
+    packing: Packing,
+    media: Sequence[MediumChoice],
+    load: Load,
+    *,
+    finite_overlap: bool = False,
+    path: BandPath | None = None,
+    direction: Sequence[float] | None = None,
+    remarks: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return all that a page computes from, as plain numbers and texts; SI units unless the key says otherwise.
+
+    Parameters
+    ----------
+    packing : the balls.
+    media : the media among which the page lets choose; an automatic one is the medium that it takes at the first load.
+    load : one load or more. The page begins at the first, and its slider reaches beyond all of them.
+    finite_overlap : whether the page begins with the terms of relative order delta/d.
+    path : the path of the bands, by default that of the lattice.
+    direction : of sound, (p,); x by default.
+    remarks : sentences that the page shows.
+
+    Raises
+    ------
+    InputError : the balls cannot carry a load; an automatic medium cannot be chosen.
+    """
+    structure, law = packing.structure, packing.law
+    forces, chosen, choices = [], [], list(dict.fromkeys(media)) or [MediumChoice("ala")]
+    for choice in choices:
+        serving = choice.rungs(packing, load.applied.flat)[0].medium if choice.is_automatic else choice
+        chosen.append(serving)
+    for value in load.applied.flat.array if load.size <= 2 else load.applied.flat.array[[0, *_find_ends(load)]]:
+        state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
+        forces.append(float(state.force))
+    if packing.spread is None and [one.name for one in chosen] == ["ala"] and structure.periods > 1:
+        chosen = [MediumChoice("ema")]  # that of balls that differ, once the slider makes them so; equal ones are the same
+    least, most = _find_forces(packing, forces)
+    widest = (forces[0] / (_LEAST_REDUCED * law.coefficient)) ** (2.0 / 3.0)
+    widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
+    most_friction = max(1.0, packing.mindlin_ratio)
+    torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
+    most_rolling = max(_MOST_ROLLING, 2.0 * packing.bending, 2.0 * float(torsion))
+    tables = []
+    for choice in dict.fromkeys(chosen):
+        least_reduced = least / (law.coefficient * widest**1.5)
+        table = tabulate_medium(packing, choice, least_reduced, most_friction, most_rolling)
+        if table["refusal"] and packing.spread_matters:  # what the scene asks for must be possible
+            raise MechanismError(table["refusal"])
+        tables.append(table)
+    if all(table["refusal"] for table in tables):
+        widest = 0.0
+    along = as_direction((1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods)
+    return {
+        "schema": PAGE_SCHEMA,
+        "lattice": describe_lattice(packing, path or BandPath.default(structure)),
+        "balls": {
+            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient,
+            "shear_modulus": packing.material.shear_modulus, "density": packing.effective_density,
+            "mindlin_ratio": packing.material.mindlin_ratio,
+            "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),
+        },
+        "pressure": _find_pressure(packing),
+        "units": structure.units_of(("pressure", "modulus")),
+        "media": tables,
+        "limits": {
+            "force": [least, most], "width": widest if structure.periods > 1 else 0.0, "eta": most_friction,
+            "rolling": most_rolling,
+        },
+        "direction": along.tolist(),
+        "start": {
+            "force": forces[0], "width": packing.width if structure.periods > 1 else 0.0, "eta": packing.mindlin_ratio,
+            "torsion": float(torsion), "mindlin": packing.torsion == MINDLIN, "bending": packing.bending,
+            "overlap": bool(finite_overlap), "motions": packing.named_motions.name,
+        },
+        "remarks": list(remarks),
+    }  # fmt: skip
+
+
+def _find_ends(load: Load) -> list[int]:
+    return [int(np.argmin(load.array)), int(np.argmax(load.array))]
+
+
+def _find_forces(packing: Packing, forces: Sequence[float]) -> tuple[float, float]:
+    """Return the ends of the slider of the load, N."""
+    most = max(float(packing.law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+    return _BELOW * min(forces), min(_ABOVE * max(forces), most)
+
+
+def _find_pressure(packing: Packing) -> float | None:
+    """Return pressure over force, SI; None if the stress of the lattice is not a pressure."""
+    structure = packing.structure
+    try:
+        return structure.pressure_factor / packing.diameter ** (structure.periods - 1)
+    except InputError:
+        return None
