@@ -27,7 +27,7 @@ from granphon.media.sampled_balls import SampledBalls
 
 __all__ = [
     "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "friction_coefficient", "press", "press_all",
-    "read_loading", "read_start", "step_tolerance",
+    "read_loading", "read_start", "refuse_without_history", "step_tolerance",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -118,6 +118,24 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     return found
 
 
+def refuse_without_history(options: Mapping[str, Any]) -> None:
+    """Raise :class:`~granphon.base.errors.Refused` for options of a medium that contradict each other.
+
+    These are options of a history without ``friction_history``, and a history without a friction coefficient.
+    """
+    if options.get("friction_history"):
+        if options.get("friction_coefficient") is None:
+            mend = "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces."
+            raise Refused("no friction_coefficient", "a number, zero or above, or inf", mend, ("friction_coefficient",))
+        return
+    for name, default in LOADING_OPTIONS.items():
+        value = options.get(name, default)
+        if value is not default and not (isinstance(value, str | float | int) and value == default):
+            found = f"{show(options[name])} without friction_history"
+            mend = "Samples then come to rest without friction."
+            raise Refused(found, f"{name} together with friction_history: true", mend, (name,))
+
+
 def read_loading(
     packing: Packing, friction_history: bool, geometry: str, options: Mapping[str, Any]
 ) -> tuple[Loading | None, dict[str, Any]]:
@@ -126,20 +144,13 @@ def read_loading(
     Raises :class:`~granphon.base.errors.InputError` for an option out of range, without ``friction_history``, or without
     meaning for the packing.
     """
+    require("DirectSimulation", refuse_without_history, {"friction_history": friction_history, **options})
     require("geometry", partial(choice, options=GEOMETRIES), geometry)
     if geometry == "exact":
         what = "the exact geometry of contacts is not simulated"
         raise InputError(message(what, "Contacts keep the directions of the lattice", 'Use geometry="lattice"'))
     if not friction_history:
-        if extra := [name for name, value in options.items() if value != LOADING_OPTIONS[name]]:
-            what = f"{extra[0]} is given, and friction_history is not on"
-            raise InputError(
-                message(what, "Samples come to rest without friction", "Set friction_history=True, or leave it out")
-            )
         return None, dict(options)
-    if options["friction_coefficient"] is None:
-        why = "It is a property of the surfaces, which the material does not have"
-        raise InputError(message("friction_history has no friction_coefficient", why, "Give one, such as 0.2, or inf"))
     given: dict[str, Any] = {
         "friction_coefficient": require("friction_coefficient", friction_coefficient, options["friction_coefficient"]),
         "start": require("start", read_start, options["start"]),
