@@ -152,6 +152,16 @@ class PressedEquilibrium(Equilibrium):
         return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
 
 
+class _Continued(LoadingHistory):
+    """A history that begins with a state to which another one has led."""
+
+    resumed: PressedArray
+
+    def begin(self) -> PressedArray:
+        """Return that state."""
+        return self.resumed
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedSample(Sample):
     """One array of balls at rest under one load, which it has reached by a path of loads with friction.
@@ -267,17 +277,16 @@ class PressedSample(Sample):
         exp(2 STEP) times the force back, on a parabola: going back itself would be unloading, which is another state.
         """
         here = self.equilibrium
-        stencils = here.sheared
-        history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf)
-        states, tensors = [here.resume()], [self.elastic_tensor]
-        for times in (1.0, 2.0):
-            before = states[-2] if len(states) > 1 else None
-            states.append(history.step(states[-1], before, Prescribed(force=here.force * math.exp(times * STEP))))
-            beside = PressedEquilibrium.of(states[-1], here.deviations, stencils)
+        stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0)]
+        history = _Continued(here.deviations, stencils, here.friction_coefficient, math.inf)
+        history.resumed = here.resume()
+        tensors = [self.elastic_tensor]
+        for state in history.path(loads):
+            beside = PressedEquilibrium.of(state, here.deviations, stencils)
             tensors.append(self._compute_elastic_tensor(beside.share(here.deviations, here.stencils)))
         stencils.forget()
-        now, next_, last = tensors
-        return read_only([3.0 * now - 3.0 * next_ + last, next_])
+        now, after, last = tensors
+        return read_only([3.0 * now - 3.0 * after + last, after])
 
     def _shear_ratios(self, equilibrium: Equilibrium) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)
