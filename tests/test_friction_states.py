@@ -206,7 +206,7 @@ def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
     ratio = network.shear_stiffness / network.normal_stiffness / ETA
     part = sample.mobilisation[sample.equilibrium.stiffnesses.transpose(1, 2, 0) > 0.0]
     wanted = {"slide": (part < 1.0 - 1e-9).astype(float), "stick": np.ones_like(part), "partial_slip": np.cbrt(1.0 - part)}
-    np.testing.assert_allclose(ratio, wanted[response], atol=2e-3)
+    np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
 
 
 def test_springs_at_more_contacts_make_the_array_stiffer():
