@@ -112,7 +112,7 @@ RUNG_OPTIONS = {
     "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
     "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",
-    "auto.friction_history": "whether truth is an array loaded with friction; errors are not known then, and `auto` is refused",
+    "auto.friction_history": "whether truth is an array loaded with friction; `auto` is refused then, as no errors are known",
 }
 PACKINGS = {
     "young_modulus": "Young modulus",

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import yaml
 
 import granphon as gp
 from granphon.array.equilibrium import Prescribed
@@ -205,7 +206,8 @@ def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
     np.testing.assert_allclose(sample.elastic_tensor, dense_tensor(network, PACKING), rtol=1e-6, atol=1e-7 * 1e9)
     ratio = network.shear_stiffness / network.normal_stiffness / ETA
     part = sample.mobilisation[sample.equilibrium.stiffnesses.transpose(1, 2, 0) > 0.0]
-    wanted = {"slide": (part < 1.0 - 1e-9).astype(float), "stick": np.ones_like(part), "partial_slip": np.cbrt(1.0 - part)}
+    held = (part < 1.0 - 1e-9).astype(float)
+    wanted = {"slide": held, "stick": np.ones_like(part), "partial_slip": held * np.cbrt(1.0 - part)}
     np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
 
 
@@ -250,7 +252,7 @@ def test_exponent_is_the_slope_of_the_velocity_along_the_path():
     force = paths.at_overlap(0.8 * W).force
     beside = gp.sound_velocities(paths.at_force(force * np.exp([-0.1, 0.0, 0.1]))).longitudinal
     slope = np.log(beside[2] / beside[0]) / 0.2
-    assert gp.local_exponent(paths.at_force(force)) == pytest.approx(slope, abs=2e-3)
+    assert gp.local_exponent(paths.at_force(force)) == pytest.approx(slope, abs=5e-3)
 
 
 def test_equal_balls_have_no_history():
@@ -399,3 +401,92 @@ def test_an_automatic_medium_has_no_table_for_it():
     with pytest.raises(InputError, match="errors of the media are not known for samples loaded with friction"):
         MediumChoice.parse({"auto": {"friction_history": True}}).of(PACKING).at_force(1.0)
     assert MediumChoice.parse("auto") == MediumChoice.parse({"auto": {"friction_history": False}})
+
+
+# -- scenes, sweeps, fits -------------------------------------------------------------------------------------------------
+
+SCENE = """
+schema: 1
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: 2 N}
+medium: {simulation: {shape: 4 4, friction_history: true, friction_coefficient: 0.2, step_tolerance: 0.1}}
+"""
+
+
+def scene(**more):
+    text = SCENE
+    for old, new in more.items():
+        text = text.replace({"load": "{force: 2 N}", "medium": text.split("medium: ")[1].strip()}[old], new)
+    return gp.Scene.from_text(text)
+
+
+def options(*more):
+    return "{simulation: {" + ", ".join(["shape: 4 4", "step_tolerance: 0.1", *more]) + "}}"
+
+
+HISTORY = ("friction_history: true", "friction_coefficient: 0.2")
+
+
+def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
+    given = scene(medium=options(*HISTORY, "start: {force: 0.4 N}", "shear_response: stick"))
+    given.run(tmp_path / "out")
+    again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert again == given
+    medium = gp.DirectSimulation(
+        PACKING, (4, 4), friction_history=True, friction_coefficient=0.2, step_tolerance=0.1, start={"force": 0.4},
+        shear_response="stick",
+    )  # fmt: skip
+    state = medium.at_force(2.0)
+    summary = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())
+    for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "overlap", "normal_stiffness"):
+        assert summary[name] == getattr(state, name)
+    assert {name: summary["units"][name] for name in ("work", "tangential_ratio")} == {"work": "J", "tangential_ratio": "1"}
+    assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
+
+
+def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
+    loads = "{force: [1 N, 3 N, 1.5 N]}"
+    path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).run(tmp_path / "path").dataset
+    loaded = simulation(shape=(4, 4), step_tolerance=0.1).at_force([1.0, 3.0, 1.5])
+    state = simulation(shape=(4, 4), step_tolerance=0.1).path(force=[1.0, 3.0, 1.5])
+    np.testing.assert_array_equal(path["overlap"].values.ravel(), state.overlap)
+    np.testing.assert_array_equal(path["sliding_fraction"].values.ravel(), state.sliding_fraction)
+    np.testing.assert_array_equal(path["bulk"].values.ravel(), gp.moduli(state).bulk)
+    assert path["dissipated_energy"].attrs["units"] == "J"
+    assert path["overlap"].values.ravel()[2] > loaded.overlap[2]  # balls that are unloaded stay nearer
+    assert path["overlap"].values.ravel()[0] == loaded.overlap[0]
+
+
+@pytest.mark.exhaustive
+def test_a_width_is_fitted_with_friction():
+    # springs at all contacts: without those at sliding contacts, of so few balls, the velocity would jump with the width
+    history = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick", "step_tolerance": 1e-2}
+    medium = {"simulation": {"shape": (8, 8), **history}}
+    forces = np.array([2.0, 8.0])  # well above the start, also where a width that is tried is too large
+    state = MediumChoice.parse(medium).of(PACKING).at_force(forces)
+    fit = gp.fit_width(PACKING, forces, gp.sound_velocities(state).longitudinal, 1.0, medium=medium)
+    assert fit.width == pytest.approx(W, rel=0.02)
+    assert "friction_history=true" in fit.medium
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
+        (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
+        (options("friction_history: true", "friction_coefficient: -1"), "friction_coefficient: found -1"),
+        (options("friction_history: true", "friction_coefficient: .nan"), "friction_coefficient: found"),
+        (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
+        (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
+        (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
+        (options(*HISTORY, "geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
+        (options(*HISTORY, "shear_response: slip"), "shear_response: found 'slip'"),
+        (options("friction_histroy: true"), "Did you mean 'friction_history'"),
+        ("{auto: {friction_history: true}}", "errors of the media are not known for samples loaded with friction"),
+        ("{ema: {friction_history: true}}", "found an unknown key"),
+    ],
+)
+def test_mistakes_in_a_scene(given, why):
+    with pytest.raises(InputError, match=why):
+        scene(medium=given).plan.require()
