@@ -177,8 +177,8 @@ class ExactGeometry:
         parts = [*push[: self._dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
         return self._frame.forces(np.concatenate([np.broadcast_to(part, self.means.shape) for part in parts]))
 
-    def gradients(self) -> Array:
-        """(n_c, p, p) directions of each contact and its tangents on the lattice, as rows."""
+    def axes(self) -> Array:
+        """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
         p = self._dimension
         return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[:p, :p].transpose(2, 0, 1)
 
@@ -236,12 +236,11 @@ class ExactPlace:
     @cached_property
     def tangents(self) -> tuple[_Vector, _Vector]:
         """The tangents t and b, with n x t = b."""
-        (n0, n1, n2), one = self.normal, 1.0 + self.normal[0]
-        mixed = _scale(-1.0, _scale(n1, n2) / one) if isinstance(n2, np.ndarray) else 0.0
-        t: _Vector = (-n1, 1.0 - n1 * n1 / one, mixed) if isinstance(n1, np.ndarray) else (0.0, 1.0, 0.0)
+        (n0, n1, n2), one = self.normal, 1.0 / (1.0 + self.normal[0])
         if not isinstance(n2, np.ndarray):
-            return t, (0.0, 0.0, 1.0)
-        b = (-n2, mixed, 1.0 - n2 * n2 / one)
+            return (-n1, n0, 0.0), (0.0, 0.0, 1.0)
+        mixed = -n1 * n2 * one
+        t, b = (-n1, 1.0 - n1 * n1 * one, mixed), (-n2, mixed, 1.0 - n2 * n2 * one)
         spin = 0.5 * self.geometry.ratio * self._sum[0]
         cosine, sine = np.cos(spin), np.sin(spin)
         return _add(_times(cosine, t), _times(sine, b)), _add(_times(cosine, b), _times(-sine, t))
@@ -274,6 +273,23 @@ class ExactPlace:
         t, b = self.tangents
         return _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
 
+    def lose(self, moved: Any) -> Array:
+        """Return the losses of overlap by small relative displacements of the two balls."""
+        return np.asarray(_dot(self.normal, moved))
+
+    def curve(self, moved: Any, forces: Array, stiffness: Array, slope: Array) -> tuple[Array, Any]:
+        """Return the second derivatives along a straight line of the overlaps, and of the forces f n.
+
+        ``moved`` are the relative displacements, ``stiffness`` df/dh and ``slope`` d^2f/dh^2.
+        """
+        eps, n, loss = self.geometry.ratio, self.normal, self.lose(moved)
+        across = _subtract(moved, _times(loss, n))
+        tilt, square = _times(eps / self.size, across), _dot(across, across)
+        bend = -eps * square / self.size
+        along = slope * loss**2 + stiffness * bend - forces * eps * eps * square / self.size**2
+        aside = -2.0 * stiffness * loss - 2.0 * forces * eps * loss / self.size
+        return bend, _add(_times(along, n), _times(aside, tilt))
+
     # -- forces -----------------------------------------------------------------------------------------------------
 
     def pull(self, forces: Array, shears: Array) -> Array:
@@ -294,6 +310,20 @@ class ExactPlace:
         if len(shears):
             push = push - self._carry(shears)[0][0]
         return float(np.mean(push))
+
+    def stress(self, forces: Array, shears: Array) -> Array:
+        """Return the (p, p) sum over contacts of the force on ball i times w, below zero where balls are pressed together.
+
+        It is in units of stiffness times d^2.
+        """
+        along, _ = self._carry(shears)
+        push, axes = _subtract(along, _times(forces, self.normal)), self.geometry.axes()
+        out, p = np.zeros(axes.shape[1:]), axes.shape[1]
+        for a in range(p):
+            for b in range(p):
+                sums = np.sum(np.broadcast_to(push[a] * self.vector[b], forces.shape).reshape(len(axes), -1), axis=1)
+                out += np.einsum("c,ci,cj->ij", sums, axes[:, a], axes[:, b])
+        return np.asarray(self.geometry.ratio * out)
 
     def respond(
         self, motion: Motion, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)
@@ -317,8 +347,10 @@ class ExactPlace:
         """
         eps, n, half = self.geometry.ratio, self.normal, 0.5 * self.size
         loss = _dot(n, moved)
-        slips = self._slide(moved, self._roll(total, difference, self.size))[: len(shears)]
-        normal, shear = law(loss, np.stack(slips) if len(shears) else shears)
+        shear = shears
+        if len(shears):
+            shear = np.stack(self._slide(moved, self._roll(total, difference, self.size))[: len(shears)])
+        normal, shear = law(loss, shear)
         tilt = _times(eps / self.size, _subtract(moved, _times(loss, n)))  # dn
         along, across = self._carry(shear)
         push = _subtract(_add(_times(normal, n), along), _times(forces, tilt))
