@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
@@ -265,7 +266,7 @@ def equilibrate(
     near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
-        found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        found = approach(LatticeGeometry(stencils, deviations), y, balls, load.force if free else None, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
     pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
     # linear equations need few digits, and single precision takes half of the time

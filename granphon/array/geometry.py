@@ -33,6 +33,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.conjugate_gradients import solve_by_conjugate_gradients, solve_by_descent
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.errors import InputError, message
@@ -43,10 +44,14 @@ __all__ = ["ExactGeometry", "ExactPlace", "Geometry", "LatticeGeometry", "Lattic
 Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
+#: approximate inverse of C^T K C
+Inverse = Callable[[Array], Array]
 #: components along a contact's direction on the lattice and the two tangents there, arrays (n_c, L1, ..., Lp); those that
 #: balls on a line or in a plane do not have are the number 0.0
 _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
+#: largest number of conjugate-gradient steps in one step of Newton's method
+_MOST_STEPS = 3000
 
 
 class Place(Protocol):
@@ -67,6 +72,9 @@ class Place(Protocol):
 
     def slips(self, before: Place, slips: Array) -> Array:
         """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration ``before``."""
+
+    def losses(self, motion: Motion) -> Array:
+        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
@@ -91,6 +99,18 @@ class Geometry(Protocol):
     def place(self, balls: Array, overlap: float) -> Place:
         """Return the configuration with these motions ``balls`` and the overlap y."""
 
+    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
+        """Return the overlaps and slips of contacts at the beginning of a history."""
+
+    def solve(
+        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool
+    ) -> tuple[Motion, int]:
+        """Solve for a small motion that takes forces on balls away, without friction.
+
+        The error falls by ``reduction``. ``forces`` act here, and turn with their contacts. If ``free`` is true, the
+        compression is an unknown too. Returns the motion and the number of iterations.
+        """
+
 
 class LatticeGeometry:
     """Geometry of contacts that keep the directions of the lattice: the limit of spread and overlap small against d."""
@@ -103,6 +123,18 @@ class LatticeGeometry:
     def place(self, balls: Array, overlap: float) -> LatticePlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
+
+    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
+        """Return the overlaps of contacts, and their slips from the sites."""
+        place = self.place(balls, overlap)
+        return place.overlaps, place.slips(place, place.overlaps)
+
+    def solve(
+        self, place: LatticePlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
+        free: bool,
+    ) -> tuple[Motion, int]:  # fmt: skip
+        """Solve C^T K C u = ``right``; see :class:`Geometry`."""
+        return solve_by_conjugate_gradients(self.stencils, stiffness, right, inverse, reduction, free)
 
 
 class LatticePlace:
@@ -117,6 +149,10 @@ class LatticePlace:
     def slips(self, before: Place, slips: Array) -> Array:  # noqa: ARG002 (here they depend on the place alone)
         """Return (n_s, n_c, L1, ..., Lp) slips from the sites."""
         return self._slips
+
+    def losses(self, motion: Motion) -> Array:
+        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
+        return self._stencils.deformations(motion)[: self._stencils.n_contacts]
 
     def pull(self, forces: Array, shears: Array) -> Array:
         """Return the forces on balls."""
@@ -161,6 +197,44 @@ class ExactGeometry:
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return ExactPlace(self, balls, overlap)
+
+    def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
+        """Return the overlaps of contacts, and slips of zero: they are counted from there."""
+        overlaps = self.place(balls, overlap).overlaps
+        return overlaps, np.zeros((self._dimension - 1, *overlaps.shape))
+
+    def solve(
+        self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
+        free: bool,
+    ) -> tuple[Motion, int]:  # fmt: skip
+        """Solve for a small motion without friction; see :class:`Geometry`.
+
+        Forces push balls aside with the stiffness -f eps/|w|. If a curvature is then below zero, the equations are solved
+        with the other sign: balls that forces push aside so go farther in the same way.
+        """
+        size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
+        held = 1.0 / float(np.sum(stiffness))
+
+        def split(vector: Array) -> Motion:
+            return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
+
+        def join(balls: Array, press: float) -> Array:
+            return np.append(balls, press) if free else np.ravel(balls)
+
+        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
+            return stiffness * loss, slip
+
+        taken = 0
+        for sign in (1.0, -1.0):
+            found, steps, stable = solve_by_descent(
+                lambda vector, sign=sign: join(*place.respond(split(vector), law, sign * forces, none)),  # type: ignore[misc]
+                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
+                join(*right), reduction, _MOST_STEPS,
+            )  # fmt: skip
+            taken += steps
+            if stable:
+                break
+        return split(found), taken
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
@@ -272,6 +346,10 @@ class ExactPlace:
     def _slide(self, moved: _Vector, rolled: _Vector) -> tuple[Any, Any]:
         t, b = self.tangents
         return _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
+
+    def losses(self, motion: Motion) -> Array:
+        """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
+        return self.lose(self.geometry.split(motion)[0])
 
     def lose(self, moved: Any) -> Array:
         """Return the losses of overlap by small relative displacements of the two balls."""

@@ -1,7 +1,7 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, as in :mod:`granphon.array.equilibrium`, whose units are used: W and
-c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
+Directions of contacts are those of the lattice, or those in which balls are (:mod:`granphon.array.geometry`). Units are those
+of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
 taken in steps. At the end of each step the forces and torques on every ball are in balance,
 
     C_n^T f = C_s^T T
@@ -27,8 +27,10 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
+from granphon.array.geometry import Geometry, LatticeGeometry, Place
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
 
 __all__ = ["BALANCE_TOLERANCE", "START_SPACING", "LoadingHistory", "PressedArray"]
@@ -128,7 +130,9 @@ class LoadingHistory:
     friction_coefficient : mu of the contacts, from zero to infinity.
     tolerance : steps are halved until this changes f* along the path by less than this fraction; if it is infinite, each
         load is reached in one step.
-    start : state without friction at which the history begins; by default that of a* = 1/2.
+    start : state without friction at which the history begins; by default that of a* = 1/2. In the true geometry the balls
+        come to rest there anew, unless it is a state in it.
+    geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
     """
@@ -138,6 +142,7 @@ class LoadingHistory:
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
     start: Equilibrium | None = None
+    geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
         if not self.friction_coefficient >= 0.0:
@@ -149,7 +154,9 @@ class LoadingHistory:
                 message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
+        self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
         self._means = self.stencils.average_pairs(self.deviations)
+        self._located: tuple[Array, Place] | None = None
         self._inverses = Preconditioners(self.stencils)
 
     # -- the path ---------------------------------------------------------------------------------------------------
@@ -158,11 +165,14 @@ class LoadingHistory:
         """Return the state at the start: at rest without friction, rotations and tangential forces zero."""
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
         state = self.start or equilibrate(self.deviations, Prescribed(overlap=START_SPACING - 0.5), smooth)
+        ratio = self._geometry.ratio
+        if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
+            state = equilibrate_in_truth(self.deviations, Prescribed(overlap=state.overlap), ratio, smooth, state)
         cells, shape = self.stencils.n_balls, self.stencils.shape
         balls = np.zeros((cells, self.stencils.motions.count, *shape))
         balls[:, self.stencils.motions.translating] = state.balls.reshape(cells, -1, *shape)
         motion = balls.reshape(self.stencils.n_fields, *shape)
-        overlaps, slips = self._deform(motion, state.overlap)
+        overlaps, slips = self._geometry.begin(motion, state.overlap)
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
         return PressedArray(state.overlap, motion, contacts, self._law, state.residual)
 
@@ -238,10 +248,11 @@ class LoadingHistory:
 
     # -- one step ---------------------------------------------------------------------------------------------------
 
-    def _deform(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps and slips of all contacts."""
-        rows, n = self.stencils.deformations(Motion(balls, 0.0)), self.stencils.n_contacts
-        return overlap + (self._means - rows[:n]), rows[n:].reshape(-1, *self._means.shape)
+    def _locate(self, here: PressedArray) -> Place:
+        """Return the configuration of a state; that asked for last is kept."""
+        if self._located is None or self._located[0] is not here.balls:
+            self._located = here.balls, self._geometry.place(here.balls, here.overlap)
+        return self._located[1]
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self.stencils.shape)])
@@ -309,10 +320,12 @@ class LoadingHistory:
         return best
 
     def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, smoothing: float) -> _Trial:
-        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), smoothing)
+        place = self._geometry.place(balls, overlap)
+        slips = place.slips(self._locate(here), here.contacts.slips)
+        contacts, tangent = self._law.advance(here.contacts, place.overlaps, slips, smoothing)
         forces = contacts.forces
         force = float(np.mean(forces))
-        pull = self.stencils.forces(self._stack(forces, -contacts.shears))
+        pull = place.pull(forces, contacts.shears)
         push = forces.size * (load.force - force) if load.overlap is None else 0.0
         fields = pull.reshape(self.stencils.n_balls, self.stencils.motions.count, *self.stencils.shape)
         turning = fields[:, self.stencils.motions.turning]
@@ -324,13 +337,13 @@ class LoadingHistory:
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
         left = math.sqrt(square) / scale if force > 0.0 else math.inf
-        return _Trial(balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        return _Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
     def _direct(self, trial: _Trial, distance: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
         from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
 
-        stencils, n, tangent = self.stencils, self.stencils.n_contacts, trial.tangent
+        stencils, tangent, contacts = self.stencils, trial.tangent, trial.contacts
         mean = float(np.mean(tangent.stiffness))
         added = _ADDED_STIFFNESS * min(1.0, distance) * mean
         tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, _SECANT_SHARE * math.sqrt(distance)))
@@ -346,9 +359,7 @@ class LoadingHistory:
             return np.append(balls, press) if free else np.ravel(balls)
 
         def apply(vector: Array) -> Array:
-            rows = stencils.deformations(Motion(*split(vector)))
-            normal, shear = tangent.apply(rows[:n], rows[n:].reshape(-1, *self._means.shape))
-            return join(stencils.forces(self._stack(normal, shear)), -float(np.sum(normal)))
+            return join(*trial.place.respond(Motion(*split(vector)), tangent.apply, contacts.forces, contacts.shears))
 
         def precondition(vector: Array) -> Array:
             balls, press = split(vector)
@@ -373,7 +384,10 @@ class LoadingHistory:
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
             here.loosened + loosened, here.steps + 1, here.newton + newton, here.krylov + krylov,
         )  # fmt: skip
-        work = 0.5 * (here.force + state.force) * (state.overlap - here.overlap)
+        before, after = self._locate(here), trial.place
+        press = before.press(here.contacts.forces, here.contacts.shears)
+        press += after.press(state.contacts.forces, state.contacts.shears)
+        work = 0.5 * press * (state.overlap - here.overlap)
         return replace(state, work=here.work + work)
 
 
@@ -381,6 +395,7 @@ class LoadingHistory:
 class _Trial:
     """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
 
+    place: Place
     balls: Array
     overlap: float
     contacts: Contacts

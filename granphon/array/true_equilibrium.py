@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
 from granphon.array.geometry import ExactGeometry, ExactPlace
+from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions, solve_by_descent
+from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions
 from granphon.base.errors import ConvergenceError, InputError, message
 
 __all__ = ["TrueEquilibrium", "equilibrate_in_truth"]
@@ -33,8 +34,10 @@ _OF_RATIO = 1e-4
 _LEAST_TOLERANCE = 1e-13
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
-#: largest number of steps of Newton's method; of conjugate gradients in one of them; of trials for its length
-_NEWTON_STEPS, _CONJUGATE_STEPS, _LENGTHS = 400, 3000, 12
+#: largest number of steps of Newton's method, and of trials for the length of one
+_NEWTON_STEPS, _LENGTHS = 400, 12
+#: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
+_CLOSE = 1e-9
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
 
@@ -111,9 +114,7 @@ class TrueEquilibrium(Equilibrium):
         def law(loss: Array, slip: Array) -> tuple[Array, Array]:
             return normal * loss, mindlin_ratio * normal * slip
 
-        acting = ActingForces(
-            law, stencils.weights(normal), self._act().forces, shears, (twist * normal, bending * normal)
-        )
+        acting = ActingForces(law, stencils.weights(normal), self._act().forces, shears, (twist * normal, bending * normal))
         return find_elastic_tensor(place, acting, stencils)
 
 
@@ -146,18 +147,34 @@ def equilibrate_in_truth(
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio)) if ratio else REST_TOLERANCE
     geometry, inverses = ExactGeometry(stencils, deviations, ratio), Preconditioners(stencils)
     free = load.overlap is None
-    trial = _Trial.find(geometry, start.balls, start.overlap if load.overlap is None else load.overlap, load)
-    taken, turned = start.conjugate, False
-    for newton in range(_NEWTON_STEPS):
+    balls, y, begun, taken = start.balls, start.overlap if load.overlap is None else load.overlap, 0, start.conjugate
+    if ratio and np.any(start.forces == 0.0):
+        close = min(_CLOSE, _OF_RATIO * ratio)
+        found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
+        if found:
+            y, balls, begun, steps = found
+            taken += steps
+    trial = _Trial.find(geometry, balls, y, load)
+    for newton in range(begun, _NEWTON_STEPS):
         distance = max(trial.left, trial.missed)
         if trial.left <= tolerance and trial.missed <= _LOAD_TOLERANCE:
-            if newton and turned:  # the last step must have been one of Newton's own
-                pass
             return TrueEquilibrium(
-                deviations=deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils), residual=trial.left,
-                newton=start.newton + newton, conjugate=taken, lattice=stencils.lattice, ratio=ratio,
+                deviations=deviations,
+                overlap=trial.overlap,
+                balls=_centre(trial.balls, stencils),
+                residual=trial.left,
+                newton=start.newton + newton,
+                conjugate=taken,
+                lattice=stencils.lattice,
+                ratio=ratio,
             ).share(deviations, stencils)  # type: ignore[return-value]
-        step, steps, turned = _direct(trial, distance, tolerance, free, inverses)
+        stiffness = 1.5 * trial.root
+        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+        step, steps = geometry.solve(
+            trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverses.choose(stiffness),
+            min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
+        )  # fmt: skip
+        inverses.count(steps)
         taken += steps
         trial = _search(geometry, trial, step, load)
     raise ConvergenceError(
@@ -189,44 +206,6 @@ class _Trial:
     @classmethod
     def find(cls, geometry: ExactGeometry, balls: Array, overlap: float, load: Prescribed) -> _Trial:
         return cls(geometry.place(balls, overlap), load)
-
-
-def _direct(
-    trial: _Trial, distance: float, tolerance: float, free: bool, inverses: Preconditioners
-) -> tuple[Motion, int, bool]:
-    """Return a step of Newton's method, the number of iterations it took, and whether the sign of prestress was turned."""
-    stiffness = 1.5 * trial.root
-    mean, size, shape = float(np.mean(stiffness)), trial.balls.size, trial.balls.shape
-    stiffness += _ADDED_STIFFNESS * min(1.0, distance) * mean
-    inverse, held = inverses.choose(stiffness), 1.0 / (stiffness.size * mean)
-    none = np.zeros((0, *stiffness.shape))
-
-    def split(vector: Array) -> Motion:
-        return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
-
-    def join(balls: Array, press: float) -> Array:
-        return np.append(balls, press) if free else np.ravel(balls)
-
-    def apply_with(forces: Array) -> Any:
-        return lambda vector: join(
-            *trial.place.respond(split(vector), lambda loss, slip: (stiffness * loss, slip), forces, none)
-        )
-
-    def precondition(vector: Array) -> Array:
-        balls, press = split(vector)
-        return join(inverse(balls), held * press)
-
-    reduction, right = min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), join(trial.pull, trial.push)
-    found, taken, stable = solve_by_descent(
-        apply_with(trial.forces), precondition, right, reduction, _CONJUGATE_STEPS
-    )
-    if not stable:
-        found, more, _ = solve_by_descent(
-            apply_with(-trial.forces), precondition, right, reduction, _CONJUGATE_STEPS
-        )
-        taken += more
-    inverses.count(taken)
-    return split(found), taken, not stable
 
 
 def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescribed) -> _Trial:

@@ -15,13 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.conjugate_gradients import solve_by_descent
 from granphon.array.geometry import ExactPlace, Law
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils
 from granphon.base.errors import ConvergenceError, message
 from granphon.dynamics.long_waves import voigt_pairs
 
-__all__ = ["ActingForces", "find_elastic_tensor", "find_motions", "solve_by_descent"]
+__all__ = ["ActingForces", "find_elastic_tensor", "find_motions"]
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
@@ -52,32 +53,6 @@ class ActingForces(NamedTuple):
     forces: Array
     shears: Array
     rolling: tuple[Any, Any] = (0.0, 0.0)
-
-
-def solve_by_descent(apply: Map, precondition: Map, right: Array, reduction: float, most: int, floor: float = 0.0) -> Any:
-    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by ``reduction``.
-
-    Returns the solution, the number of steps, and whether all curvatures met were above zero: if not, the solution is that
-    before the first that was not. ``floor`` is the square of the norm below which the rest is rounding.
-    """
-    found, left = np.zeros_like(right), right.copy()
-    better = precondition(left)
-    way, product = better, float(left @ better)
-    first = product
-    for count in range(most):
-        if product <= max(reduction**2 * first, floor):
-            return found, count, True
-        change = apply(way)
-        curvature = float(way @ change)
-        if curvature <= 0.0:
-            return found, count, False
-        length = product / curvature
-        found += length * way
-        left -= length * change
-        better = precondition(left)
-        last, product = product, float(left @ better)
-        way = better + (product / last) * way
-    return found, most, True
 
 
 def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
@@ -145,9 +120,7 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
 
     none = (0.0, 0.0, 0.0)
     strains = [strain(a, b) for a, b in pairs]
-    every = [
-        place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains
-    ]
+    every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
     motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
     # what is left of each strain once the balls have moved, and the forces against it
     tensor = np.zeros((len(pairs), len(pairs)))
