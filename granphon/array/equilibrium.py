@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +111,7 @@ class Equilibrium(Result):
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
 
-    def share(self, deviations: Array, stencils: Stencils) -> Equilibrium:
+    def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
         other, known = replace(self, deviations=deviations), vars(self)
         vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)

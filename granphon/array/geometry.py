@@ -1,6 +1,6 @@
 """Where the contacts of an array are: in the limit of small spread, and in truth.
 
-Units are those of :mod:`granphon.array.equilibrium`: displacements u in W, rotations phi in W/d, lengths of the lattice in d.
+Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d; the lattice's lengths in d.
 A load compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the spacing of the
 lattice in the compressed cell. A contact whose direction on the lattice is e then has the vector from centre to centre
 
@@ -17,11 +17,12 @@ slips by
     ds = (1 - nn) du - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
 
 where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with the angle by which n
-turns, exact, and the means of arms and tangents at both ends: it is of second order in the step, and in a plane depends on the
-way by nothing but the change of arms. The tangents turn with n along the shortest way from e, and about n with both balls.
+turns, exact, and the means of arms and tangents at both ends. It is of second order in the step; in a plane it depends on
+the way by nothing but the change of arms. The tangents turn with n along the shortest way from e, and about n with both
+balls.
 
-For eps = 0 all this is the linear map of the lattice, h = y + (x_i + x_j)/2 - e.(u_j - u_i). The coefficient of Hertz's law is
-that of the mean ball in both: its own radii change that of a contact by a part of order eps.
+For eps = 0 all this is the linear map of the lattice, h = y + (x_i + x_j)/2 - e.(u_j - u_i). The coefficient of Hertz's law
+is that of the mean ball in both: its own radii change that of a contact by a part of order eps.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ class Place(Protocol):
     overlap: float
 
     @property
-    def overlaps(self) -> Array: ...
+    def overlaps(self) -> Array:
+        """(n_c, L1, ..., Lp) overlaps h of the contacts."""
 
     def slips(self, before: Place, slips: Array) -> Array:
         """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration ``before``."""
@@ -146,7 +148,7 @@ class LatticePlace:
         self.overlaps = overlap + (geometry.means - rows[:n])
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
-    def slips(self, before: Place, slips: Array) -> Array:  # noqa: ARG002 (here they depend on the place alone)
+    def slips(self, before: Place, slips: Array) -> Array:
         """Return (n_s, n_c, L1, ..., Lp) slips from the sites."""
         return self._slips
 
@@ -158,11 +160,11 @@ class LatticePlace:
         """Return the forces on balls."""
         return self._stencils.forces(self._stack(forces, -shears))
 
-    def press(self, forces: Array, shears: Array) -> float:  # noqa: ARG002 (an even compression makes no contact slip)
+    def press(self, forces: Array, shears: Array) -> float:
         """Return the mean normal force."""
         return float(np.mean(forces))
 
-    def respond(self, motion: Motion, law: Law, forces: Array, shears: Array) -> tuple[Array, float]:  # noqa: ARG002
+    def respond(self, motion: Motion, law: Law, forces: Array, shears: Array) -> tuple[Array, float]:
         """Return the changes of forces by a small motion, times -1; nothing turns."""
         rows, n = self._stencils.deformations(motion), self._stencils.n_contacts
         normal, shear = law(rows[:n], rows[n:].reshape(self._slips.shape))

@@ -101,7 +101,7 @@ class Stencils:
         ]
 
     def observe(self, kinds: Sequence[Row]) -> Stencils:
-        """Return stencils of the same motions that have these kinds of deformation, of every contact, instead of their own."""
+        """Return stencils of the same motions that have these kinds of deformation instead of their own."""
         other = copy(self)
         other.forget()
         other._kinds = list(kinds)

@@ -1,10 +1,11 @@
 """Mechanical equilibrium without friction of an array in its true geometry.
 
-The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.geometry`. Away from the
-limit of small spread it is no longer convex: a contact that carries a force f pushes the balls aside, with the stiffness
--f W/d. On the lattice a ball between two others in line may stay there; in truth it moves out until it touches a third,
-which then carries a force of the order f W/d. Newton's method starts from the equilibrium on the lattice. Where the curvature
-is below zero the sign of -f W/d is turned in its step, which is then about as long as the ball is far from the line.
+The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.geometry`. Away from
+the limit of small spread it is no longer convex: a contact that carries a force f pushes the balls aside, with the stiffness
+-f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a third,
+which then carries a force of the order f W/d. The interior-point method (:mod:`granphon.array.interior`) leads loose balls
+there from the equilibrium on the lattice, and Newton's method goes on. Where the curvature is below zero, the sign of -f W/d
+is turned in a step, which is then about as long as the ball is far from the line.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ _LEAST_TOLERANCE = 1e-13
 _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method, and of trials for the length of one
 _NEWTON_STEPS, _LENGTHS = 400, 12
+#: number of steps in which Newton's method alone comes to rest from a state nearby, or not at all
+_FEW_STEPS = 15
 #: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
 _CLOSE = 1e-9
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
@@ -147,36 +150,35 @@ def equilibrate_in_truth(
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio)) if ratio else REST_TOLERANCE
     geometry, inverses = ExactGeometry(stencils, deviations, ratio), Preconditioners(stencils)
     free = load.overlap is None
-    balls, y, begun, taken = start.balls, start.overlap if load.overlap is None else load.overlap, 0, start.conjugate
-    if ratio and np.any(start.forces == 0.0):
-        close = min(_CLOSE, _OF_RATIO * ratio)
-        found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
-        if found:
-            y, balls, begun, steps = found
-            taken += steps
-    trial = _Trial.find(geometry, balls, y, load)
-    for newton in range(begun, _NEWTON_STEPS):
-        distance = max(trial.left, trial.missed)
-        if trial.left <= tolerance and trial.missed <= _LOAD_TOLERANCE:
-            return TrueEquilibrium(
-                deviations=deviations,
-                overlap=trial.overlap,
-                balls=_centre(trial.balls, stencils),
-                residual=trial.left,
-                newton=start.newton + newton,
-                conjugate=taken,
-                lattice=stencils.lattice,
-                ratio=ratio,
-            ).share(deviations, stencils)  # type: ignore[return-value]
-        stiffness = 1.5 * trial.root
-        stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
-        step, steps = geometry.solve(
-            trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverses.choose(stiffness),
-            min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
-        )  # fmt: skip
-        inverses.count(steps)
-        taken += steps
-        trial = _search(geometry, trial, step, load)
+    y, taken, count = start.overlap if load.overlap is None else load.overlap, start.conjugate, start.newton
+    near = isinstance(start, TrueEquilibrium) or not np.any(start.forces == 0.0) or not ratio
+    # from a state on the lattice loose balls have far to go: the interior-point method leads them
+    for steps in (_FEW_STEPS, _NEWTON_STEPS) if near else (_NEWTON_STEPS,):
+        balls, overlap = start.balls, y
+        if not near or steps > _FEW_STEPS:
+            close = min(_CLOSE, _OF_RATIO * ratio)
+            found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
+            if found:
+                overlap, balls, newton, conjugate = found
+                count, taken = count + newton, taken + conjugate
+        trial = _Trial(geometry.place(balls, overlap), load)
+        for _ in range(steps):
+            distance = max(trial.left, trial.missed)
+            if trial.left <= tolerance and trial.missed <= _LOAD_TOLERANCE:
+                state = TrueEquilibrium(
+                    deviations=deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
+                    residual=trial.left, newton=count, conjugate=taken, lattice=stencils.lattice, ratio=ratio,
+                )  # fmt: skip
+                return state.share(deviations, stencils)
+            stiffness = 1.5 * trial.root
+            stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+            step, conjugate = geometry.solve(
+                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverses.choose(stiffness),
+                min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
+            )  # fmt: skip
+            inverses.count(conjugate)
+            count, taken = count + 1, taken + conjugate
+            trial = _search(geometry, trial, step, load)
     raise ConvergenceError(
         message(
             f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
@@ -203,16 +205,13 @@ class _Trial:
             raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
         self.left, self.missed = largest / self.force, abs(self.push) / (closed.size * self.force)
 
-    @classmethod
-    def find(cls, geometry: ExactGeometry, balls: Array, overlap: float, load: Prescribed) -> _Trial:
-        return cls(geometry.place(balls, overlap), load)
-
 
 def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescribed) -> _Trial:
     """Return the state after a step, as far along it as the energy falls fast."""
 
     def go(length: float) -> tuple[_Trial, float]:
-        there = _Trial.find(geometry, trial.balls + length * step.balls, trial.overlap + length * step.compression, load)
+        place = geometry.place(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+        there = _Trial(place, load)
         return there, -float(np.sum(there.pull * step.balls)) - there.push * step.compression
 
     first = -float(np.sum(trial.pull * step.balls)) - trial.push * step.compression
