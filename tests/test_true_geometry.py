@@ -21,6 +21,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_trut
 from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
+from granphon.observables.validity import estimate_shear_deficit
 
 ETA = 0.82
 LATTICES = pytest.mark.parametrize(
@@ -404,6 +405,81 @@ class Pressed(Positions):
         push, _, _ = self.forces(motion, f)
         area = AREA * len(motion) * (1.0 - self.ratio * self.overlap) ** 2 * np.linalg.det(f)
         return push.T @ self.vectors(motion[:, :2], f) / area
+
+
+# -- what the limit of small spread leaves out ----------------------------------------------------------------------------
+
+
+def isotropic(tensor):
+    """K and G of a plane, G as the mean of the two orientations."""
+    shear = ((tensor[0, 0] + tensor[1, 1] - 2.0 * tensor[0, 1]) / 4.0 + tensor[2, 2]) / 2.0
+    return np.array([np.sum(tensor[:2, :2]) / 4.0, shear])
+
+
+def deficits(shape, seed, spacing, ratio, eta=ETA):
+    """Parts by which the limit of small spread underestimates K and G, and the fraction of contacts that it has."""
+    limit = equilibrate(balls(shape, seed), Prescribed(overlap=spacing - 0.5))
+    state = equilibrate_in_truth(limit.deviations, Prescribed(overlap=limit.overlap), ratio, limit.stencils, limit)
+    less = 1.0 - isotropic(elasticity(limit, eta)) / isotropic(state.find_elasticity(eta))
+    return *less, float(np.mean(limit.forces > 1e-6 * limit.force))
+
+
+STEEL_WIDTH = 2.04e-6 / 8e-3
+#: a*, and the parts of K and G, of 32 x 32 balls of steel, W = 2.04 um, d = 8 mm
+BY_LOAD = [(0.7, 0.0, 0.0), (0.6, 0.0006, 0.0038), (0.45, 0.009, 0.055), (0.42, 0.015, 0.11)]
+
+
+@pytest.mark.claim("shear-deficit", "ratio-small-width")
+def test_loose_balls_add_to_the_shear_modulus():
+    bulk, shear, _ = deficits((32, 32), 0, 0.5, STEEL_WIDTH)
+    assert shear == pytest.approx(0.03, abs=0.004)
+    assert bulk == pytest.approx(0.004, abs=0.001)
+    # without friction nothing of this is left
+    assert np.max(np.abs(deficits((32, 32), 0, 0.5, STEEL_WIDTH, 0.0)[:2])) < 6e-4
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("shear-deficit", "ratio-small-width")
+@pytest.mark.parametrize(("spacing", "bulk", "shear"), BY_LOAD)
+def test_the_limit_of_small_spread_underestimates_the_shear_modulus(spacing, bulk, shear):
+    found = deficits((32, 32), 0, spacing, STEEL_WIDTH)
+    assert found[1] == pytest.approx(shear, rel=0.15, abs=5e-4)
+    assert found[0] == pytest.approx(bulk, rel=0.15, abs=1e-4)
+    expected = estimate_shear_deficit(found[2], STEEL_WIDTH, 2)
+    assert expected < 1e-3 if shear < 1e-3 else expected == pytest.approx(found[1], rel=0.35)
+
+
+@pytest.mark.exhaustive
+def test_the_deficit_falls_slowly_with_the_width():
+    found = [deficits((32, 32), 0, 0.5, ratio) for ratio in (STEEL_WIDTH, 1e-2 * STEEL_WIDTH, 1e-4 * STEEL_WIDTH)]
+    powers = [math.log(a[1] / b[1], 100.0) for a, b in itertools.pairwise(found)]
+    np.testing.assert_allclose(powers, 0.31, atol=0.03)
+    for one, ratio in zip(found, (STEEL_WIDTH, 1e-2 * STEEL_WIDTH, 1e-4 * STEEL_WIDTH), strict=True):
+        assert estimate_shear_deficit(one[2], ratio, 2) == pytest.approx(one[1], rel=0.35)
+
+
+@pytest.mark.exhaustive
+def test_the_deficit_in_space_is_less():
+    shape = (6, 6, 6)
+    stencils, x = Stencils(shape, lattice=FCC), balls(shape, 0, FCC)
+    for spacing in (0.5, 0.45, 0.4):
+        limit = equilibrate(x, Prescribed(overlap=spacing - 0.5), stencils)
+        state = equilibrate_in_truth(x, Prescribed(overlap=spacing - 0.5), 1e-3, stencils, limit)
+        low, true = (
+            (t[0, 0] + t[1, 1] + t[2, 2] - t[0, 1] - t[1, 2] - t[0, 2] + 3.0 * (t[3, 3] + t[4, 4] + t[5, 5])) / 15.0
+            for t in (elasticity(limit, ETA), state.find_elasticity(ETA))
+        )
+        carried = np.mean(limit.forces > 1e-6 * limit.force)
+        assert estimate_shear_deficit(carried, 1e-3, 3) == pytest.approx(1.0 - low / true, rel=0.35)
+
+
+def test_the_expected_deficit_is_a_part():
+    found = estimate_shear_deficit(np.array([[1.0, 0.75], [0.5, 0.0]]), STEEL_WIDTH, 2)
+    assert found.shape == (2, 2)
+    assert found[0, 0] == 0.0
+    assert np.all(np.diff(found.ravel()) > 0.0)
+    assert found[1, 1] == 1.0
+    assert np.all(estimate_shear_deficit(0.5, STEEL_WIDTH, 3) < found[1, 0])
 
 
 # -- histories ----------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ class Equilibrium(Result):
     """
 
     shapes = {"deviations": "..."}
-    added = ("lattice",)
+    added: ClassVar[tuple[str, ...]] = ("lattice",)
 
     deviations: Array
     overlap: float

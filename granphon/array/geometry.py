@@ -101,16 +101,21 @@ class Geometry(Protocol):
     def place(self, balls: Array, overlap: float) -> Place:
         """Return the configuration with these motions ``balls`` and the overlap y."""
 
+    def weigh(self, stiffness: Array, forces: Array) -> Array:
+        """Return (rows, L1, ..., Lp) stiffnesses for a preconditioner, from those of contacts and the forces that act."""
+
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
         """Return the overlaps and slips of contacts at the beginning of a history."""
 
     def solve(
-        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool
-    ) -> tuple[Motion, int]:
+        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float, free: bool,
+        turned: bool = False,
+    ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion that takes forces on balls away, without friction.
 
         The error falls by ``reduction``. ``forces`` act here, and turn with their contacts. If ``free`` is true, the
-        compression is an unknown too. Returns the motion and the number of iterations.
+        compression is an unknown too. Returns the motion and the number of iterations. If ``turned`` is true, the stiffness
+        by which forces push balls aside has the other sign, so that there is always a solution.
         """
 
 
@@ -126,6 +131,10 @@ class LatticeGeometry:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
 
+    def weigh(self, stiffness: Array, forces: Array) -> Array:
+        """Return ``stiffness`` itself."""
+        return stiffness
+
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
         """Return the overlaps of contacts, and their slips from the sites."""
         place = self.place(balls, overlap)
@@ -133,7 +142,7 @@ class LatticeGeometry:
 
     def solve(
         self, place: LatticePlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool,
+        free: bool, turned: bool = False,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve C^T K C u = ``right``; see :class:`Geometry`."""
         return solve_by_conjugate_gradients(self.stencils, stiffness, right, inverse, reduction, free)
@@ -195,6 +204,9 @@ class ExactGeometry:
         self.uneven = 0.5 * ratio * (self.means - ends)
         self._frame = stencils.observe(_frame_rows(stencils))
         self._dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
+        pushes = _frame_rows(stencils)[: self._dimension]
+        #: stencils with elongations, and with displacements across contacts, for preconditioners
+        self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -207,12 +219,12 @@ class ExactGeometry:
 
     def solve(
         self, place: ExactPlace, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool,
+        free: bool, turned: bool = False,
     ) -> tuple[Motion, int]:  # fmt: skip
         """Solve for a small motion without friction; see :class:`Geometry`.
 
-        Forces push balls aside with the stiffness -f eps/|w|. If a curvature is then below zero, the equations are solved
-        with the other sign: balls that forces push aside so go farther in the same way.
+        Forces push balls aside with the stiffness -f eps/|w|. With the other sign such balls go farther the same way: the
+        equations are solved so if ``turned``, or if a curvature is below zero.
         """
         size, shape, none = right.balls.size, right.balls.shape, np.zeros((0, *stiffness.shape))
         held = 1.0 / float(np.sum(stiffness))
@@ -227,7 +239,7 @@ class ExactGeometry:
             return stiffness * loss, slip
 
         taken = 0
-        for sign in (1.0, -1.0):
+        for sign in (-1.0,):
             found, steps, stable = solve_by_descent(
                 lambda vector, sign=sign: join(*place.respond(split(vector), law, sign * forces, none)),  # type: ignore[misc]
                 lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
@@ -237,6 +249,10 @@ class ExactGeometry:
             if stable:
                 break
         return split(found), taken
+
+    def weigh(self, stiffness: Array, forces: Array) -> Array:
+        """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
+        return np.concatenate([stiffness, *[self.ratio * forces] * (self._dimension - 1)])
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""

@@ -102,8 +102,9 @@ def approach(
         tension = f + stiffness * change
         push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
         motion, count = geometry.solve(
-            place, stiffness, f, Motion(place.pull(tension, none), push), inverses.choose(stiffness),
+            place, stiffness, f, Motion(place.pull(tension, none), push), inverses.choose(geometry.weigh(stiffness, f)),
             max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
+            turned=True,
         )  # fmt: skip
         inverses.count(count)
         change -= place.losses(motion)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,7 +53,7 @@ class TrueEquilibrium(Equilibrium):
     :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean normal force.
     """
 
-    added = ("lattice", "ratio")
+    added: ClassVar[tuple[str, ...]] = ("lattice", "ratio")
 
     ratio: float = 0.0
 
@@ -148,7 +148,8 @@ def equilibrate_in_truth(
     start = start or equilibrate(deviations, load, stencils)
     if tolerance is None:
         tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio)) if ratio else REST_TOLERANCE
-    geometry, inverses = ExactGeometry(stencils, deviations, ratio), Preconditioners(stencils)
+    geometry = ExactGeometry(stencils, deviations, ratio)
+    inverses = Preconditioners(geometry.held)
     free = load.overlap is None
     y, taken, count = start.overlap if load.overlap is None else load.overlap, start.conjugate, start.newton
     near = isinstance(start, TrueEquilibrium) or not np.any(start.forces == 0.0) or not ratio
@@ -173,7 +174,8 @@ def equilibrate_in_truth(
             stiffness = 1.5 * trial.root
             stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
             step, conjugate = geometry.solve(
-                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push), inverses.choose(stiffness),
+                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
+                inverses.choose(geometry.weigh(stiffness, trial.forces)),
                 min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
             )  # fmt: skip
             inverses.count(conjugate)

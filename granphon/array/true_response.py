@@ -124,15 +124,15 @@ def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stenc
     motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
     # what is left of each strain once the balls have moved, and the forces against it
     tensor = np.zeros((len(pairs), len(pairs)))
-    rest = []
+    rest: list[Any] = []
     for one, motion in zip(strains, motions, strict=True):
         moved = tuple(
             tuple(a - b for a, b in zip(first, second, strict=True))
             for first, second in zip((one, none, none), geometry.split(Motion(motion, 0.0)), strict=True)
         )
         rest.append(moved)
-    for column, moved in enumerate(rest):
-        resisted = place.resist(*moved, acting.law, acting.forces, acting.shears, acting.rolling)[:3]
+    for column, (first, second, third) in enumerate(rest):
+        resisted = place.resist(first, second, third, acting.law, acting.forces, acting.shears, acting.rolling)[:3]
         for row, other in enumerate(rest):
             terms = (np.sum(a * b) for x, y in zip(resisted, other, strict=True) for a, b in zip(x, y, strict=True))
             tensor[row, column] = float(sum(terms))
