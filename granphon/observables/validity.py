@@ -158,7 +158,7 @@ _OPEN_POWER, _WIDTH_POWER = 3.5, 0.3
 
 
 def estimate_shear_deficit(contact_fraction: ArrayLike, ratio: float, periods: int) -> np.ndarray[Any, Any]:
-    """Return the part, at most 1, by which a shear modulus with friction is expected to be too small in the limit of small W/d.
+    """Return the part, at most 1, by which a shear modulus with friction is expected to be too small in the limit W/d = 0.
 
     Parameters
     ----------
