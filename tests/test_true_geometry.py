@@ -222,8 +222,7 @@ def _rotation(vector):
 # -- rest without friction ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ratio", [1e-2, 2.55e-4, 1e-6])
-@pytest.mark.parametrize("overlap", [0.5, 0.0, -0.05])
+@pytest.mark.parametrize(("overlap", "ratio"), [(0.5, 1e-2), (0.0, 1e-2), (0.0, 2.55e-4), (0.0, 1e-6), (-0.05, 2.55e-4)])
 def test_balls_are_at_rest(overlap, ratio):
     state = at_rest((6, 6), 1, overlap, ratio)
     assert state.residual <= 1e-10
@@ -345,7 +344,7 @@ def test_moduli_under_tangential_forces_are_changes_of_stress():
     rest, stencils = at_rest((3, 4), 3, overlap, ratio), Stencils((3, 4), ETA)
     geometry = ExactGeometry(stencils, rest.deviations, ratio)
     (state,) = LoadingHistory(
-        rest.deviations, stencils, math.inf, math.inf, equilibrate(rest.deviations, Prescribed(0.2)), geometry
+        rest.deviations, stencils, math.inf, math.inf, Prescribed(overlap=0.2), geometry=geometry
     ).path([Prescribed(overlap=overlap)])
     place, k = geometry.place(state.balls, overlap), 1.5 * np.sqrt(state.contacts.closed)
     acting = ActingForces(
@@ -439,7 +438,6 @@ def test_loose_balls_add_to_the_shear_modulus():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.claim("shear-deficit", "ratio-small-width")
 @pytest.mark.parametrize(("spacing", "bulk", "shear"), BY_LOAD)
 def test_the_limit_of_small_spread_underestimates_the_shear_modulus(spacing, bulk, shear):
     found = deficits((32, 32), 0, spacing, STEEL_WIDTH)
@@ -451,10 +449,10 @@ def test_the_limit_of_small_spread_underestimates_the_shear_modulus(spacing, bul
 
 @pytest.mark.exhaustive
 def test_the_deficit_falls_slowly_with_the_width():
-    found = [deficits((32, 32), 0, 0.5, ratio) for ratio in (STEEL_WIDTH, 1e-2 * STEEL_WIDTH, 1e-4 * STEEL_WIDTH)]
-    powers = [math.log(a[1] / b[1], 100.0) for a, b in itertools.pairwise(found)]
-    np.testing.assert_allclose(powers, 0.31, atol=0.03)
-    for one, ratio in zip(found, (STEEL_WIDTH, 1e-2 * STEEL_WIDTH, 1e-4 * STEEL_WIDTH), strict=True):
+    ratios = STEEL_WIDTH, 1e-3 * STEEL_WIDTH
+    found = [deficits((24, 24), 0, 0.5, ratio) for ratio in ratios]
+    assert math.log(found[0][1] / found[1][1], 1e3) == pytest.approx(0.31, abs=0.03)
+    for one, ratio in zip(found, ratios, strict=True):
         assert estimate_shear_deficit(one[2], ratio, 2) == pytest.approx(one[1], rel=0.35)
 
 
@@ -462,7 +460,7 @@ def test_the_deficit_falls_slowly_with_the_width():
 def test_the_deficit_in_space_is_less():
     shape = (6, 6, 6)
     stencils, x = Stencils(shape, lattice=FCC), balls(shape, 0, FCC)
-    for spacing in (0.5, 0.45, 0.4):
+    for spacing in (0.5, 0.45):
         limit = equilibrate(x, Prescribed(overlap=spacing - 0.5), stencils)
         state = equilibrate_in_truth(x, Prescribed(overlap=spacing - 0.5), 1e-3, stencils, limit)
         low, true = (
