@@ -167,10 +167,12 @@ class Sample(Result):
         """
         here = self.equilibrium
         loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        if isinstance(here, TrueEquilibrium):
-            found = [equilibrate_in_truth(here.deviations, load, here.ratio, here.stencils, here) for load in loads]
-            return read_only([self._compute_elastic_tensor(one) for one in found])
-        found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
+        found: list[Equilibrium] = []
+        for load in loads:
+            if isinstance(here, TrueEquilibrium):
+                found.append(equilibrate_in_truth(here.deviations, load, here.ratio, here.stencils, here))
+            else:
+                found.append(equilibrate(here.deviations, load, here.stencils, here))
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property

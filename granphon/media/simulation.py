@@ -303,8 +303,8 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     geometry : "lattice", contacts keep the directions of the lattice, the limit of small spread; or "exact": directions,
         lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and boundary included).
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
-        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are pressed
-        with friction until they stand; so lattices begin that do not stand without friction.
+        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
+        pressed with friction until they stand; so lattices begin that do not stand without friction.
     shear_response : tangential stiffness of a contact under sound, after a history: "slide", eta k, none where it slides;
         "stick", eta k everywhere; "partial_slip", eta k (1 - |T|/mu f)^(1/3).
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
@@ -347,14 +347,12 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         prescribed = self.prescribed(load)
         if self.loading is not None:
             return self._press(self.loading, load, prescribed, said)
-        lattice = self.packing.structure
+        given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, lattice, prescribed, self.workers, self.ratio) for one in every]
+            found = [find_equilibria(one, *given) for one in every]
         else:
-            jobs = [
-                self.executor.submit(find_equilibria, one, lattice, prescribed, self.workers, self.ratio) for one in every
-            ]
+            jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
