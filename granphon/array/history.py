@@ -1,6 +1,6 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, or those in which balls are (:mod:`granphon.array.geometry`). Units are
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.true_geometry`). Units are
 those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
 the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
 ball are in balance,
