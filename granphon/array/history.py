@@ -477,7 +477,7 @@ class LoadingHistory:
         forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
 
         def product(balls: Single, press: float) -> tuple[Single, float]:
-            pull, push = trial.place.respond(Motion(balls, press), tangent.apply, forces, shears)
+            pull, push = trial.place.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
             return pull.astype(np.float32), push
 
         return product
