@@ -444,7 +444,7 @@ def test_the_limit_of_small_spread_underestimates_the_shear_modulus(spacing, bul
     assert of_shear == pytest.approx(shear, rel=0.15, abs=5e-4)
     assert of_bulk == pytest.approx(bulk, rel=0.15, abs=1e-4)
     expected = estimate_shear_deficit(carried, STEEL_WIDTH, 2)
-    assert expected < 1e-3 if shear < 1e-3 else expected == pytest.approx(of_shear, rel=0.35)
+    assert expected < 1e-3 if shear < 1e-3 else 1.0 / 1.5 < expected / of_shear < 1.5
 
 
 @pytest.mark.exhaustive
@@ -454,7 +454,7 @@ def test_the_deficit_falls_slowly_with_the_width():
     shears = [less[0][1] for less, _ in found]
     assert math.log(shears[0] / shears[1], 1e3) == pytest.approx(0.31, abs=0.03)
     for shear, (_, carried), ratio in zip(shears, found, ratios, strict=True):
-        assert estimate_shear_deficit(carried, ratio, 2) == pytest.approx(shear, rel=0.35)
+        assert 1.0 / 1.5 < estimate_shear_deficit(carried, ratio, 2) / shear < 1.5
 
 
 @pytest.mark.exhaustive
@@ -469,7 +469,7 @@ def test_the_deficit_in_space_is_less():
             for t in (elasticity(limit, ETA), state.find_elasticity(ETA))
         )
         carried = np.mean(limit.forces > 1e-6 * limit.force)
-        assert estimate_shear_deficit(carried, 1e-3, 3) == pytest.approx(1.0 - low / true, rel=0.35)
+        assert 1.0 / 1.5 < estimate_shear_deficit(carried, 1e-3, 3) / (1.0 - low / true) < 1.5
 
 
 def test_the_expected_deficit_is_a_part():
