@@ -438,7 +438,7 @@ def _round_coefficients(coefficients: Array) -> Array:
 
 def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
-    axes = "abcd"[: first.ndim]
+    axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
