@@ -144,8 +144,8 @@ class LoadingHistory:
         load is reached in one step.
     start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
-        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand, see
-        :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
+        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
+        see :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
     drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
         equilibrium of the contacts unless it is zero.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
