@@ -1,6 +1,6 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, or those in which balls are (:mod:`granphon.array.geometry`). Units are
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.true_geometry`). Units are
 those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
 the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
 ball are in balance,
@@ -144,8 +144,8 @@ class LoadingHistory:
         load is reached in one step.
     start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
         overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
-        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand, see
-        :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
+        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
+        see :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
     drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
         equilibrium of the contacts unless it is zero.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
@@ -477,7 +477,7 @@ class LoadingHistory:
         forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
 
         def product(balls: Single, press: float) -> tuple[Single, float]:
-            pull, push = trial.place.respond(Motion(balls, press), tangent.apply, forces, shears)
+            pull, push = trial.place.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
             return pull.astype(np.float32), push
 
         return product
