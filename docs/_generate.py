@@ -152,9 +152,10 @@ def result_units() -> str:
         one = getattr(import_module(module), name)
         if not (isinstance(one, type) and issubclass(one, Result)):
             continue
-        inherited = one.__mro__[1].units if issubclass(one.__mro__[1], ContactState) else {}
+        parent = next(base for base in one.__mro__[1:] if "units" in vars(base))
+        inherited = parent.units if issubclass(parent, ContactState) else {}
         units = [f"`{field}` {unit}" for field, unit in one.units.items() if field not in inherited]
-        more = [f"those of {{class}}`~{module}.{one.__mro__[1].__name__}`"] if inherited else []
+        more = [f"those of {{class}}`~{module}.{parent.__name__}`"] if inherited else []
         if units:
             rows.append([f"{{class}}`~{module}.{name}`", ", ".join([*more, *units])])
     return table(("result", "fields and their units"), rows)
