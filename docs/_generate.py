@@ -78,6 +78,7 @@ UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS
 _STEEL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 _ARRAY = "simulation: {shape: 8 8, samples: 2}"
 _CUBE = "simulation: {shape: 2 2 2, samples: 2}"
+_LOADED = "simulation: {shape: 4 4, samples: 2, friction_history: true, friction_coefficient: 0.2}"
 #: small scenes that between them write every file, and every field
 SCENES = {
     "all": "packing: {diameter: 8 mm}\nload: {force: 5 N}\nobserve: [velocities, bands, dos]\n"
@@ -90,6 +91,8 @@ SCENES = {
     f"medium: [ema, {_ARRAY}]\nsweep: {{width: [1 um, 2 um]}}\nobserve: [bands]\nphonopy: {{band_points: 2}}",
     "arrays": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{pressure: [2 kN/m, 3 kN/m]}}\n"
     f"medium: {{{_ARRAY}}}",
+    "loaded": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5 N}}\nmedium: {{{_LOADED}}}",
+    "path": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [2 N, 5 N]}}\nmedium: {{{_LOADED}}}",
     "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
     "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
