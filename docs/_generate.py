@@ -380,8 +380,8 @@ def kind(value: Any) -> str:
 
 #: the scenes of one state, and of many
 ONE, MANY = (
-    ("all", "ema", "square", "array", "squeezed", "choice", "cube"),
-    ("sweep", "arrays", "choices", "squares", "membranes", "crystals"),
+    ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded"),
+    ("sweep", "arrays", "choices", "squares", "membranes", "crystals", "path"),
 )
 HEADS = ("field", "unit", "kind", "what it is")
 
