@@ -8,6 +8,7 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
+from typing import Any
 
 __all__ = [
     "TOO_LARGE",
@@ -101,7 +102,12 @@ class InstabilityError(GranphonError, RuntimeError):
 
 
 class ConvergenceError(GranphonError, RuntimeError):
-    """An iteration has not reached its tolerance; the message says what it has reached."""
+    """An iteration has not reached its tolerance; the message says what it has reached.
+
+    ``reached`` is the last state of a loading history before the failure; None elsewhere.
+    """
+
+    reached: Any = None
 
 
 class UnsupportedError(GranphonError, NotImplementedError):
