@@ -67,9 +67,9 @@ _ADDED_STIFFNESS = 1e-2
 #: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
 #: after a whole one; and the most, where a step is given up
 _EASE, _MOST_HOLD = 10.0, 1e6
-#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
-#: from balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 3.0
+#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
+#: balance: without it nothing would hold a ball all of whose contacts slide
+_SECANT_SHARE = 30.0
 
 
 @dataclass
