@@ -61,7 +61,7 @@ def paths(repeats: int) -> list[Row]:
 
 
 def large(repeats: int) -> list[Row]:
-    """256 x 256 balls, once; processor time, of one thread, as nothing runs beside it that the machine could slow too."""
+    """256 x 256 balls, once, in seconds of the processor: of other work on the machine it knows less than a clock."""
     x = draw(256)
     rows = []
     for mu in (math.inf, 0.2):
