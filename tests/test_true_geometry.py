@@ -481,6 +481,15 @@ def test_the_expected_deficit_is_a_part():
     assert np.all(estimate_shear_deficit(0.5, STEEL_WIDTH, 3) < found[1, 0])
 
 
+def test_the_check_is_of_the_geometry_of_the_lattice(steel):
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    found = [gp.DirectSimulation(packing, (8, 8), geometry=one).at_overlap(0.0) for one in ("lattice", "exact")]
+    of_lattice, of_truth = (gp.validity(state) for state in found)
+    expected = estimate_shear_deficit(found[0].contact_fraction, STEEL_WIDTH, 2)
+    assert of_lattice["shear"].value == pytest.approx(expected, rel=1e-12)
+    assert "shear" not in [check.name for check in of_truth.checks]
+
+
 # -- histories ----------------------------------------------------------------------------------------------------------
 
 

@@ -124,7 +124,7 @@ class LatticePlace:
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
         self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
         rows, n = self._stencils.deformations(Motion(balls, 0.0)), self._stencils.n_contacts
-        self.overlaps = overlap + (geometry.means - rows[:n])
+        self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
     def slips(self, before: Place, slips: Array) -> Array:
