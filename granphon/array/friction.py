@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 __all__ = ["Contacts", "FrictionLaw", "Tangent"]
 
 Array = NDArray[np.float64]
+#: root of an overlap that stands for none where it divides
+_TINY = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,32 +69,49 @@ class Tangent:
     """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at its end.
 
     df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where
-    the contact slides, and zero elsewhere.
+    the contact slides, and zero elsewhere. Along every slip there is the stiffness ``drag`` besides.
     """
 
     stiffness: Array
     shear: Array
     coupling: Array
     sliding: Array
+    drag: float = 0.0
 
     def stiffen(self, normal: float, shear: float, share: float) -> Tangent:
         """Return a tangent of contacts that are stiffer by ``normal`` and ``shear``, and against sliding by a ``share``.
 
         If that is one, a contact that slides has the secant stiffness, that of a spring which would carry T.
         """
-        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, math.sqrt(1.0 - share) * self.sliding)
+        sliding = math.sqrt(1.0 - share) * self.sliding
+        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, sliding, self.drag)
+
+    def damp(self, normal: float, drag: float) -> Tangent:
+        """Return a tangent with other springs beside the contacts, which neither slide nor open."""
+        return Tangent(self.stiffness + normal, self.shear, self.coupling, self.sliding, self.drag + drag)
 
     @cached_property
     def springs(self) -> Array:
         """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
-        return np.asarray(self.shear * (1.0 - self.sliding**2))
+        return np.asarray(self.shear * (1.0 - self.sliding**2) + self.drag)
+
+    @property
+    def cross(self) -> Array:
+        """(1, n_c, L1, ..., Lp) stiffness between the two slips in space, with the sign turned; (0, ...) in a plane."""
+        if len(self.sliding) == 1:
+            return np.empty((0, *self.stiffness.shape))
+        return np.asarray((self.shear * self.sliding[0] * self.sliding[1])[None])
+
+    def scale(self, factor: float) -> Tangent:
+        """Return a tangent that is stiffer by a factor."""
+        stiffness, shear, coupling = factor * self.stiffness, factor * self.shear, factor * self.coupling
+        return Tangent(stiffness, shear, coupling, self.sliding, factor * self.drag)
 
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
         """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
         change = self.springs * slip - self.coupling * loss
         if len(slip) == 2:
-            one, two = self.sliding
-            change -= (self.shear * one * two) * slip[::-1]
+            change -= self.cross * slip[::-1]
         return self.stiffness * loss, change
 
 
@@ -106,35 +125,37 @@ class FrictionLaw:
     mindlin_ratio: float
     friction_coefficient: float = math.inf
 
-    def advance(self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0) -> tuple[Contacts, Tangent]:
+    def advance(
+        self, before: Contacts, overlaps: Array, slips: Array, guess: Array | None = None
+    ) -> tuple[Contacts, Tangent]:
         """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
 
-        A ``smoothing`` e, in units of force, rounds the corner of Coulomb's limit: a force z, without the limit c, becomes
-        2 z c/(A + B) with A^2, B^2 = (z +- c)^2 + 4 e^2, which is the lesser of the two where e is zero.
+        With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are those that the guess gives. The
+        forces are then derivatives of a convex energy, and the tangent is symmetric.
         """
         eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, new = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
-        mean, slope = _mean_stiffness(before.overlaps, overlaps, old, new)
+        old, root = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
+        held = overlaps if guess is None else guess
+        new = root if guess is None else np.sqrt(np.maximum(guess, 0.0))
+        mean, slope = _mean_stiffness(before.overlaps, held, old, new)
         moved, falls = slips - before.slips, (new < old) & (new > 0.0)
         part = np.divide(new, old, out=np.ones_like(new), where=new < old)
         shears = part * before.shears + eta * mean * moved
-        coupling = eta * slope * moved
-        coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
-        stiffness, shear = 1.5 * new, eta * mean
+        stiffness, shear = 1.5 * root, eta * mean
+        coupling = np.zeros_like(shears)
+        if guess is None:
+            coupling = eta * slope * moved
+            coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
         sliding = np.zeros_like(shears)
         if mu < math.inf:
             size, limit = _norm(shears), mu * new**3
-            unit = np.divide(shears, size, out=np.zeros_like(shears), where=size > 0.0)
-            above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
-            share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
-            over = np.divide(size + limit, above, out=np.ones_like(size), where=above > 0.0)
-            under = np.divide(size - limit, below, out=np.zeros_like(size), where=below > 0.0)
-            # derivatives of the force with respect to z and c; the first is less along T than across it, by a part of it
-            by_size, by_limit = 0.5 * (over - under), 0.5 * (over + under)
-            drop = 1.0 - np.divide(by_size, share, out=np.zeros_like(size), where=share > 0.0)
-            shears, shear, sliding = share * shears, share * shear, np.sqrt(np.maximum(drop, 0.0)) * unit
-            coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
-            coupling += mu * by_limit * stiffness * unit
+            slides = size > limit
+            share = np.divide(limit, size, out=np.ones_like(size), where=slides)
+            sliding = np.divide(shears, size, out=sliding, where=slides)
+            shears, shear = share * shears, share * shear
+            if guess is None:
+                coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
+                coupling += mu * stiffness * sliding
         return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
 
     def stored(self, contacts: Contacts) -> float:
@@ -169,14 +190,14 @@ def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, 
 
     ``a0`` and ``a1`` are the roots of h0_+ and h1_+. Where h falls it is k at the end.
     """
-    rises, opens = (a1 > a0) & (a0 > 0.0), (a1 > 0.0) & (a0 == 0.0)
-    total = np.where(rises, a0 + a1, 1.0)
-    mean = np.where(rises, (a0 * a0 + a0 * a1 + a1 * a1) / total, 1.5 * a1)
-    slope = np.where(rises, (a1 + 2.0 * a0) / (2.0 * total**2), np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
+    rises, total = a1 > a0, np.maximum(a0 + a1, _TINY)
+    mean = np.where(rises, total - a0 * a1 / total, 1.5 * a1)
+    slope = np.where(rises, 0.5 * (1.0 + a0 / total) / total, np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
     # a contact that closes in the step: only the part of the step after it has closed counts
-    width = np.where(opens, h1 - h0, 1.0)
-    mean = np.where(opens, a1**3 / width, mean)
-    slope = np.where(opens, (1.5 * a1 - a1**3 / width) / width, slope)
+    opens = np.nonzero(rises & (a0 == 0.0))
+    width, root = h1[opens] - h0[opens], a1[opens]
+    part = root**3 / width
+    mean[opens], slope[opens] = part, (1.5 * root - part) / width
     return mean, slope
 
 

@@ -1,15 +1,16 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, as in :mod:`granphon.array.equilibrium`, whose units are used: W and
-c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
-taken in steps. At the end of each step the forces and torques on every ball are in balance,
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.true_geometry`). Units are
+those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
+the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
+ball are in balance,
 
     C_n^T f = C_s^T T
 
 where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this, from the linear extrapolation of
 the two states before. Its linear equations have the tangent of the law, C^T D C, which is not symmetric where contacts
 slide, or where the shear stiffness changes with the overlap; GMRES solves them, preconditioned by Green's function of the
-lattice or by the factors of :mod:`granphon.array.preconditioners`. A step that fails is taken in two halves.
+lattice. A step that fails is taken in two halves.
 
 The work of the load is the integral of f* dy for each contact; in the limit of short steps it is what the contacts store and
 lose.
@@ -18,103 +19,60 @@ lose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.gas import GAS, press_gas
+from granphon.array.geometry import Geometry, LatticeGeometry, Place
+from granphon.array.pressing import BALANCE_TOLERANCE, PressedArray, Trial, continue_polynomial, goes_on, weigh_states
+from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
 
 __all__ = ["BALANCE_TOLERANCE", "START_SPACING", "LoadingHistory", "PressedArray"]
 
 Array = NDArray[np.float64]
-#: largest force, or torque over the diameter, left on a ball, over the mean normal force
-BALANCE_TOLERANCE = 1e-9
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
 START_SPACING = 0.5
 #: tolerance of f* for the refinement of steps
 REFINEMENT_TOLERANCE = 1e-4
 #: relative change of f*, over the tolerance of balance, that short steps may show from what is left of balance alone
 _NOISE = 10.0
+#: least part of the tolerance that a part of a step is allowed
+_LEAST_SHARE = 1.0 / 16.0
+#: factor by which the estimate of what halving a step changes is multiplied
+_CAUTION = 2.0
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
 #: fall by half for it to go on
 _NEWTON_STEPS, _PATIENCE = 120, 15
-#: rounding of Coulomb's limit at the beginning of the second attempt, and that below which there is none, over the mean
-#: force; factors by which it falls in steps that leave much of the residual, and in steps that leave little
-_ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
-_SLOW, _FAST = 0.5, 0.1
+#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part
+#: of the residual that is left before
+_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
-#: vectors that GMRES keeps, and how often it starts again
-_KEPT, _RESTARTS = 60, 5
+#: largest number of iterations of a step of Newton's method
+_MOST_ITERATIONS = 300
+#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to
+#: the zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
+_LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
-#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
-#: from balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class PressedArray:
-    """Array of balls at rest, with the forces that its history has left; in units of W and c W^(3/2).
-
-    Attributes
-    ----------
-    overlap : y, common to all contacts.
-    balls : (fields, L1, ..., Lp) displacements and rotations, in the coordinates of the stencils.
-    contacts : state of the contacts.
-    law : of the contacts.
-    residual : largest force or torque (over the diameter) left on a ball, over the mean normal force.
-    work : of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
-    steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the start.
-    """
-
-    overlap: float
-    balls: Array
-    contacts: Contacts
-    law: FrictionLaw
-    residual: float = 0.0
-    work: float = 0.0
-    slid: float = 0.0
-    loosened: float = 0.0
-    steps: int = 0
-    newton: int = 0
-    krylov: int = 0
-
-    @cached_property
-    def force(self) -> float:
-        """Mean normal force f*, over all contacts, open ones included."""
-        return float(np.mean(self.contacts.forces))
-
-    @property
-    def stored(self) -> float:
-        """Mean energy that a contact stores, in units of c W^(5/2)."""
-        return self.law.stored(self.contacts)
-
-    @property
-    def dissipated(self) -> float:
-        """Energy lost since the start, a mean over contacts, in units of c W^(5/2)."""
-        return self.slid + self.loosened
-
-    @property
-    def sliding_fraction(self) -> float:
-        """Part of the closed contacts whose tangential force is at Coulomb's limit; zero without friction."""
-        mu, forces = self.law.friction_coefficient, self.contacts.forces
-        closed = forces > BALANCE_TOLERANCE * self.force
-        if mu == 0.0 or mu == math.inf or not np.any(closed):
-            return 0.0
-        return float(np.mean(self.contacts.tangential[closed] >= mu * forces[closed] * (1.0 - 1e-12)))
+#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered
+#: after a whole one; and the most, where a step is given up
+_EASE, _MOST_HOLD = 10.0, 1e6
+#: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the distance from
+#: balance: without it nothing would hold a ball all of whose contacts slide
+_SECANT_SHARE = 30.0
 
 
 @dataclass
@@ -128,7 +86,13 @@ class LoadingHistory:
     friction_coefficient : mu of the contacts, from zero to infinity.
     tolerance : steps are halved until this changes f* along the path by less than this fraction; if it is infinite, each
         load is reached in one step.
-    start : state without friction at which the history begins; by default that of a* = 1/2.
+    start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
+        overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
+        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
+        see :mod:`granphon.array.gas`: a beginning for lattices that friction alone holds.
+    drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
+        equilibrium of the contacts unless it is zero.
+    geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
     """
@@ -137,11 +101,15 @@ class LoadingHistory:
     stencils: Stencils
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
-    start: Equilibrium | None = None
+    start: Equilibrium | Prescribed | str | None = None
+    drag: float = field(default=0.0, repr=False)
+    geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
         if not self.friction_coefficient >= 0.0:
             raise InputError(message(f"a friction coefficient of {self.friction_coefficient:g} is not zero or above"))
+        if isinstance(self.start, str) and self.start != GAS:
+            raise InputError(message(f'a history cannot start at "{self.start}"', mend=f'Give a state, a load, or "{GAS}"'))
         if not self.tolerance > 0.0:
             raise InputError(message(f"a tolerance of {self.tolerance:g} for the steps of the load is not above zero"))
         if not self.stencils.mindlin_ratio > 0.0:
@@ -149,59 +117,111 @@ class LoadingHistory:
                 message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
+        self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
         self._means = self.stencils.average_pairs(self.deviations)
-        self._inverses = Preconditioners(self.stencils)
+        self._located: tuple[Array, Place] | None = None
 
     # -- the path ---------------------------------------------------------------------------------------------------
 
     def begin(self) -> PressedArray:
-        """Return the state at the start: at rest without friction, rotations and tangential forces zero."""
+        """Return the state at the start; see ``start``.
+
+        Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where no load is carried.
+        """
+        if self.start == GAS:
+            return press_gas(self)
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
-        state = self.start or equilibrate(self.deviations, Prescribed(overlap=START_SPACING - 0.5), smooth)
+        load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
+        state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
+        assert isinstance(state, Equilibrium)
+        ratio = self._geometry.ratio
+        if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
+            same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
+            state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
+        return self.place(state.balls, state.overlap, state.residual)
+
+    def _rest(self, load: Prescribed, smooth: Stencils) -> Equilibrium:
+        """Return the equilibrium without friction under a load."""
+        try:
+            return equilibrate(self.deviations, load, smooth)
+        except InputError as error:
+            what = f"the history starts below the threshold, at {self._name(load)}"
+            mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
+            raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
+
+    def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
+        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential forces."""
         cells, shape = self.stencils.n_balls, self.stencils.shape
         balls = np.zeros((cells, self.stencils.motions.count, *shape))
-        balls[:, self.stencils.motions.translating] = state.balls.reshape(cells, -1, *shape)
+        balls[:, self.stencils.motions.translating] = displacements.reshape(cells, -1, *shape)
         motion = balls.reshape(self.stencils.n_fields, *shape)
-        overlaps, slips = self._deform(motion, state.overlap)
+        overlaps, slips = self._geometry.begin(motion, overlap)
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
-        return PressedArray(state.overlap, motion, contacts, self._law, state.residual)
+        return PressedArray(overlap, motion, contacts, self._law, residual)
 
     def path(self, loads: Iterable[Prescribed]) -> Iterator[PressedArray]:
         """Yield the state at each of the ordered ``loads``, which may go up and down.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load.
+        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load,
+        and ``reached`` of the error is the last state before it.
         """
-        here, before = self.begin(), None
+        trail = [self.begin()]
         for load in loads:
-            for state in self._refine(here, before, load):
-                here, before = state, here
-            yield here
+            try:
+                for state in self._refine(trail, load):
+                    trail = [*trail[-2:], state]
+            except ConvergenceError as error:
+                error.reached = trail[-1]
+                raise
+            yield trail[-1]
 
-    def _refine(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> Iterator[PressedArray]:
+    def _refine(self, trail: Sequence[PressedArray], load: Prescribed) -> Iterator[PressedArray]:
         """Yield states on the way to a load, in steps so short that halving them changes little."""
-        end = self.step(here, before, load)
         if self.tolerance == math.inf:
-            yield end
+            yield self.step(trail, load)
             return
-        ahead = [(load, end, self.tolerance, 0)]
+        ahead = [(load, self.tolerance, 0)]
         while ahead:
-            load, whole, allowed, halvings = ahead.pop()
-            middle = self._between(here, load)
-            half = self.step(here, before, middle)
-            last = self.step(half, here, load)
-            # at a given force the overlap differs, which the mean stiffness makes a force
-            change = abs(last.force - whole.force)
-            change += abs(last.overlap - whole.overlap) * 1.5 * float(np.mean(np.sqrt(last.contacts.closed)))
+            load, allowed, halvings = ahead.pop()
+            middle, found = self._between(trail[-1], load), []
+            if not goes_on([*(self._measure(one, load) for one in trail[-2:]), self._aim(load)]):
+                # nothing tells yet how the path bends: two halves do
+                found = [self.step(trail, middle)]
+            found.append(self.step([*trail, *found], load))
+            change = self._compare([*trail, *found], len(found), load)
             # balance to a finite residual leaves f* uncertain
-            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * last.force:
-                yield half
-                yield last
-                here, before = last, half
+            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * found[-1].force:
+                yield from found
+                trail = [*trail, *found][-3:]
             elif halvings == _MOST_HALVINGS:
-                raise self._explain(load, f"halving the step still changes f* by {change / last.force:.2g}")
+                raise self._explain(load, f"halving the step still changes f* by {change / found[-1].force:.2g}")
             else:
-                ahead.append((load, last, 0.5 * allowed, halvings + 1))
-                ahead.append((middle, half, 0.5 * allowed, halvings + 1))
+                # where a ball loses its hold and falls, one of the halves keeps all of the change
+                allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
+                ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
+
+    def _compare(self, trail: Sequence[PressedArray], steps: int, load: Prescribed) -> float:
+        """Return by how much f* would change if each of the last one or two ``steps`` were halved; an estimate.
+
+        The middle of a step is interpolated, and the law of the contacts followed through it. By the theorem of reciprocity
+        tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
+        """
+        three = trail[-3:]
+        loads, change = [self._measure(one, load) for one in three], 0.0
+        for last in (-1, -2)[:steps]:
+            before, after = three[last - 1].contacts, three[last].contacts
+            weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
+            overlaps, slips = (
+                np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
+                for values in zip(*((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True)
+            )
+            half, _ = self._law.advance(before, overlaps, slips)
+            again, _ = self._law.advance(half, after.overlaps, after.slips)
+            rise = (after.slips - before.slips) * (again.shears - after.shears)
+            # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
+            share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
+            change += _CAUTION * share / self._means.size / abs(three[last].overlap - three[last - 1].overlap)
+        return change
 
     @staticmethod
     def _between(here: PressedArray, load: Prescribed) -> Prescribed:
@@ -210,8 +230,8 @@ class LoadingHistory:
             return Prescribed(force=0.5 * (here.force + load.force))
         return Prescribed(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> PressedArray:
-        """Return the equilibrium under a load, from the state ``here``; ``before`` is the state before it, if there is one.
+    def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
+        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
         Where Newton's method fails, the load is reached in two steps or more.
         """
@@ -219,100 +239,147 @@ class LoadingHistory:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
         ahead, halvings = [load], 0
         while ahead:
-            state = self._solve(here, before, ahead[-1])
+            state = self._solve(trail, ahead[-1])
             if state is not None:
-                here, before = state, here
+                trail = [*trail[-2:], state]
                 ahead.pop()
             elif halvings == _MOST_HALVINGS:
                 raise self._explain(load, "its forces are not in balance, however short the steps")
             else:
                 halvings += 1
-                ahead.append(self._between(here, ahead[-1]))
-        return here
+                ahead.append(self._between(trail[-1], ahead[-1]))
+        return trail[-1]
 
     @staticmethod
-    def _explain(load: Prescribed, why: str) -> ConvergenceError:
-        name = f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
-        what = f"the loading with friction has not reached {name}"
+    def _name(load: Prescribed) -> str:
+        return f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
+
+    def _explain(self, load: Prescribed, why: str) -> ConvergenceError:
+        what = f"the loading with friction has not reached {self._name(load)}"
         return ConvergenceError(message(what, why[0].upper() + why[1:], "End the path before this load"))
 
     # -- one step ---------------------------------------------------------------------------------------------------
 
-    def _deform(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps and slips of all contacts."""
-        rows, n = self.stencils.deformations(Motion(balls, 0.0)), self.stencils.n_contacts
-        return overlap + (self._means - rows[:n]), rows[n:].reshape(-1, *self._means.shape)
+    def _locate(self, here: PressedArray) -> Place:
+        """Return the configuration of a state; that asked for last is kept."""
+        if self._located is None or self._located[0] is not here.balls:
+            self._located = here.balls, self._geometry.place(here.balls, here.overlap)
+        return self._located[1]
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self.stencils.shape)])
 
-    def _extrapolate(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the line through the last two states."""
-        free, y = load.overlap is None, here.overlap if load.overlap is None else load.overlap
-        if before is None:
-            return here.balls, y
-        last = here.force - before.force if free else here.overlap - before.overlap
-        ahead = (load.force - here.force) if free else y - here.overlap
-        if not last or abs(ahead) > 4.0 * abs(last):
-            return here.balls, y
-        part = ahead / last
-        return here.balls + part * (here.balls - before.balls), y + part * (here.overlap - before.overlap) * free
+    @staticmethod
+    def _measure(state: PressedArray, load: Prescribed) -> float:
+        """Return the overlap of a state, or its force if that is what the load prescribes."""
+        return state.force if load.overlap is None else state.overlap
 
-    def _solve(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> PressedArray | None:
-        """Return the equilibrium at the end of one step, or None if Newton's method does not find it.
+    @staticmethod
+    def _aim(load: Prescribed) -> float:
+        return load.force if load.overlap is None else load.overlap
 
-        It is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to and fro
-        between the two sides of Coulomb's limit. So in a second attempt its corner is round, and less so after each step.
+    def _extrapolate(self, trail: Sequence[PressedArray], load: Prescribed) -> tuple[Array, float]:
+        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
+        weights = continue_polynomial([self._measure(one, load) for one in trail], self._aim(load))
+        states = trail[-len(weights) :]
+        balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
+        y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
+        return balls, float(y)
+
+    def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
+        """Return the equilibrium at the end of one step, or None if it is not found.
+
+        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
+        to and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
+        which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
         """
-        balls, y = self._extrapolate(here, before, load)
-        free, newton, krylov = load.overlap is None, 0, 0
-        mu = self.friction_coefficient
-        for rounding in (0.0,) if mu in (0.0, math.inf) else (0.0, _ROUNDING):
-            smoothing = rounding * max(here.force, load.force)
-            trial = self._try(here, balls, y, load, smoothing)
-            before_that = math.inf
-            for count in range(_NEWTON_STEPS + 1):
-                if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
-                    return self._arrive(here, trial, newton, krylov)
-                if count % _PATIENCE == 0:
-                    if not smoothing and trial.size > 0.5 * before_that:
-                        break
-                    before_that = trial.size
-                distance = max(trial.left, trial.missed)
-                way, taken = self._direct(trial, distance, free)
-                newton, krylov, size = newton + 1, krylov + taken, trial.size
-                trial, length = self._search(here, trial, way, load, smoothing)
-                if not math.isfinite(trial.size):
+        here, (balls, y) = trail[-1], self._extrapolate(trail, load)
+        trial = self._iterate(here, self._try(here, balls, y, load), load, _NEWTON_STEPS, _PATIENCE)
+        if not self._is_done(trial) and 0.0 < self.friction_coefficient < math.inf:
+            lagged = replace(self._try(here, balls, y, load), newton=trial.newton, krylov=trial.krylov)
+            for _ in range(_LAGS):
+                guess = lagged.contacts.overlaps
+                lagged = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load, guess))
+                lagged = self._iterate(here, lagged, load, _PATIENCE, _PATIENCE, guess)
+                trial = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load))
+                trial = self._iterate(here, trial, load, _NEWTON_STEPS, _SHORT_PATIENCE)
+                if self._is_done(trial):
                     break
-                if smoothing:
-                    if length == 1.0:
-                        smoothing *= _FAST if trial.size < _FAST * size else _SLOW
-                    if smoothing < _LEAST_ROUNDING * here.force:
-                        smoothing = 0.0
-                    trial = self._try(here, trial.balls, trial.overlap, load, smoothing)
-        return None
+                lagged = replace(lagged, newton=trial.newton, krylov=trial.krylov)
+        return self._arrive(here, trial) if self._is_done(trial) else None
+
+    @staticmethod
+    def _is_done(trial: Trial) -> bool:
+        """Return whether all balls are in balance, and the load is met."""
+        return trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE
+
+    def _iterate(
+        self, here: PressedArray, trial: Trial, load: Prescribed, most: int, patience: int, guess: Array | None = None
+    ) -> Trial:
+        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual."""
+        before, hold, slow = math.inf, 1.0, False
+        aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
+        for count in range(most):
+            if self._is_done(trial) or trial.size < aim:
+                break
+            if count % patience == 0:
+                if trial.size > 0.5 * before:
+                    break
+                before = trial.size
+            way, taken = self._direct(trial, hold, load.overlap is None)
+            new, length = self._search(here, trial, way, load, guess, slow)
+            slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
+            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
+            if not math.isfinite(trial.size) or hold > _MOST_HOLD:
+                break
+            hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
+        return trial
 
     def _search(
-        self, here: PressedArray, trial: _Trial, way: Motion, load: Prescribed, smoothing: float
-    ) -> tuple[_Trial, float]:
-        """Return the state after a step of Newton's method, and the length of the step: halved until less is left."""
-        length, best = 1.0, None
-        for _ in range(_LENGTHS):
+        self, here: PressedArray, trial: Trial, way: Motion, load: Prescribed, guess: Array | None, slow: bool
+    ) -> tuple[Trial, float]:
+        """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
+
+        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
+        """
+
+        def go(length: float) -> Trial:
             motion, overlap = trial.balls + length * way.balls, trial.overlap + length * way.compression
-            new = self._try(here, motion, overlap, load, smoothing)
-            if best is None or new.size < best[0].size:
-                best = new, length
-            if new.size < (1.0 - 0.1 * length) * trial.size:
+            return self._try(here, motion, overlap, load, guess)
+
+        def slope(state: Trial) -> float:
+            return dot(state.pull, way.balls) + state.push * way.compression
+
+        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
+        new = best[0]
+        for _ in range(_LENGTHS - 1):
+            if new.size < (1.0 - 0.1 * length) * trial.size or (guess is not None and slope(new) > -0.5 * first):
+                best = (new, length) if guess is not None else best
                 break
             length *= 0.5
-        assert best is not None
+            new = go(length)
+            if new.size < best[0].size:
+                best = new, length
+        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            new = go(_LONGER)
+            best = (new, 1.0) if new.size < best[0].size else best
         return best
 
-    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, smoothing: float) -> _Trial:
-        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), smoothing)
+    def _resist(self, here: PressedArray, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
+        """Return the normal forces and the tangential ones, with those of dashpots if there are any."""
+        if not self.drag:
+            return contacts.forces, contacts.shears
+        normal = contacts.overlaps - here.contacts.overlaps - (overlap - here.overlap)
+        slips = contacts.slips - here.contacts.slips
+        return contacts.forces + self.drag * normal, contacts.shears + self.stencils.mindlin_ratio * self.drag * slips
+
+    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> Trial:
+        place = self._geometry.place(balls, overlap)
+        slips = place.slips(self._locate(here), here.contacts.slips)
+        contacts, tangent = self._law.advance(here.contacts, place.overlaps, slips, guess)
         forces = contacts.forces
         force = float(np.mean(forces))
-        pull = self.stencils.forces(self._stack(forces, -contacts.shears))
+        pull = place.pull(*self._resist(here, contacts, overlap))
         push = forces.size * (load.force - force) if load.overlap is None else 0.0
         fields = pull.reshape(self.stencils.n_balls, self.stencils.motions.count, *self.stencils.shape)
         turning = fields[:, self.stencils.motions.turning]
@@ -320,73 +387,93 @@ class LoadingHistory:
             float(np.max(np.sum(self.stencils.cartesian(pull) ** 2, axis=0))),
             float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
         )
-        scale = force if force > 0.0 else math.inf
+        scale = max(force, self.drag) or math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
-        left = math.sqrt(square) / scale if force > 0.0 else math.inf
-        return _Trial(balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        left = math.sqrt(square) / scale if scale < math.inf else math.inf
+        return Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
-    def _direct(self, trial: _Trial, distance: float, free: bool) -> tuple[Motion, int]:
+    def _direct(self, trial: Trial, hold: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
-        from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
+        stencils, distance = self.stencils, max(trial.left, trial.missed)
+        mean, size = float(np.mean(trial.tangent.stiffness)) + self.drag, trial.balls.size
+        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
+        share = min(1.0, _SECANT_SHARE * distance * hold)
+        tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share)
+        tangent = tangent.damp(self.drag, stencils.mindlin_ratio * self.drag).scale(1.0 / mean)
+        inverse = stencils.preconditioner(self._stack(tangent.stiffness, tangent.springs).astype(np.float32))
+        held, turns = np.float32(1.0 / tangent.stiffness.size), self._geometry.ratio > 0.0
+        product = self._linearise_in_truth(trial, tangent, mean) if turns else self._linearise(tangent)
 
-        stencils, n, tangent = self.stencils, self.stencils.n_contacts, trial.tangent
-        mean = float(np.mean(tangent.stiffness))
-        added = _ADDED_STIFFNESS * min(1.0, distance) * mean
-        tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, _SECANT_SHARE * math.sqrt(distance)))
-        springs = self._stack(tangent.stiffness, tangent.springs)
-        inverse = self._inverses.choose(springs)
-        held = 1.0 / (tangent.stiffness.size * mean)
-        size = trial.balls.size
+        def apply(vector: Single) -> Single:
+            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+            pull, push = product(balls, press)
+            return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
-        def split(vector: Array) -> tuple[Array, float]:
-            return vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+        def precondition(vector: Single) -> Single:
+            balls = inverse(vector[:size].reshape(trial.balls.shape))
+            return np.append(balls, held * vector[size]) if free else np.ravel(balls)
 
-        def join(balls: Array, press: float) -> Array:
-            return np.append(balls, press) if free else np.ravel(balls)
+        right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
+        reduction = min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
+        found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
+        return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
 
-        def apply(vector: Array) -> Array:
-            rows = stencils.deformations(Motion(*split(vector)))
-            normal, shear = tangent.apply(rows[:n], rows[n:].reshape(-1, *self._means.shape))
-            return join(stencils.forces(self._stack(normal, shear)), -float(np.sum(normal)))
+    def _linearise_in_truth(
+        self, trial: Trial, tangent: Tangent, scale: float
+    ) -> Callable[[Single, float], tuple[Single, float]]:
+        """Return what :meth:`_linearise` does, with forces that turn with contacts; the tangent is over a ``scale``."""
+        forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
 
-        def precondition(vector: Array) -> Array:
-            balls, press = split(vector)
-            return join(inverse(balls), held * press)
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            pull, push = trial.place.respond(Motion(balls.astype(float), press), tangent.apply, forces, shears)
+            return pull.astype(np.float32), push
 
-        count = size + free
-        right = join(trial.pull, trial.push)
-        taken = [0]
-        found, _ = gmres(
-            LinearOperator((count, count), matvec=apply, dtype=np.float64), right,
-            rtol=min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)), restart=_KEPT, maxiter=_RESTARTS,
-            M=LinearOperator((count, count), matvec=precondition, dtype=np.float64),
-            callback=lambda _: taken.__setitem__(0, taken[0] + 1), callback_type="pr_norm",
-        )  # fmt: skip
-        self._inverses.count(taken[0])
-        return Motion(*split(found)), taken[0]
+        return product
 
-    def _arrive(self, here: PressedArray, trial: _Trial, newton: int, krylov: int) -> PressedArray:
+    def _linearise(self, tangent: Tangent) -> Callable[[Single, float], tuple[Single, float]]:
+        """Return the linear equations of a step: (pull, push) that a motion of balls and a change of y take away."""
+        stencils, n = self.stencils, self.stencils.n_contacts
+
+        def flatten(part: Array) -> Single:
+            rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
+            return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
+
+        stiffness = flatten(tangent.stiffness[None])[0]
+        springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
+        push = 0.0
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            nonlocal push
+            push = 0.0
+
+            def tension(part: slice, rows: Single) -> Single:
+                nonlocal push
+                if press:
+                    rows[:n] -= np.float32(press)
+                loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
+                change = springs[..., part] * slips
+                change -= coupling[..., part] * loss
+                if len(cross):
+                    change -= cross[..., part] * slips[::-1]
+                slips[...] = change
+                loss *= stiffness[:, part]
+                push -= float(np.sum(loss))
+                return rows
+
+            return stencils.couple(balls, tension), push
+
+        return product
+
+    def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
-            here.loosened + loosened, here.steps + 1, here.newton + newton, here.krylov + krylov,
+            here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
-        work = 0.5 * (here.force + state.force) * (state.overlap - here.overlap)
+        before, after = self._locate(here), trial.place
+        press = before.press(here.contacts.forces, here.contacts.shears)
+        press += after.press(state.contacts.forces, state.contacts.shears)
+        work = 0.5 * press * (state.overlap - here.overlap)
         return replace(state, work=here.work + work)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
-
-    balls: Array
-    overlap: float
-    contacts: Contacts
-    tangent: Tangent
-    pull: Array
-    push: float
-    left: float
-    missed: float
-    size: float

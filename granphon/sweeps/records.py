@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
@@ -29,12 +30,14 @@ class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
     ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
-    :func:`~granphon.sweeps.wave_records.record_waves` found of its waves, if anything was asked for.
+    :func:`~granphon.sweeps.wave_records.record_waves` found of its waves, if anything was asked for. The four before it are
+    those of a history of friction, None without one.
     """
 
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
-        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa",
+        "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", "sliding_fraction": "1",
+        "tangential_ratio": "1", "work": "J", "dissipated_energy": "J",
     }  # fmt: skip
     shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3?|2 6 6?|2 1 1?"}
 
@@ -46,10 +49,14 @@ class SampleRecord(Result):
     fraction: float
     elastic_tensor: Array
     elastic_tensors_beside: Array | None = None
+    sliding_fraction: float | None = None
+    tangential_ratio: float | None = None
+    work: float | None = None
+    dissipated_energy: float | None = None
     of_waves: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, sample: Sample, waves: WaveSettings | None = None, exponents: bool = True) -> Self:
+    def of(cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True) -> Self:
         """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
 
         Without ``exponents`` there are no tensors at neighbouring loads.
@@ -59,10 +66,12 @@ class SampleRecord(Result):
             from granphon.sweeps.wave_records import record_waves  # imported here: a sweep without waves does not need it
 
             found = record_waves(sample, waves)
+        names = ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy")
+        lost = {name: getattr(sample, name) for name in names} if isinstance(sample, PressedSample) else {}
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside if exponents else None, found,
+            sample.elastic_tensors_beside if exponents else None, of_waves=found, **lost,
         )  # fmt: skip
 
     @classmethod

@@ -1,0 +1,346 @@
+"""A sample of the disordered array that has been loaded with friction, in SI units.
+
+Forces of the contacts are those that a history has left (:mod:`granphon.array.history`). Under sound, a contact that carries
+load resists compression with its normal stiffness k, and slip with a tangential stiffness for which there are three choices:
+
+``slide``         eta k; none where the contact slides, that is, bears |T| = mu f
+``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to the limit again
+``partial_slip``  eta k (1 - |T|/mu f)^(1/3), that of a contact whose T grows under constant f: an annulus of it slips
+                  (C. Cattaneo, 1938; R. D. Mindlin, J. Appl. Mech. 16, 259, 1949)
+
+In space the stiffness is the same for slip in all directions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.contact_network import turn_frames
+from granphon.array.equilibrium import Equilibrium, Prescribed
+from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.response import elasticity
+from granphon.array.sample import LEAST_CONTACT, STEP, Sample
+from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_geometry import ExactGeometry, ExactPlace
+from granphon.array.true_response import ActingForces, find_elastic_tensor
+from granphon.base.errors import InputError, message
+from granphon.base.results import read_only
+from granphon.networks.network import ContactNetwork
+
+__all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "PressedSample"]
+
+Array = NDArray[np.float64]
+#: the choices of the tangential stiffness under sound; the first is the default
+SHEAR_RESPONSES = ("slide", "stick", "partial_slip")
+#: |T| over mu f, below one by no more than rounding, from which a contact slides
+_SLIDES = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedEquilibrium(Equilibrium):
+    """Sample at rest with the forces that loading with friction has left, in units of W and c W^(3/2).
+
+    Attributes
+    ----------
+    rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a plane has one.
+    mindlin_ratio, friction_coefficient : eta and mu.
+    work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
+    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
+    steps : number of steps of the load since the start.
+    ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
+    """
+
+    rotations: Array = field(default_factory=lambda: np.zeros(0))
+    shears: Array = field(default_factory=lambda: np.zeros(0))
+    mindlin_ratio: float = 0.0
+    friction_coefficient: float = math.inf
+    work: float = 0.0
+    slid: float = 0.0
+    loosened: float = 0.0
+    steps: int = 0
+    ratio: float = 0.0
+
+    @classmethod
+    def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
+        """Take the state of a history, whose ``stencils`` have slips."""
+        motions = stencils.motions
+        fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
+        moved, turned = (fields[:, part].reshape(-1, *stencils.shape) for part in (motions.translating, motions.turning))
+        return cls(
+            deviations=deviations, overlap=pressed.overlap, balls=moved, residual=pressed.residual, newton=pressed.newton,
+            conjugate=pressed.krylov, lattice=stencils.lattice, rotations=turned, shears=pressed.contacts.shears,
+            mindlin_ratio=stencils.mindlin_ratio, friction_coefficient=pressed.law.friction_coefficient, work=pressed.work,
+            slid=pressed.slid, loosened=pressed.loosened, steps=pressed.steps, ratio=ratio,
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
+        super().check()
+        stencils = self.sheared
+        turns = stencils.n_fields - len(self.balls)
+        wanted = (turns, *stencils.shape), (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape)
+        if (self.rotations.shape, self.shears.shape) != wanted:
+            found = f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
+            raise InputError(message(f"the PressedEquilibrium has {found}, which do not belong to its balls"))
+
+    @cached_property
+    def sheared(self) -> Stencils:
+        """Compatibility matrix C of the array, with slips."""
+        return Stencils(self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice)
+
+    def _move(self, stencils: Stencils) -> Array:
+        """Return the motion of the balls in the coordinates of ``stencils``."""
+        n = self.lattice.n_balls
+        parts = [part.reshape(n, -1, *stencils.shape) for part in (self.balls, self.rotations)]
+        return np.concatenate(parts, axis=1).reshape(stencils.n_fields, *stencils.shape)
+
+    @cached_property
+    def place(self) -> ExactPlace:
+        """Configuration of the balls in the true geometry."""
+        geometry = ExactGeometry(self.sheared, self.deviations, self.ratio)
+        return geometry.place(self._move(self.sheared), self.overlap)
+
+    @property
+    def differences(self) -> Array:
+        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
+        return self.place.differences if self.ratio else super().differences
+
+    @property
+    def excess(self) -> Array:
+        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2)."""
+        return self.forces - max(self.overlap, 0.0) ** 1.5 if self.ratio else super().excess
+
+    @cached_property
+    def law(self) -> FrictionLaw:
+        """The law of the contacts."""
+        return FrictionLaw(self.mindlin_ratio, self.friction_coefficient)
+
+    def resume(self) -> PressedArray:
+        """Return the state as a history takes it up again."""
+        stencils, balls = self.sheared, self._move(self.sheared)
+        # only changes of slips count
+        slips = stencils.deformations(Motion(balls, 0.0))[stencils.n_contacts :].reshape(self.shears.shape)
+        contacts = Contacts(self.overlaps, slips, self.shears)
+        return PressedArray(
+            self.overlap, balls, contacts, self.law, self.residual, self.work, self.slid, self.loosened, self.steps,
+            self.newton, self.conjugate,
+        )  # fmt: skip
+
+    @property
+    def energy(self) -> float:
+        """Mean energy that a contact stores, in units of c W^(5/2)."""
+        return self.law.stored(self.resume().contacts)
+
+    @property
+    def tangential(self) -> Array:
+        """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
+        return np.asarray(np.sqrt(np.sum(self.shears**2, axis=0)))
+
+    @property
+    def carried(self) -> NDArray[np.bool_]:
+        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
+        return np.asarray(self.forces > LEAST_CONTACT * self.force)
+
+    @property
+    def mobilisation(self) -> Array:
+        """(n_c, L1, ..., Lp) |T| over Coulomb's limit mu f; one where a contact slides, zero where balls are apart.
+
+        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        """
+        forces, mu = self.forces, self.friction_coefficient
+        if mu == math.inf:
+            return np.zeros_like(forces)
+        if mu == 0.0:
+            return (forces > 0.0).astype(float)
+        limit = mu * forces
+        return np.minimum(np.divide(self.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(n_c, L1, ..., Lp) whether the tangential force of each contact is at Coulomb's limit."""
+        return np.asarray(self.mobilisation >= _SLIDES)
+
+    def shear_ratios(self, response: str) -> Array:
+        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`."""
+        mobilised = self.mobilisation
+        if response == "stick":
+            return np.full_like(mobilised, self.mindlin_ratio)
+        part = np.cbrt(1.0 - mobilised) if response == "partial_slip" else 1.0
+        return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
+
+    def find_elasticity(self, shear: Array, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
+
+        Other arguments, units and errors are those of :func:`granphon.array.response.elasticity`. In the true geometry it is
+        that of :func:`~granphon.array.true_response.find_elastic_tensor`, under the forces that act.
+        """
+        if not self.ratio:
+            return elasticity(self, shear, torsion, bending)
+        normal, own = self.stiffnesses, self.stencils
+        twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
+        mean = float(np.sum(twist * normal) / np.sum(normal))
+        stencils = Stencils(own.shape, self.mindlin_ratio, own.workers, self.lattice, mean, bending)
+        place = ExactGeometry(stencils, self.deviations, self.ratio).place(self._move(stencils), self.overlap)
+        springs, n = stencils.weights(normal), stencils.n_contacts
+        for first in range(n, n * len(stencils.shape), n):
+            springs[first : first + n] = shear * normal
+        carries = normal > 0.0
+
+        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
+            return normal * loss, shear * normal * slip
+
+        rolling = twist * normal, bending * normal
+        acting = ActingForces(law, springs, carries * self.forces, carries * self.shears, rolling)
+        return find_elastic_tensor(place, acting, stencils)
+
+    @property
+    def tangential_parts(self) -> tuple[Any, Any, Any]:
+        """Components of the tangential forces T along each contact's direction on the lattice and its tangents there."""
+        t, b = self.place.tangents if self.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        one, other = (*self.shears, 0.0)[:2]
+        return one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
+
+
+class ContinuedHistory(LoadingHistory):
+    """A history that begins with a state to which another one has led."""
+
+    resumed: PressedArray
+
+    def begin(self) -> PressedArray:
+        """Return that state."""
+        return self.resumed
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedSample(Sample):
+    """One array of balls at rest under one load, which it has reached by a path of loads with friction.
+
+    Attributes
+    ----------
+    packing, seed : as those of :class:`Sample`.
+    equilibrium : the solution, in units of W and c W^(3/2).
+    shear_response : tangential stiffness of contacts under sound: "slide" (eta k, none where a contact slides), "stick" (eta
+        k everywhere), or "partial_slip" (eta k (1 - |T|/mu f)^(1/3)).
+    """
+
+    equilibrium: PressedEquilibrium
+    shear_response: str = SHEAR_RESPONSES[0]
+
+    @property
+    def rotations(self) -> Array:
+        """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in space."""
+        cells, shape = self.packing.structure.n_balls, self.shape
+        by_ball = self.equilibrium.rotations.reshape(cells, -1, *shape).swapaxes(0, 1)
+        turns = self._order(by_ball if cells > 1 else by_ball[:, 0])
+        found = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
+        return found[..., 0] if found.shape[-1] == 1 else found
+
+    @property
+    def tangential_forces(self) -> Array:
+        """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where balls are apart."""
+        vectors = turn_frames(self.packing, self.equilibrium.tangential_parts, self.shape)
+        return np.asarray(-self._units.force * vectors[..., : self.packing.structure.periods])
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The balls, and the contacts that carry load, as a network with the springs of the linear response.
+
+        See :attr:`Sample.network`; it has the tangential forces too.
+        """
+        ratios = np.moveaxis(self.equilibrium.shear_ratios(self.shear_response), 0, -1)
+        return self._make_network(ratios, self.tangential_forces)
+
+    @property
+    def tangential_ratio(self) -> float:
+        """Mean |T| over the mean normal force, over all contacts."""
+        return float(np.mean(self.equilibrium.tangential)) / self.equilibrium.force
+
+    @property
+    def mobilisation(self) -> Array:
+        """(L1, ..., Lp, n_c) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
+
+        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        """
+        return np.moveaxis(self.equilibrium.mobilisation, 0, -1)
+
+    @property
+    def sliding_fraction(self) -> float:
+        """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
+        return float(np.mean(self.equilibrium.slides[self.equilibrium.carried]))
+
+    def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
+        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of |T|/(mu f).
+
+        It is that of the contacts that carry load; those that slide are in the last bin.
+        """
+        counts, edges = np.histogram(self.equilibrium.mobilisation[self.equilibrium.carried], bins, (0.0, 1.0))
+        return edges, counts / (np.sum(counts) * np.diff(edges))
+
+    @property
+    def work(self) -> float:
+        """Work of the load since the start, a mean over contacts, J: the integral of f over the overlap."""
+        return self._units.energy * self.equilibrium.work
+
+    @property
+    def dissipated_energy(self) -> float:
+        """Energy lost since the start, a mean over contacts, J: by sliding, and by Mindlin's law."""
+        return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened)
+
+    @property
+    def slid_energy(self) -> float:
+        """Energy lost by sliding since the start, a mean over contacts, J."""
+        return self._units.energy * self.equilibrium.slid
+
+    @property
+    def normal_stiffness(self) -> float:
+        """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
+
+        It is the derivative of f along the path only where no contact slides and none that bears T opens.
+        """
+        return self._average_stiffness(self.elastic_tensor)
+
+    @property
+    def stiffness_slope(self) -> float:
+        """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
+        low, high = (self._average_stiffness(tensor) for tensor in self.elastic_tensors_beside)
+        return (high - low) / (2.0 * STEP) * self.normal_stiffness / self.force
+
+    def _average_stiffness(self, tensor: Array) -> float:
+        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do work on the whole."""
+        structure = self.packing.structure
+        even = float(np.sum(tensor[: structure.periods, : structure.periods]))
+        return even * self.packing.diameter * structure.measure / len(structure.contacts)
+
+    @cached_property
+    def elastic_tensors_beside(self) -> Array:
+        """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as loading goes on from here.
+
+        Going back would be unloading, which is another state. The three steps of loading are equally long: how many contacts
+        slide at the end of a step depends a little on its length, and so does the state itself.
+        """
+        here = self.equilibrium
+        stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
+        geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
+        history = ContinuedHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
+        history.resumed = here.resume()
+        states = list(history.path(loads))
+        beside = (PressedEquilibrium.of(state, here.deviations, stencils, here.ratio) for state in states[::2])
+        tensors = [self._compute_elastic_tensor(one.share(here.deviations, here.stencils)) for one in beside]
+        stencils.forget()
+        return read_only(tensors)
+
+    def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
+        assert isinstance(equilibrium, PressedEquilibrium)
+        return equilibrium.find_elasticity(equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending)
+
+    def respond(self, shear_response: str) -> Self:
+        """Return the same sample with another choice of the tangential stiffness under sound."""
+        return replace(self, shear_response=shear_response)
