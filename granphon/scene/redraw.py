@@ -11,9 +11,10 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles
 from granphon.base.text import parse_yaml, read_text
 from granphon.base.written_files import read_written_files
-from granphon.scene.result_files import SWEEP_FIGURES, figure_name, wave_files
+from granphon.scene.result_files import figure_name, wave_files
+from granphon.scene.sweep_figures import draw_sweep
 
-__all__ = ["draw_sweep", "redraw"]
+__all__ = ["redraw"]
 
 _FORMATS = (".pdf", ".png", ".svg")
 #: the files that are drawn
@@ -115,18 +116,6 @@ def _read_sweep(path: Path, name: str, variable: str | None) -> Any:
     from granphon.sweeps.archive import load_sweep
 
     return draw_sweep(load_sweep(path), name, variable)
-
-
-def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Draw the figure of a sweep that the ``name`` of its file means, or that of one ``variable``."""
-    stem = Path(name).stem
-    if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.sweep_waves import sweep_dos_figure, sweep_spectra_figure
-
-        return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
-    from granphon.figures.sweeps import sweep_figure
-
-    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
 
 def _draw_waves(name: str, path: Path) -> Any:

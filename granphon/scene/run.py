@@ -259,7 +259,7 @@ class SweepResult(Summarised):
 
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
-        from granphon.scene.redraw import draw_sweep
+        from granphon.scene.sweep_figures import draw_sweep
 
         return draw_sweep(self.dataset, name)
 
