@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 __all__ = ["Contacts", "FrictionLaw", "Tangent"]
 
 Array = NDArray[np.float64]
+#: root of an overlap that stands for none where it divides
+_TINY = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +89,22 @@ class Tangent:
         """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
         return np.asarray(self.shear * (1.0 - self.sliding**2))
 
+    @property
+    def cross(self) -> Array:
+        """(1, n_c, L1, ..., Lp) stiffness between the two slips in space, with the sign turned; (0, ...) in a plane."""
+        if len(self.sliding) == 1:
+            return np.empty((0, *self.stiffness.shape))
+        return np.asarray((self.shear * self.sliding[0] * self.sliding[1])[None])
+
+    def scale(self, factor: float) -> Tangent:
+        """Return a tangent that is stiffer by a factor."""
+        return Tangent(factor * self.stiffness, factor * self.shear, factor * self.coupling, self.sliding)
+
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
         """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
         change = self.springs * slip - self.coupling * loss
         if len(slip) == 2:
-            one, two = self.sliding
-            change -= (self.shear * one * two) * slip[::-1]
+            change -= self.cross * slip[::-1]
         return self.stiffness * loss, change
 
 
@@ -124,15 +136,15 @@ class FrictionLaw:
         sliding = np.zeros_like(shears)
         if mu < math.inf:
             size, limit = _norm(shears), mu * new**3
+            if smoothing:
+                share, by_limit, drop = _round_corner(size, limit, smoothing)
+                along = np.sqrt(np.maximum(drop, 0.0))
+            else:
+                slides = size > limit
+                by_limit = along = slides.astype(float)
+                share = np.divide(limit, size, out=np.ones_like(size), where=slides)
             unit = np.divide(shears, size, out=np.zeros_like(shears), where=size > 0.0)
-            above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
-            share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
-            over = np.divide(size + limit, above, out=np.ones_like(size), where=above > 0.0)
-            under = np.divide(size - limit, below, out=np.zeros_like(size), where=below > 0.0)
-            # derivatives of the force with respect to z and c; the first is less along T than across it, by a part of it
-            by_size, by_limit = 0.5 * (over - under), 0.5 * (over + under)
-            drop = 1.0 - np.divide(by_size, share, out=np.zeros_like(size), where=share > 0.0)
-            shears, shear, sliding = share * shears, share * shear, np.sqrt(np.maximum(drop, 0.0)) * unit
+            shears, shear, sliding = share * shears, share * shear, along * unit
             coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
             coupling += mu * by_limit * stiffness * unit
         return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
@@ -164,19 +176,31 @@ class FrictionLaw:
         return np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
 
 
+def _round_corner(size: Array, limit: Array, smoothing: float) -> tuple[Array, Array, Array]:
+    """Return 2 c/(A + B) of :meth:`FrictionLaw.advance`, the derivative of the force with respect to c, and a third number.
+
+    That is the part by which its derivative with respect to z is less than 2 c/(A + B).
+    """
+    above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
+    share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
+    over, under = (size + limit) / above, (size - limit) / below
+    drop = 1.0 - np.divide(0.5 * (over - under), share, out=np.zeros_like(size), where=share > 0.0)
+    return share, 0.5 * (over + under), drop
+
+
 def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, Array]:
     """Return the normal stiffness that slip meets in a step from h0 to h1, and its derivative with respect to h1.
 
     ``a0`` and ``a1`` are the roots of h0_+ and h1_+. Where h falls it is k at the end.
     """
-    rises, opens = (a1 > a0) & (a0 > 0.0), (a1 > 0.0) & (a0 == 0.0)
-    total = np.where(rises, a0 + a1, 1.0)
-    mean = np.where(rises, (a0 * a0 + a0 * a1 + a1 * a1) / total, 1.5 * a1)
-    slope = np.where(rises, (a1 + 2.0 * a0) / (2.0 * total**2), np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
+    rises, total = a1 > a0, np.maximum(a0 + a1, _TINY)
+    mean = np.where(rises, total - a0 * a1 / total, 1.5 * a1)
+    slope = np.where(rises, 0.5 * (1.0 + a0 / total) / total, np.divide(0.75, a1, out=np.zeros_like(a1), where=a1 > 0.0))
     # a contact that closes in the step: only the part of the step after it has closed counts
-    width = np.where(opens, h1 - h0, 1.0)
-    mean = np.where(opens, a1**3 / width, mean)
-    slope = np.where(opens, (1.5 * a1 - a1**3 / width) / width, slope)
+    opens = np.nonzero(rises & (a0 == 0.0))
+    width, root = h1[opens] - h0[opens], a1[opens]
+    part = root**3 / width
+    mean[opens], slope[opens] = part, (1.5 * root - part) / width
     return mean, slope
 
 

@@ -18,7 +18,7 @@ lose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
 from granphon.array.preconditioners import Preconditioners
+from granphon.array.pressing import continue_polynomial, goes_on, weigh_states
+from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, InputError, message
 
@@ -42,6 +44,8 @@ START_SPACING = 0.5
 REFINEMENT_TOLERANCE = 1e-4
 #: relative change of f*, over the tolerance of balance, that short steps may show from what is left of balance alone
 _NOISE = 10.0
+#: factor by which the estimate of what halving a step changes is multiplied
+_CAUTION = 2.0
 #: fraction by which a given mean force may be missed
 _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
@@ -53,15 +57,21 @@ _ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
 _SLOW, _FAST = 0.5, 0.1
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
-#: vectors that GMRES keeps, and how often it starts again
-_KEPT, _RESTARTS = 60, 5
+#: largest number of iterations of a step of Newton's method
+_MOST_ITERATIONS = 300
+#: part of the residual that a whole step leaves, from which a longer one is tried, and its length: Newton's method comes to the
+#: zero of h^(3/2), where a ball that nothing else holds leaves its last contact, by two thirds of the way at a time
+_LEFT_BY_LOOSE, _LONGER = 0.12, 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
 #: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
 _ADDED_STIFFNESS = 1e-2
+#: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered after
+#: a whole one
+_EASE = 10.0
 #: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
 #: from balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 3.0
+_SECANT_SHARE = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,37 +181,58 @@ class LoadingHistory:
 
         Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load.
         """
-        here, before = self.begin(), None
+        trail = [self.begin()]
         for load in loads:
-            for state in self._refine(here, before, load):
-                here, before = state, here
-            yield here
+            for state in self._refine(trail, load):
+                trail = [*trail[-2:], state]
+            yield trail[-1]
 
-    def _refine(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> Iterator[PressedArray]:
+    def _refine(self, trail: Sequence[PressedArray], load: Prescribed) -> Iterator[PressedArray]:
         """Yield states on the way to a load, in steps so short that halving them changes little."""
-        end = self.step(here, before, load)
         if self.tolerance == math.inf:
-            yield end
+            yield self.step(trail, load)
             return
-        ahead = [(load, end, self.tolerance, 0)]
+        ahead = [(load, self.tolerance, 0)]
         while ahead:
-            load, whole, allowed, halvings = ahead.pop()
-            middle = self._between(here, load)
-            half = self.step(here, before, middle)
-            last = self.step(half, here, load)
-            # at a given force the overlap differs, which the mean stiffness makes a force
-            change = abs(last.force - whole.force)
-            change += abs(last.overlap - whole.overlap) * 1.5 * float(np.mean(np.sqrt(last.contacts.closed)))
+            load, allowed, halvings = ahead.pop()
+            middle, found = self._between(trail[-1], load), []
+            if not goes_on([*(self._measure(one, load) for one in trail[-2:]), self._aim(load)]):
+                # nothing tells yet how the path bends: two halves do
+                found = [self.step(trail, middle)]
+            found.append(self.step([*trail, *found], load))
+            change = self._compare([*trail, *found], len(found), load)
             # balance to a finite residual leaves f* uncertain
-            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * last.force:
-                yield half
-                yield last
-                here, before = last, half
+            if change <= max(allowed, _NOISE * BALANCE_TOLERANCE) * found[-1].force:
+                yield from found
+                trail = [*trail, *found][-3:]
             elif halvings == _MOST_HALVINGS:
-                raise self._explain(load, f"halving the step still changes f* by {change / last.force:.2g}")
+                raise self._explain(load, f"halving the step still changes f* by {change / found[-1].force:.2g}")
             else:
-                ahead.append((load, last, 0.5 * allowed, halvings + 1))
-                ahead.append((middle, half, 0.5 * allowed, halvings + 1))
+                ahead.append((load, 0.5 * allowed, halvings + 1))
+                ahead.append((middle, 0.5 * allowed, halvings + 1))
+
+    def _compare(self, trail: Sequence[PressedArray], steps: int, load: Prescribed) -> float:
+        """Return by how much f* would change if each of the last one or two ``steps`` were halved; an estimate.
+
+        The middle of a step is interpolated, and the law of the contacts followed through it. By the theorem of reciprocity
+        tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
+        """
+        three = trail[-3:]
+        loads, change = [self._measure(one, load) for one in three], 0.0
+        for last in (-1, -2)[:steps]:
+            before, after = three[last - 1].contacts, three[last].contacts
+            weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
+            overlaps, slips = (
+                np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
+                for values in zip(*((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True)
+            )
+            half, _ = self._law.advance(before, overlaps, slips)
+            again, _ = self._law.advance(half, after.overlaps, after.slips)
+            rise = (after.slips - before.slips) * (again.shears - after.shears)
+            # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
+            share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
+            change += _CAUTION * share / self._means.size / abs(three[last].overlap - three[last - 1].overlap)
+        return change
 
     @staticmethod
     def _between(here: PressedArray, load: Prescribed) -> Prescribed:
@@ -210,8 +241,8 @@ class LoadingHistory:
             return Prescribed(force=0.5 * (here.force + load.force))
         return Prescribed(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> PressedArray:
-        """Return the equilibrium under a load, from the state ``here``; ``before`` is the state before it, if there is one.
+    def step(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray:
+        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
         Where Newton's method fails, the load is reached in two steps or more.
         """
@@ -219,16 +250,16 @@ class LoadingHistory:
             raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
         ahead, halvings = [load], 0
         while ahead:
-            state = self._solve(here, before, ahead[-1])
+            state = self._solve(trail, ahead[-1])
             if state is not None:
-                here, before = state, here
+                trail = [*trail[-2:], state]
                 ahead.pop()
             elif halvings == _MOST_HALVINGS:
                 raise self._explain(load, "its forces are not in balance, however short the steps")
             else:
                 halvings += 1
-                ahead.append(self._between(here, ahead[-1]))
-        return here
+                ahead.append(self._between(trail[-1], ahead[-1]))
+        return trail[-1]
 
     @staticmethod
     def _explain(load: Prescribed, why: str) -> ConvergenceError:
@@ -246,31 +277,36 @@ class LoadingHistory:
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self.stencils.shape)])
 
-    def _extrapolate(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the line through the last two states."""
-        free, y = load.overlap is None, here.overlap if load.overlap is None else load.overlap
-        if before is None:
-            return here.balls, y
-        last = here.force - before.force if free else here.overlap - before.overlap
-        ahead = (load.force - here.force) if free else y - here.overlap
-        if not last or abs(ahead) > 4.0 * abs(last):
-            return here.balls, y
-        part = ahead / last
-        return here.balls + part * (here.balls - before.balls), y + part * (here.overlap - before.overlap) * free
+    @staticmethod
+    def _measure(state: PressedArray, load: Prescribed) -> float:
+        """Return the overlap of a state, or its force if that is what the load prescribes."""
+        return state.force if load.overlap is None else state.overlap
 
-    def _solve(self, here: PressedArray, before: PressedArray | None, load: Prescribed) -> PressedArray | None:
+    @staticmethod
+    def _aim(load: Prescribed) -> float:
+        return load.force if load.overlap is None else load.overlap
+
+    def _extrapolate(self, trail: Sequence[PressedArray], load: Prescribed) -> tuple[Array, float]:
+        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line."""
+        weights = continue_polynomial([self._measure(one, load) for one in trail], self._aim(load))
+        states = trail[-len(weights) :]
+        balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
+        y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
+        return balls, float(y)
+
+    def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
         """Return the equilibrium at the end of one step, or None if Newton's method does not find it.
 
         It is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to and fro
         between the two sides of Coulomb's limit. So in a second attempt its corner is round, and less so after each step.
         """
-        balls, y = self._extrapolate(here, before, load)
+        here, (balls, y) = trail[-1], self._extrapolate(trail, load)
         free, newton, krylov = load.overlap is None, 0, 0
         mu = self.friction_coefficient
         for rounding in (0.0,) if mu in (0.0, math.inf) else (0.0, _ROUNDING):
             smoothing = rounding * max(here.force, load.force)
             trial = self._try(here, balls, y, load, smoothing)
-            before_that = math.inf
+            before_that, hold = math.inf, 1.0
             for count in range(_NEWTON_STEPS + 1):
                 if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
                     return self._arrive(here, trial, newton, krylov)
@@ -279,11 +315,12 @@ class LoadingHistory:
                         break
                     before_that = trial.size
                 distance = max(trial.left, trial.missed)
-                way, taken = self._direct(trial, distance, free)
+                way, taken = self._direct(trial, distance, hold, free)
                 newton, krylov, size = newton + 1, krylov + taken, trial.size
                 trial, length = self._search(here, trial, way, load, smoothing)
                 if not math.isfinite(trial.size):
                     break
+                hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
                 if smoothing:
                     if length == 1.0:
                         smoothing *= _FAST if trial.size < _FAST * size else _SLOW
@@ -306,6 +343,10 @@ class LoadingHistory:
                 break
             length *= 0.5
         assert best is not None
+        if best[1] == 1.0 and not smoothing and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            motion, overlap = trial.balls + _LONGER * way.balls, trial.overlap + _LONGER * way.compression
+            new = self._try(here, motion, overlap, load, smoothing)
+            best = (new, 1.0) if new.size < best[0].size else best
         return best
 
     def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, smoothing: float) -> _Trial:
@@ -326,45 +367,64 @@ class LoadingHistory:
         left = math.sqrt(square) / scale if force > 0.0 else math.inf
         return _Trial(balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
-    def _direct(self, trial: _Trial, distance: float, free: bool) -> tuple[Motion, int]:
+    def _direct(self, trial: _Trial, distance: float, hold: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
-        from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
+        stencils = self.stencils
+        mean, size = float(np.mean(trial.tangent.stiffness)), trial.balls.size
+        added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
+        share = min(1.0, _SECANT_SHARE * distance)
+        tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share).scale(1.0 / mean)
+        inverse = self._inverses.choose(self._stack(tangent.stiffness, tangent.springs))
+        product, held = self._linearise(tangent), np.float32(1.0 / tangent.stiffness.size)
 
-        stencils, n, tangent = self.stencils, self.stencils.n_contacts, trial.tangent
-        mean = float(np.mean(tangent.stiffness))
-        added = _ADDED_STIFFNESS * min(1.0, distance) * mean
-        tangent = tangent.stiffen(added, stencils.mindlin_ratio * added, min(1.0, _SECANT_SHARE * math.sqrt(distance)))
-        springs = self._stack(tangent.stiffness, tangent.springs)
-        inverse = self._inverses.choose(springs)
-        held = 1.0 / (tangent.stiffness.size * mean)
-        size = trial.balls.size
+        def apply(vector: Single) -> Single:
+            balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+            pull, push = product(balls, press)
+            return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
-        def split(vector: Array) -> tuple[Array, float]:
-            return vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
+        def precondition(vector: Single) -> Single:
+            balls = inverse(vector[:size].reshape(trial.balls.shape)).astype(np.float32, copy=False)
+            return np.append(balls, held * vector[size]) if free else np.ravel(balls)
 
-        def join(balls: Array, press: float) -> Array:
-            return np.append(balls, press) if free else np.ravel(balls)
+        right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
+        reduction = min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
+        found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
+        self._inverses.count(taken)
+        return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
 
-        def apply(vector: Array) -> Array:
-            rows = stencils.deformations(Motion(*split(vector)))
-            normal, shear = tangent.apply(rows[:n], rows[n:].reshape(-1, *self._means.shape))
-            return join(stencils.forces(self._stack(normal, shear)), -float(np.sum(normal)))
+    def _linearise(self, tangent: Tangent) -> Callable[[Single, float], tuple[Single, float]]:
+        """Return the linear equations of a step: (pull, push) that a motion of balls and a change of y take away."""
+        stencils, n = self.stencils, self.stencils.n_contacts
 
-        def precondition(vector: Array) -> Array:
-            balls, press = split(vector)
-            return join(inverse(balls), held * press)
+        def flatten(part: Array) -> Single:
+            rooms = stencils.rooms.fill(part.reshape(-1, *stencils.shape).astype(np.float32))
+            return rooms.reshape(*part.shape[:2], stencils.rooms.inside.size)
 
-        count = size + free
-        right = join(trial.pull, trial.push)
-        taken = [0]
-        found, _ = gmres(
-            LinearOperator((count, count), matvec=apply, dtype=np.float64), right,
-            rtol=min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)), restart=_KEPT, maxiter=_RESTARTS,
-            M=LinearOperator((count, count), matvec=precondition, dtype=np.float64),
-            callback=lambda _: taken.__setitem__(0, taken[0] + 1), callback_type="pr_norm",
-        )  # fmt: skip
-        self._inverses.count(taken[0])
-        return Motion(*split(found)), taken[0]
+        stiffness = flatten(tangent.stiffness[None])[0]
+        springs, coupling, cross = flatten(tangent.springs), flatten(tangent.coupling), flatten(tangent.cross)
+        push = 0.0
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            nonlocal push
+            push = 0.0
+
+            def tension(part: slice, rows: Single) -> Single:
+                nonlocal push
+                if press:
+                    rows[:n] -= np.float32(press)
+                loss, slips = rows[:n], rows[n:].reshape(-1, n, rows.shape[1])
+                change = springs[..., part] * slips
+                change -= coupling[..., part] * loss
+                if len(cross):
+                    change -= cross[..., part] * slips[::-1]
+                slips[...] = change
+                loss *= stiffness[:, part]
+                push -= float(np.sum(loss))
+                return rows
+
+            return stencils.couple(balls, tension), push
+
+        return product
 
     def _arrive(self, here: PressedArray, trial: _Trial, newton: int, krylov: int) -> PressedArray:
         """Return the state at the end of a step, with energies."""

@@ -25,26 +25,29 @@ def _strain_contacts(stencils: Stencils) -> Array:
     return np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(len(stencils.shape))])
 
 
-def elasticity(state: Equilibrium, mindlin_ratio: float, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+def elasticity(state: Equilibrium, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
     """Return the (n, n) elastic tensor of the sample, in Voigt order, with springs at every contact that carries load.
 
-    Springs against slip, twist and roll have eta, ``torsion`` and ``bending`` (over d^2) times the normal stiffness of their
-    contact; ``torsion`` is a number, or one for each contact, (n_c, L1, ..., Lp). Energies are per d^p, and the unit is that
-    of the contacts' stiffness. An error of the linear response enters squared. Raises
+    Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the normal
+    stiffness of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ..., Lp). Energies are per
+    d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters squared. Raises
     :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
     """
     own = state.stencils
     normal = state.stiffnesses
-    if not mindlin_ratio:  # only shear turns balls that are strained: without it twist and roll store nothing
-        torsion = bending = 0.0
     # the array has one ratio for all contacts, on which its preconditioner is built: the mean, weighted by stiffness
-    twist = np.asarray(torsion, float)
-    mean = float(np.sum(twist * normal) / np.sum(normal)) if twist.ndim else float(twist)
-    stencils = Stencils(own.shape, mindlin_ratio, own.workers, state.lattice, mean, bending)
-    stiffness = stencils.weights(normal)
+    slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
+    eta, mean = (float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio) for ratio in (slip, twist))
+    if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
+        mean = bending = 0.0
+    stencils = Stencils(own.shape, eta, own.workers, state.lattice, mean, bending)
+    stiffness, n = stencils.weights(normal), stencils.n_contacts
     if twist.ndim and stencils.motions.twist and mean:
-        first = len(stiffness) - (3 if bending else 1) * stencils.n_contacts  # the twist stands last, but for two rolls
-        stiffness[first : first + stencils.n_contacts] = twist * normal
+        first = len(stiffness) - (3 if bending else 1) * n  # the twist stands last, but for two rolls
+        stiffness[first : first + n] = twist * normal
+    if slip.ndim and eta:
+        for first in range(n, n * len(state.lattice.vectors), n):  # one slip in a plane, two in space
+            stiffness[first : first + n] = slip * normal
     affine = _strain_contacts(stencils)[(..., *(None,) * len(stencils.shape))]
     # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
     even = find_uniform_part(normal) if stencils.n_balls == 1 else 0.0

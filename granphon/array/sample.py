@@ -186,7 +186,11 @@ class Sample(Result):
         if torsion == MINDLIN:  # it differs from contact to contact
             f, k = self._units.force * equilibrium.forces, self._units.stiffness * equilibrium.stiffnesses
             torsion = packing.find_torsion(f, k)
-        return read_only(scale * elasticity(equilibrium, packing.mindlin_ratio, torsion, packing.bending))
+        return read_only(scale * elasticity(equilibrium, self._shear_ratios(equilibrium), torsion, packing.bending))
+
+    def _shear_ratios(self, equilibrium: Equilibrium) -> Any:
+        """Return the tangential over the normal stiffness of contacts: a number, or one for each, (n_c, L1, ..., Lp)."""
+        return self.packing.mindlin_ratio
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.

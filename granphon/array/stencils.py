@@ -255,6 +255,24 @@ class Stencils:
         self.rooms.wrap(room)
         return self._balance(room, tension, np.zeros_like(room))
 
+    def couple(self, balls: Array, tension: Callable[[slice, Array], Array]) -> Array:
+        """Return C^T f as :meth:`balance`, where f of one kind may depend on the deformations of others.
+
+        ``tension(part, deformations)`` gives those of all kinds, (rows, m), in a part of the flattened room.
+        """
+        room = self.rooms.fill(balls)
+        self.rooms.wrap(room)
+        out = np.zeros_like(room)
+        flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
+        for first, end in self.rooms.spans(_CACHED):
+            found = np.empty((self.n_rows, end - first), room.dtype)
+            for kind, row in enumerate(self._rows):
+                found[kind] = self._deform(row, flat, first, end)
+            pulls = tension(slice(first, end), found)
+            for pull, row in zip(pulls, self._rows, strict=True):
+                self._pull(row, pull, forces, first, end)
+        return self.rooms.fold(out)
+
     def _balance(self, room: Array, tension: Callable[[int, slice, Array], Array], out: Array) -> Array:
         flat, forces = room.reshape(len(room), -1), out.reshape(len(out), -1)
         for first, end in self.rooms.spans(_CACHED):

@@ -8,6 +8,7 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
+from typing import Any
 
 __all__ = [
     "TOO_LARGE",
@@ -41,10 +42,12 @@ class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
     ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
-    load. It is kept when the error comes back from a worker process.
+    load. It is kept when the error comes back from a worker process. ``reached`` is the state at the loads of a path that
+    were reached before the error; None if there is none.
     """
 
     load_index: int | None = None
+    reached: Any = None
 
 
 class InputError(GranphonError, ValueError):

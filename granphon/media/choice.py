@@ -11,15 +11,25 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.pressed_sample import SHEAR_RESPONSES
 from granphon.balls.distributions import PointShape
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
-from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, require, whole
+from granphon.base.quantities import load_quantities
+from granphon.base.validation import Rule, block, choice, lengths, number, read_inside, require, truth, whole
 from granphon.media.accuracy import accuracy
 from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
+from granphon.media.loading import (
+    GEOMETRIES,
+    LOADING_OPTIONS,
+    friction_coefficient,
+    read_start,
+    refuse_without_history,
+    step_tolerance,
+)
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import Loaded, Medium
 from granphon.media.sampled_balls import DEFAULT_SHAPES, MOST_SEED
@@ -87,25 +97,29 @@ class AutoMedium(Loaded[ContactState]):
     ----------
     packing : the balls.
     tolerance : largest expected relative error.
+    friction_history : whether the truth is that of samples loaded with friction. Errors are known against samples that come
+        to rest without friction alone: with a history, balls that differ have no automatic medium.
 
     Raises
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99. From ``at_*`` and :meth:`rungs`: a load at which no medium
         is within the tolerance (the message gives the smallest error available); a load below those for which errors are
         known; a packing for which errors are not known, as on another lattice than these (on a line every medium is exact),
-        with torsion or bending, or with too skewed a distribution. From ``at_*``: finite overlap, which a simulation does
-        not offer.
+        with torsion or bending, or with too skewed a distribution, and with ``friction_history``. From ``at_*``: finite
+        overlap, which a simulation does not offer.
     """
 
     name: ClassVar[str] = "auto"
 
     packing: Packing
     tolerance: float = 1e-3
+    friction_history: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
         object.__setattr__(self, "tolerance", require("tolerance", relative_error, self.tolerance))
+        object.__setattr__(self, "friction_history", require("friction_history", truth, self.friction_history))
 
     def rungs(self, kind: str, loads: ArrayLike) -> list[Rung]:
         """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
@@ -134,6 +148,11 @@ class AutoMedium(Loaded[ContactState]):
 
         Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance.
         """
+        if self.friction_history and self.packing.spread_matters:
+            what = "the errors of the media are not known for samples loaded with friction"
+            truth_of = "They were measured against samples that come to rest without friction"
+            mend = "Name a medium, such as simulation with friction_history, which is the truth itself"
+            raise InputError(message(what, truth_of, mend))
         if (why := accuracy().explain_uncovered(self.packing)) is not None:
             raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
         options = _sort_options(self.packing, load)
@@ -184,8 +203,18 @@ OPTIONS: Mapping[str, Mapping[str, Option]] = {name: {} for name in MEDIA} | {
         "shape": Option(DirectSimulation.shape, _cells),
         "seed": Option(DirectSimulation.seed, partial(whole, low=0, high=MOST_SEED)),
         "samples": Option(DirectSimulation.samples, partial(whole, low=1, high=10_000)),
+        "friction_history": Option(DirectSimulation.friction_history, truth),
+        "friction_coefficient": Option(DirectSimulation.friction_coefficient, friction_coefficient),
+        "geometry": Option(DirectSimulation.geometry, partial(choice, options=GEOMETRIES)),
+        "start": Option(DirectSimulation.start, read_start),
+        "shear_response": Option(DirectSimulation.shear_response, partial(choice, options=SHEAR_RESPONSES)),
+        "step_tolerance": Option(DirectSimulation.step_tolerance, step_tolerance),
+        "ordered": Option(DirectSimulation.ordered, truth),
     },
-    AutoMedium.name: {"tolerance": Option(AutoMedium.tolerance, relative_error)},
+    AutoMedium.name: {
+        "tolerance": Option(AutoMedium.tolerance, relative_error),
+        "friction_history": Option(AutoMedium.friction_history, truth),
+    },
 }
 
 
@@ -225,9 +254,19 @@ class MediumChoice:
         return MediumChoice(self.name, tuple(one for one in options.items() if one != ("shape", default)))
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
-        """Every option with its value on a lattice, on which the default of a shape depends."""
+        """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
+
+        Options of a history of friction are left out where there is none.
+        """
         found = self.settings
-        return found | {"shape": found["shape"] or DEFAULT_SHAPES[lattice.periods]} if "shape" in found else found
+        if "shape" in found:
+            found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
+        if not found.get("friction_history", True):
+            found = {name: value for name, value in found.items() if name not in LOADING_OPTIONS}
+        start = found.get("start", 0.0)
+        if isinstance(start, Load):
+            found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
+        return {name: value for name, value in found.items() if value is not None}
 
     @property
     def label(self) -> str:
@@ -377,9 +416,19 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None) -> dict
     rules = {option: known.rule for option, known in OPTIONS[name].items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(_cells, periods=lattice.periods)
-    return block(given, rules)
+    if lattice is not None and "start" in rules:
+        quantities = load_quantities(lattice.periods)
+        rules["start"] = partial(read_start, load=lambda kind, value: quantities[kind].read(value))
+    found = block(given, rules)
+    if "start" in rules:
+        refuse_without_history(found)
+    return found
 
 
 def _write_option(value: Any) -> str:
     """Write the value of an option as a scene would: numbers separated by spaces."""
+    if isinstance(value, Load):
+        return f"{value.kind} {value.values[0]:g}"
+    if isinstance(value, bool):
+        return str(value).lower()
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)

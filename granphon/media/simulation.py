@@ -17,19 +17,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Prescribed
+from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, message
+from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
 from granphon.media.acoustics import compute_velocities, over_directions, sample_scales
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
 from granphon.media.exponents import exponent_error, mean_exponent
+from granphon.media.loading import LoadedBalls, Loading, press_all
 from granphon.media.medium import Loaded
-from granphon.media.sampled_balls import SampledBalls
-from granphon.media.state import ContactState, overlap_flag
+from granphon.media.sample_means import SampleMeans
+from granphon.media.state import overlap_flag
 
 __all__ = ["DirectSimulation", "SampleLaw", "SimulatedState", "no_finite_overlap"]
 
@@ -114,7 +117,7 @@ class SampleLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(ContactState):
+class SimulatedState(SampleMeans):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -130,10 +133,13 @@ class SimulatedState(ContactState):
     pressure and the density that go with it. :class:`~granphon.base.errors.InputError` otherwise.
     """
 
-    units = {**ContactState.units, "contact_force_fluctuation": "1"}
+    units = {
+        **SampleMeans.units, "contact_force_fluctuation": "1", "sliding_fraction": "1", "tangential_ratio": "1", "work": "J",
+        "dissipated_energy": "J",
+    }  # fmt: skip
 
     law: HertzLaw | SampleLaw = field(repr=False)
-    samples: tuple[Sample, ...] = field(default=(), repr=False)
+    samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
     spaced: bool = False
 
     @classmethod
@@ -166,60 +172,6 @@ class SimulatedState(ContactState):
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
         return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples)
-
-    @property
-    def _table(self) -> NDArray[Any]:
-        """Samples as an array of objects, with the axes of the load and then the index of the sample."""
-        table = np.empty(len(self.samples), dtype=object)
-        table[:] = self.samples
-        return table.reshape(*self.shape, -1)
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples that are averaged at each load."""
-        return len(self.samples) // int(np.prod(self.shape, dtype=int))
-
-    @property
-    def sample(self) -> Any:
-        """First sample; for several loads an array of the first samples, indexed like the load."""
-        first = self._table[..., 0]
-        return first if self.shape else first[()]
-
-    def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
-        """Return the quantity ``of`` every sample; the axes are those of the load, of the samples, and of the quantity."""
-        values = np.array([np.asarray(of(sample)) for sample in self.samples])
-        return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
-
-    def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
-        """Return the standard error of the mean of a quantity over samples, in the unit of the quantity.
-
-        ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result has the shape of the
-        load followed by that of the quantity. Raises :class:`~granphon.base.errors.InputError` if there is only one sample.
-        """
-        if self.n_samples < 2:
-            raise InputError(
-                message("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
-            )
-        values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
-        return standard_error(values, len(self.shape))[()]
-
-    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
-        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
-
-    @property
-    def force_fluctuation(self) -> Any:
-        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts, over the mean."""
-        return self._average(lambda sample: sample.force_fluctuation)
-
-    @property
-    def contact_force_fluctuation(self) -> Any:
-        """Rms over single contacts of the difference of the force from the mean force, over the mean force."""
-        return self._average(lambda sample: sample.contact_force_fluctuation)
-
-    @property
-    def contact_fraction(self) -> Any:
-        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice)."""
-        return self._average(lambda sample: sample.contact_fraction())
 
     @property
     def elastic_tensor(self) -> Array:
@@ -325,7 +277,7 @@ class SimulatedState(ContactState):
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
+class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -341,17 +293,29 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
         theirs.
     executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that solves samples in parallel.
     workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers`` changes results.
+    friction_history : load the samples with friction, step by step from ``start``: tangential forces, by Mindlin's law up to
+        Coulomb's limit, are then part of the statics. ``at_*`` is the state of monotonic loading, and :meth:`path` takes
+        loads up and down. By default samples come to rest without friction.
+    friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
+    geometry : "lattice", contacts keep the directions of the lattice.
+    start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
+        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m).
+    shear_response : tangential stiffness of a contact under sound, after a history: "slide", eta k, none where it slides;
+        "stick", eta k everywhere; "partial_slip", eta k (1 - |T|/mu f)^(1/3).
+    step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
+    ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 
     Raises
     ------
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome.
     InputError : motions other than those along the periods, a shape or number that is not whole and above zero, diameters
-        with a shape or samples, a width below 1e-20 of the diameter.
+        with a shape or samples, a width below 1e-20 of the diameter; options of a history without ``friction_history``, a
+        history without a friction coefficient, on a chain, or of balls that resist no slip.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
     that is not finite, not compressive, or presses balls together by their whole diameter; for a load so low that a
-    sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice); and with
-    ``finite_overlap``, whose terms a simulation does not have. They raise
+    sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
+    history; and with ``finite_overlap``, whose terms a simulation does not have. They raise
     :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found.
     """
 
@@ -359,8 +323,11 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
 
     @cached_property
     def law(self) -> HertzLaw | SampleLaw:
-        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line."""
-        return SampleLaw(replace(self, executor=None)) if self.packing.spread_matters else self.packing.law
+        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line.
+
+        With a history of friction it is that of monotonic loading.
+        """
+        return SampleLaw(replace(self, executor=None, ordered=False)) if self.packing.spread_matters else self.packing.law
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
@@ -368,6 +335,8 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
         if wanted:
             raise no_finite_overlap(self.name)
         prescribed = self.prescribed(load)
+        if self.loading is not None:
+            return self._press(self.loading, load, prescribed, said)
         lattice = self.packing.structure
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
@@ -382,6 +351,35 @@ class DirectSimulation(SampledBalls, Loaded[SimulatedState]):
             for seed, column in zip(seeds, found, strict=True)
         ]
         return SimulatedState.of(self, samples, load, overlap_given=said)
+
+    def path(
+        self, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None, overlap: ArrayLike | None = None,
+        progress: Progress = silent,
+    ) -> SimulatedState:  # fmt: skip
+        """Return the states at loads that are applied in the order given: up, down, in cycles.
+
+        Exactly one of force (N), pressure and overlap (m) is a list. The path begins at :attr:`start`, from where the first
+        load is reached. Raises :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
+        no meaning; and what :meth:`at` raises. If a load is not reached, the error's ``reached`` is the state at those
+        before it, None if there is none.
+        """
+        if self.loading is None:
+            why = "Without friction the forces do not depend on the way to the load"
+            raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
+        load = Load.only(force=force, pressure=pressure, overlap=overlap)
+        simulation = replace(self, ordered=True)
+        loading, prescribed = replace(self.loading, ordered=True), simulation.prescribed(load)
+        return simulation._press(loading, load, prescribed, False, progress)
+
+    def _press(
+        self, loading: Loading, load: Load, prescribed: Sequence[Prescribed], said: bool, progress: Progress = silent
+    ) -> SimulatedState:
+        samples, reached, error = press_all(self, loading, prescribed, progress)
+        if error is None:
+            return SimulatedState.of(self, samples, load, overlap_given=said)
+        if reached:
+            error.reached = SimulatedState.of(self, samples, load.flat[reached], overlap_given=said)
+        raise error
 
     def prescribed(self, load: Load) -> list[Prescribed]:
         """Convert each value of an applied load to a prescribed force or overlap in reduced units, in C order.

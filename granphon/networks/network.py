@@ -33,12 +33,8 @@ __all__ = ["ContactNetwork"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: fields with one number for each ball, and those of each contact
+#: fields with one number for each ball
 _BALLS = ("radii", "masses", "inertias")
-_CONTACTS = (
-    "normal", "normal_force", "normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness", "arm_i",
-    "arm_j",
-)  # fmt: skip
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
 #: most cells along a period
@@ -65,6 +61,8 @@ class ContactNetwork(Result):
     shear_stiffness : (n_c,) N/m, zero where a contact does not resist slip.
     torsion_stiffness, bending_stiffness : (n_c,) resistance against twist and against rolling, N m.
     arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
+    tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N; None if they are not
+        known. The linear response leaves them out.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls rotate only if some
         contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
@@ -82,15 +80,17 @@ class ContactNetwork(Result):
         ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
     """
 
+    added = ("tangential_force",)
     units = {
         "cell": "m", "positions": "m", "radii": "m", "masses": "kg", "inertias": "kg m^2", "normal_force": "N",
         "normal_stiffness": "N/m", "shear_stiffness": "N/m", "torsion_stiffness": "N m", "bending_stiffness": "N m",
-        "arm_i": "m", "arm_j": "m",
+        "arm_i": "m", "arm_j": "m", "tangential_force": "N",
     }  # fmt: skip
     shapes = {
         "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
         "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
         "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
+        "tangential_force": "c 3?",
     }  # fmt: skip
 
     cell: Array
@@ -117,6 +117,7 @@ class ContactNetwork(Result):
     labels: Index | None = None
     lattice: Lattice | None = None
     shape: tuple[int, ...] | None = None
+    tangential_force: Array | None = None
 
     def __post_init__(self) -> None:
         given: dict[str, Any] = {"pbc": read_periodic(self.pbc), "prestress": require("prestress", truth, self.prestress)}
@@ -180,6 +181,11 @@ class ContactNetwork(Result):
         """Mean number of contacts of a ball."""
         return 2.0 * self.n_contacts / self.n_balls
 
+    @property
+    def contact_fields(self) -> tuple[str, ...]:
+        """Names of the fields that have one entry for each contact."""
+        return tuple(n for n, layout in self.shapes.items() if layout[0] == "c" and getattr(self, n) is not None)
+
     # -- its parts --------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -224,8 +230,9 @@ class ContactNetwork(Result):
         among = (i >= 0) & (j >= 0)
         names = np.arange(self.n_balls) if self.labels is None else self.labels
         fields: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)}
-        fields |= {name: getattr(self, name)[among] for name in ("shift", *_CONTACTS)}
-        return replace(self, **fields, i=i[among], j=j[among], labels=names[chosen], lattice=None, shape=None)
+        fields |= {name: getattr(self, name)[among] for name in self.contact_fields}
+        fields |= {"i": i[among], "j": j[among], "labels": names[chosen], "lattice": None, "shape": None}
+        return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
         """Return the networks into which this one falls, the largest first; (self,) if contacts join all balls.
@@ -292,15 +299,19 @@ class ContactNetwork(Result):
         number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {
-            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1))) for name in _CONTACTS
+            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
+            for name in self.contact_fields
         }
-        contacts = {name: values.reshape(-1, *np.shape(getattr(self, name))[1:]) for name, values in contacts.items()}
+        contacts |= {
+            "i": (n * np.arange(count)[:, None] + self.i).ravel(), "j": (n * number + self.j).ravel(),
+            "shift": wrapped.reshape(-1, 3),
+        }  # fmt: skip
         return replace(
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
-            i=(n * np.arange(count)[:, None] + self.i).ravel(), j=(n * number + self.j).ravel(),
-            shift=wrapped.reshape(-1, 3), shape=shape if self.lattice is not None else None, left_out=self.left_out * count,
-            labels=None, **contacts,
+            left_out=self.left_out * count, labels=None, **contacts,
+            # balls of many arrays side by side are not in the order of the cells of one
+            **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
         )  # fmt: skip
 
     @classmethod

@@ -235,6 +235,12 @@ _OBSERVABLES = (
     ),
     _make_state_entry("valid", "whether the load is within the range of the medium"),
     _make_state_entry("contact_force_fluctuation", "rms difference of single contact forces from the mean, over the mean"),
+    _make_state_entry("sliding_fraction", "part of the contacts that carry load which slide", label="Sliding contacts"),
+    _make_state_entry(
+        "tangential_ratio", "mean tangential force over the mean normal force", label="Tangential over normal force"
+    ),
+    _make_state_entry("work", "work of the load since the start of a history, a mean over contacts"),
+    _make_state_entry("dissipated_energy", "energy lost to friction since the start of a history, a mean over contacts"),
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),

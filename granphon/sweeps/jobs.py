@@ -156,7 +156,8 @@ class Job:
         out: list[Job] = []
         for seed in range(medium.seed, medium.seed + medium.samples):
             # the number of samples is left out: a sample is then the same piece, however many there are
-            alone = MediumChoice(self.rung.medium.name, (("shape", medium.shape), ("seed", seed)))
+            own = {name: value for name, value in self.rung.medium.options if name != "samples"}
+            alone = MediumChoice(self.rung.medium.name, tuple((own | {"shape": medium.shape, "seed": seed}).items()))
             where = self.where if medium.samples == 1 else f"{self.where}, seed {seed}"
             along = None if self.pulse is None else self.direction
             out.append(_SampleJob(where, replace(self.rung, medium=alone), self.finite_overlap, None, along, self.pulse))
@@ -296,19 +297,27 @@ class _SampleJob(Job):
 
     The highest load comes first, and the search for each equilibrium starts from the one before, as in a simulation that is
     not cut into tasks. An unfinished result has its loads in this order, and the balls at rest under the last of them.
+    With a history of friction all loads are one step.
     """
+
+    @cached_property
+    def _has_history(self) -> bool:
+        medium = self.medium
+        return isinstance(medium, DirectSimulation) and medium.friction_history
 
     @property
     def steps(self) -> int:
-        """Number of steps: one for each load."""
-        return self.load.size
+        """Number of steps: one for each load, or one for a whole path."""
+        return 1 if self._has_history else self.load.size
 
     def done(self, part: TaskResult) -> int:
-        """Return the number of loads that a result contains."""
-        return len(part["force"])
+        """Return the number of steps that a result contains."""
+        return 1 if self._has_history else len(part["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
+        if self._has_history:
+            return super().solve()
         index: int | None = None
         try:
             simulation: Any = self.medium

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample, standard_error
 from granphon.base.results import Result
 from granphon.media.simulation import SimulatedState
@@ -26,14 +27,19 @@ Array = NDArray[np.float64]
 class SampleRecord(Result):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
 
-    ``fraction`` is the sample's ``contact_fraction()``. The last three are those of a pulse, None if none was sent.
+    ``fraction`` is the sample's ``contact_fraction()``. Three are those of a pulse, None if none was sent; the last four are
+    those of a history of friction, None without one.
     """
 
-    added: ClassVar[tuple[str, ...]] = ("pulse_velocity", "time_of_flight", "coherent_fraction")
+    added: ClassVar[tuple[str, ...]] = (
+        "pulse_velocity", "time_of_flight", "coherent_fraction", "sliding_fraction", "tangential_ratio", "work",
+        "dissipated_energy",
+    )  # fmt: skip
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "force_fluctuation": "1", "contact_force_fluctuation": "1",
         "fraction": "1", "elastic_tensor": "Pa", "elastic_tensors_beside": "Pa", "pulse_velocity": "m/s",
-        "time_of_flight": "s", "coherent_fraction": "1",
+        "time_of_flight": "s", "coherent_fraction": "1", "sliding_fraction": "1", "tangential_ratio": "1", "work": "J",
+        "dissipated_energy": "J",
     }  # fmt: skip
     shapes = {"elastic_tensor": "3 3|6 6|1 1", "elastic_tensors_beside": "2 3 3|2 6 6|2 1 1"}
 
@@ -48,20 +54,31 @@ class SampleRecord(Result):
     pulse_velocity: float | None = None
     time_of_flight: float | None = None
     coherent_fraction: float | None = None
+    sliding_fraction: float | None = None
+    tangential_ratio: float | None = None
+    work: float | None = None
+    dissipated_energy: float | None = None
 
     @classmethod
-    def of(cls, sample: Sample, pulse: PulseSettings | None = None, direction: tuple[Any, ...] | None = None) -> Self:
+    def of(
+        cls, sample: Sample | PressedSample, pulse: PulseSettings | None = None, direction: tuple[Any, ...] | None = None
+    ) -> Self:
         """Record a sample; what it has not computed yet is computed now, and a ``pulse`` is sent along ``direction``."""
-        heard: tuple[float, ...] = ()
+        heard: dict[str, float] = {}
         if pulse is not None:
             from granphon.waves.sending import send  # imported here: a sweep without pulses does not need it
 
             found = send(sample, pulse, direction)
-            heard = found.velocity, found.time_of_flight, found.coherent_fraction
+            heard = {
+                "pulse_velocity": found.velocity, "time_of_flight": found.time_of_flight,
+                "coherent_fraction": found.coherent_fraction,
+            }  # fmt: skip
+        names = ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy")
+        lost = {name: getattr(sample, name) for name in names} if isinstance(sample, PressedSample) else {}
         return cls(
             sample.force, sample.overlap, sample.normal_stiffness, sample.force_fluctuation,
             sample.contact_force_fluctuation, sample.contact_fraction(), sample.elastic_tensor,
-            sample.elastic_tensors_beside, *heard,
+            sample.elastic_tensors_beside, **heard, **lost,
         )  # fmt: skip
 
     @classmethod

@@ -153,8 +153,7 @@ class Course:
             )
         network, cut = self.network, self.crossings != 0
         if ends == "free":
-            names = [name for name, layout in network.shapes.items() if layout.startswith("c")]
-            kept = {name: getattr(network, name)[~cut] for name in names}
+            kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
             return replace(self, network=replace(network, **kept), face=0.0)
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)

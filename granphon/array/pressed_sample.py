@@ -1,0 +1,288 @@
+"""A sample of the disordered array that has been loaded with friction, in SI units.
+
+Forces of the contacts are those that a history has left (:mod:`granphon.array.history`). Under sound, a contact that carries
+load resists compression with its normal stiffness k, and slip with a tangential stiffness for which there are three choices:
+
+``slide``         eta k; none where the contact slides, that is, bears |T| = mu f
+``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to the limit again
+``partial_slip``  eta k (1 - |T|/mu f)^(1/3), that of a contact whose T grows under constant f: an annulus of it slips
+                  (C. Cattaneo, 1938; R. D. Mindlin, J. Appl. Mech. 16, 259, 1949)
+
+In space the stiffness is the same for slip in all directions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.contact_network import make_network
+from granphon.array.equilibrium import Equilibrium, Prescribed
+from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.sample import LEAST_CONTACT, STEP, Sample
+from granphon.array.stencils import Motion, Stencils
+from granphon.balls.contact_table import contact_frames
+from granphon.base.errors import InputError, message
+from granphon.base.results import read_only
+from granphon.networks.network import ContactNetwork
+
+__all__ = ["SHEAR_RESPONSES", "PressedEquilibrium", "PressedSample"]
+
+Array = NDArray[np.float64]
+#: the choices of the tangential stiffness under sound; the first is the default
+SHEAR_RESPONSES = ("slide", "stick", "partial_slip")
+#: |T| over mu f, below one by no more than rounding, from which a contact slides
+_SLIDES = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedEquilibrium(Equilibrium):
+    """Sample at rest with the forces that loading with friction has left, in units of W and c W^(3/2).
+
+    Attributes
+    ----------
+    rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a plane has one.
+    mindlin_ratio, friction_coefficient : eta and mu.
+    work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
+    slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
+    steps : number of steps of the load since the start.
+    """
+
+    rotations: Array = field(default_factory=lambda: np.zeros(0))
+    shears: Array = field(default_factory=lambda: np.zeros(0))
+    mindlin_ratio: float = 0.0
+    friction_coefficient: float = math.inf
+    work: float = 0.0
+    slid: float = 0.0
+    loosened: float = 0.0
+    steps: int = 0
+
+    @classmethod
+    def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils) -> Self:
+        """Take the state of a history, whose ``stencils`` have slips."""
+        motions = stencils.motions
+        fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
+        moved, turned = (fields[:, part].reshape(-1, *stencils.shape) for part in (motions.translating, motions.turning))
+        return cls(
+            deviations=deviations, overlap=pressed.overlap, balls=moved, residual=pressed.residual, newton=pressed.newton,
+            conjugate=pressed.krylov, lattice=stencils.lattice, rotations=turned, shears=pressed.contacts.shears,
+            mindlin_ratio=stencils.mindlin_ratio, friction_coefficient=pressed.law.friction_coefficient, work=pressed.work,
+            slid=pressed.slid, loosened=pressed.loosened, steps=pressed.steps,
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
+        super().check()
+        stencils = self.sheared
+        turns = stencils.n_fields - len(self.balls)
+        wanted = (turns, *stencils.shape), (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape)
+        if (self.rotations.shape, self.shears.shape) != wanted:
+            found = f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
+            raise InputError(message(f"the PressedEquilibrium has {found}, which do not belong to its balls"))
+
+    @cached_property
+    def sheared(self) -> Stencils:
+        """Compatibility matrix C of the array, with slips."""
+        return Stencils(self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice)
+
+    @cached_property
+    def law(self) -> FrictionLaw:
+        """The law of the contacts."""
+        return FrictionLaw(self.mindlin_ratio, self.friction_coefficient)
+
+    def resume(self) -> PressedArray:
+        """Return the state as a history takes it up again."""
+        stencils, n = self.sheared, self.lattice.n_balls
+        parts = [part.reshape(n, -1, *stencils.shape) for part in (self.balls, self.rotations)]
+        balls = np.concatenate(parts, axis=1).reshape(stencils.n_fields, *stencils.shape)
+        slips = stencils.deformations(Motion(balls, 0.0))[stencils.n_contacts :].reshape(self.shears.shape)
+        contacts = Contacts(self.overlaps, slips, self.shears)
+        return PressedArray(
+            self.overlap, balls, contacts, self.law, self.residual, self.work, self.slid, self.loosened, self.steps,
+            self.newton, self.conjugate,
+        )  # fmt: skip
+
+    @property
+    def energy(self) -> float:
+        """Mean energy that a contact stores, in units of c W^(5/2)."""
+        return self.law.stored(self.resume().contacts)
+
+    @property
+    def tangential(self) -> Array:
+        """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
+        return np.asarray(np.sqrt(np.sum(self.shears**2, axis=0)))
+
+    @property
+    def carried(self) -> NDArray[np.bool_]:
+        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
+        return np.asarray(self.forces > LEAST_CONTACT * self.force)
+
+    @property
+    def mobilisation(self) -> Array:
+        """(n_c, L1, ..., Lp) |T| over Coulomb's limit mu f; one where a contact slides, zero where balls are apart.
+
+        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        """
+        forces, mu = self.forces, self.friction_coefficient
+        if mu == math.inf:
+            return np.zeros_like(forces)
+        if mu == 0.0:
+            return (forces > 0.0).astype(float)
+        limit = mu * forces
+        return np.minimum(np.divide(self.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(n_c, L1, ..., Lp) whether the tangential force of each contact is at Coulomb's limit."""
+        return np.asarray(self.mobilisation >= _SLIDES)
+
+    def shear_ratios(self, response: str) -> Array:
+        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`."""
+        mobilised = self.mobilisation
+        if response == "stick":
+            return np.full_like(mobilised, self.mindlin_ratio)
+        part = np.cbrt(1.0 - mobilised) if response == "partial_slip" else 1.0
+        return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedSample(Sample):
+    """One array of balls at rest under one load, which it has reached by a path of loads with friction.
+
+    Attributes
+    ----------
+    packing, seed : as those of :class:`Sample`.
+    equilibrium : the solution, in units of W and c W^(3/2).
+    shear_response : tangential stiffness of contacts under sound: "slide" (eta k, none where a contact slides), "stick" (eta
+        k everywhere), or "partial_slip" (eta k (1 - |T|/mu f)^(1/3)).
+    """
+
+    equilibrium: PressedEquilibrium
+    shear_response: str = SHEAR_RESPONSES[0]
+
+    @property
+    def rotations(self) -> Array:
+        """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in space."""
+        cells, shape = self.packing.structure.n_balls, self.shape
+        by_ball = self.equilibrium.rotations.reshape(cells, -1, *shape).swapaxes(0, 1)
+        turns = self._order(by_ball if cells > 1 else by_ball[:, 0])
+        found = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
+        return found[..., 0] if found.shape[-1] == 1 else found
+
+    @property
+    def tangential_forces(self) -> Array:
+        """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where balls are apart."""
+        axes = np.array(contact_frames(self.packing.structure.contacts.normal)[1:])  # (2, 3, n_c): t and b
+        p, shears = self.packing.structure.periods, self.equilibrium.shears
+        along = np.einsum("sc...,sxc->...cx", shears, axes[: len(shears), :p])
+        return np.asarray(-self._units.force * along)
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The balls, and the contacts that carry load, as a network with the springs of the linear response.
+
+        Contacts have the directions of the lattice. Masses, inertias and arms are those of the mean ball.
+        """
+        here = self.equilibrium
+        stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
+        ratios = np.moveaxis(here.shear_ratios(self.shear_response), 0, -1)
+        places = self.packing.diameter * self.sites + self.displacements
+        return make_network(
+            self.packing, places, self.diameters, self.contact_forces, stiffness, ratios, self.tangential_forces
+        )
+
+    @property
+    def tangential_ratio(self) -> float:
+        """Mean |T| over the mean normal force, over all contacts."""
+        return float(np.mean(self.equilibrium.tangential)) / self.equilibrium.force
+
+    @property
+    def mobilisation(self) -> Array:
+        """(L1, ..., Lp, n_c) |T| over Coulomb's limit mu f: one where a contact slides, zero where balls are apart.
+
+        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        """
+        return np.moveaxis(self.equilibrium.mobilisation, 0, -1)
+
+    @property
+    def sliding_fraction(self) -> float:
+        """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
+        return float(np.mean(self.equilibrium.slides[self.equilibrium.carried]))
+
+    def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
+        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of |T|/(mu f).
+
+        It is that of the contacts that carry load; those that slide are in the last bin.
+        """
+        counts, edges = np.histogram(self.equilibrium.mobilisation[self.equilibrium.carried], bins, (0.0, 1.0))
+        return edges, counts / (np.sum(counts) * np.diff(edges))
+
+    @property
+    def work(self) -> float:
+        """Work of the load since the start, a mean over contacts, J: the integral of f over the overlap."""
+        return self._units.energy * self.equilibrium.work
+
+    @property
+    def dissipated_energy(self) -> float:
+        """Energy lost since the start, a mean over contacts, J: by sliding, and by Mindlin's law."""
+        return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened)
+
+    @property
+    def slid_energy(self) -> float:
+        """Energy lost by sliding since the start, a mean over contacts, J."""
+        return self._units.energy * self.equilibrium.slid
+
+    @property
+    def normal_stiffness(self) -> float:
+        """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
+
+        It is the derivative of f along the path only where no contact slides and none that bears T opens.
+        """
+        return self._average_stiffness(self.elastic_tensor)
+
+    @property
+    def stiffness_slope(self) -> float:
+        """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
+        low, high = (self._average_stiffness(tensor) for tensor in self.elastic_tensors_beside)
+        return (high - low) / (2.0 * STEP) * self.normal_stiffness / self.force
+
+    def _average_stiffness(self, tensor: Array) -> float:
+        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do work on the whole."""
+        structure = self.packing.structure
+        even = float(np.sum(tensor[: structure.periods, : structure.periods]))
+        return even * self.packing.diameter * structure.measure / len(structure.contacts)
+
+    @cached_property
+    def elastic_tensors_beside(self) -> Array:
+        """(2, n, n) elastic tensors at exp(-:data:`STEP`) and exp(STEP) times the mean force, along further loading.
+
+        The second is that of two steps of loading from here. The first continues the three tensors at 1, exp(STEP) and
+        exp(2 STEP) times the force back, on a parabola: going back itself would be unloading, which is another state.
+        """
+        here = self.equilibrium
+        stencils = here.sheared
+        history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf)
+        states, tensors = [here.resume()], [self.elastic_tensor]
+        for times in (1.0, 2.0):
+            before = states[-2] if len(states) > 1 else None
+            states.append(history.step(states[-1], before, Prescribed(force=here.force * math.exp(times * STEP))))
+            beside = PressedEquilibrium.of(states[-1], here.deviations, stencils)
+            tensors.append(self._compute_elastic_tensor(beside.share(here.deviations, here.stencils)))
+        stencils.forget()
+        now, next_, last = tensors
+        return read_only([3.0 * now - 3.0 * next_ + last, next_])
+
+    def _shear_ratios(self, equilibrium: Equilibrium) -> Array:
+        assert isinstance(equilibrium, PressedEquilibrium)
+        return equilibrium.shear_ratios(self.shear_response)
+
+    def respond(self, shear_response: str) -> Self:
+        """Return the same sample with another choice of the tangential stiffness under sound."""
+        return replace(self, shear_response=shear_response)

@@ -1,0 +1,321 @@
+"""Samples that are loaded with friction: where the loading starts, its options, and the samples at each load of a path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
+from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.stencils import Stencils
+from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
+from granphon.base.errors import GranphonError, InputError, Refused, message
+from granphon.base.progress import Progress
+from granphon.base.results import read_only
+from granphon.base.text import show
+from granphon.base.validation import choice, number, real_number, require, truth
+from granphon.media.equilibria import prescribe
+from granphon.media.sampled_balls import SampledBalls
+
+__all__ = [
+    "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "friction_coefficient", "press", "press_all",
+    "read_loading", "read_start", "refuse_without_history", "step_tolerance",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+#: the geometries of contacts; the first is the default
+GEOMETRIES = ("lattice", "exact")
+#: the options that have no meaning without friction_history, with their defaults
+LOADING_OPTIONS: Mapping[str, Any] = {
+    "friction_coefficient": None, "start": None, "shear_response": SHEAR_RESPONSES[0],
+    "step_tolerance": REFINEMENT_TOLERANCE, "ordered": False,
+}  # fmt: skip
+#: least and greatest reduced spacing a* that may be given as a start
+_STARTS = (-1.0, 1e6)
+#: fraction by which rounding may put a load below the start
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Loading:
+    """How samples are loaded with friction.
+
+    Attributes
+    ----------
+    mindlin_ratio, friction_coefficient : eta and mu of the contacts.
+    start : at which samples are at rest without friction; reduced.
+    shear_response : tangential stiffness under sound, one of :data:`~granphon.array.pressed_sample.SHEAR_RESPONSES`.
+    step_tolerance : relative change of f* below which steps of the load are not halved again.
+    ordered : whether loads come in the order given; otherwise they rise from the start.
+    """
+
+    mindlin_ratio: float
+    friction_coefficient: float
+    start: Prescribed
+    shear_response: str
+    step_tolerance: float
+    ordered: bool
+
+    def sort(self, prescribed: Sequence[Prescribed]) -> list[int]:
+        """Return the indices of the loads in the order in which they are applied."""
+        places = range(len(prescribed))
+        return list(places) if self.ordered else sorted(places, key=lambda place: prescribed[place])
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """The samples of one seed at the loads of a path, in the order of the path; and the error at which the path ended."""
+
+    samples: list[PressedSample]
+    error: GranphonError | None = None
+
+
+# -- options ----------------------------------------------------------------------------------------------------------
+
+
+def friction_coefficient(value: Any) -> float:
+    """Read a friction coefficient: a number, zero or above, infinity too; a rule of :mod:`granphon.base.validation`."""
+    word = value.strip().lower() if isinstance(value, str) else ""
+    found = math.inf if word in ("inf", "infinite", "infinity") else real_number(value)
+    if not found >= 0.0:
+        raise Refused(show(value), "a number, zero or above, or inf")
+    return found
+
+
+#: rule of validation for the tolerance of steps
+step_tolerance = partial(number, low=1e-9, high=1.0)
+
+
+def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | None:
+    """Read the start of a loading: a reduced spacing a*, or {force: ...}, {pressure: ...}, {overlap: ...}.
+
+    It is a rule of :mod:`granphon.base.validation`; ``load(kind, value)`` reads the value of a load.
+    """
+    if value is None or isinstance(value, Load):
+        return value
+    kinds = ("force", "pressure", "overlap")
+    if isinstance(value, Mapping):
+        if len(value) != 1 or next(iter(value)) not in kinds:
+            raise Refused(show(dict(value)), "one of " + ", ".join(f"{{{kind}: ...}}" for kind in kinds))
+        kind, given = next(iter(value.items()))
+        try:
+            return Load(kind, real_number(given) if load is None else load(kind, given))
+        except Refused as refused:
+            raise refused.under(kind) from None
+        except InputError as error:
+            raise Refused(show(given), f"a {kind}", str(error), (kind,)) from None
+    found = real_number(value)
+    if not _STARTS[0] <= found <= _STARTS[1]:
+        raise Refused(show(value), "a reduced spacing a* such as 0.5, or a load such as {force: ...}")
+    return found
+
+
+def refuse_without_history(options: Mapping[str, Any]) -> None:
+    """Raise :class:`~granphon.base.errors.Refused` for options of a medium that contradict each other.
+
+    These are options of a history without ``friction_history``, and a history without a friction coefficient.
+    """
+    if options.get("friction_history"):
+        if options.get("friction_coefficient") is None:
+            mend = "Give a friction_coefficient too, such as 0.2: it is a property of the surfaces."
+            raise Refused("no friction_coefficient", "a number, zero or above, or inf", mend, ("friction_coefficient",))
+        return
+    for name, default in LOADING_OPTIONS.items():
+        value = options.get(name, default)
+        if value is not default and not (isinstance(value, str | float | int) and value == default):
+            found = f"{show(options[name])} without friction_history"
+            mend = "Samples then come to rest without friction."
+            raise Refused(found, f"{name} together with friction_history: true", mend, (name,))
+
+
+def read_loading(
+    packing: Packing, friction_history: bool, geometry: str, options: Mapping[str, Any]
+) -> tuple[Loading | None, dict[str, Any]]:
+    """Return the loading that the options of a simulation describe, None without a history; and the options as read.
+
+    Raises :class:`~granphon.base.errors.InputError` for an option out of range, without ``friction_history``, or without
+    meaning for the packing.
+    """
+    require("DirectSimulation", refuse_without_history, {"friction_history": friction_history, **options})
+    require("geometry", partial(choice, options=GEOMETRIES), geometry)
+    if geometry == "exact":
+        what = "the exact geometry of contacts is not simulated"
+        raise InputError(message(what, "Contacts keep the directions of the lattice", 'Use geometry="lattice"'))
+    if not friction_history:
+        return None, dict(options)
+    given: dict[str, Any] = {
+        "friction_coefficient": require("friction_coefficient", friction_coefficient, options["friction_coefficient"]),
+        "start": require("start", read_start, options["start"]),
+        "shear_response": require("shear_response", partial(choice, options=SHEAR_RESPONSES), options["shear_response"]),
+        "step_tolerance": require("step_tolerance", step_tolerance, options["step_tolerance"]),
+        "ordered": require("ordered", truth, options["ordered"]),
+    }
+    if packing.structure.periods == 1:
+        why = "On a line contacts do not slip, so that friction does nothing"
+        raise InputError(message("a chain has no friction_history", why, "Leave it out"))
+    if not packing.mindlin_ratio > 0.0:
+        why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
+        raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
+    return Loading(packing.mindlin_ratio, **{**given, "start": _reduce_start(packing, given["start"])}), given
+
+
+def _reduce_start(packing: Packing, start: float | Load | None) -> Prescribed:
+    """Return the start in reduced units; that of equal balls, which need none, is at the default a*."""
+    if isinstance(start, Load):
+        if start.size != 1:
+            raise InputError(message(f"start holds {start.size} loads", mend="Give one"))
+        return prescribe(packing, start.applied)[0]
+    return Prescribed(overlap=(START_SPACING if start is None else start) - 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedBalls(SampledBalls):
+    """Balls of samples, and how they are loaded; :class:`granphon.DirectSimulation` describes the fields."""
+
+    added: ClassVar[tuple[str, ...]] = ("friction_history", "geometry", *LOADING_OPTIONS)
+
+    friction_history: bool = False
+    friction_coefficient: float | None = None
+    geometry: str = GEOMETRIES[0]
+    start: float | Load | None = None
+    shear_response: str = SHEAR_RESPONSES[0]
+    step_tolerance: float = REFINEMENT_TOLERANCE
+    ordered: bool = False
+
+    #: how samples are loaded with friction; None if they come to rest without
+    loading: ClassVar[Loading | None]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "friction_history", require("friction_history", truth, self.friction_history))
+        options = {name: getattr(self, name) for name in LOADING_OPTIONS}
+        loading, read = read_loading(self.packing, self.friction_history, self.geometry, options)
+        for name, value in {**read, "loading": loading}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return (*super()._key, *(getattr(self, name) for name in self.added))
+
+
+# -- the path ---------------------------------------------------------------------------------------------------------
+
+
+def press(
+    packing: Packing, seed: int | None, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int,
+    report: Callable[[], None] = lambda: None,
+) -> Pressed:  # fmt: skip
+    """Load a sample with these ``deviations`` along a path, and find its linear response at each load.
+
+    ``report`` is called after each load. An error ends the path and is returned with the samples found before it; its
+    ``load_index`` is the place of the load in the path, or None if the start is not found.
+    """
+    found: list[PressedSample] = []
+    try:
+        steps = _press_equal if not np.ptp(deviations) else _press_different
+        for one in steps(packing, deviations, loading, path, workers):
+            sample = PressedSample(packing, seed, one, loading.shear_response)
+            _ = sample.elastic_tensor  # every state needs it: found here, it is found in parallel
+            found.append(sample)
+            report()
+    except GranphonError as error:
+        return Pressed(found, error)
+    return Pressed(found)
+
+
+def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+    structure, shape = packing.structure, deviations.shape[packing.structure.n_balls > 1 :]
+    smooth = Stencils(shape, workers=workers, lattice=structure)
+    try:
+        rest = equilibrate(deviations, loading.start, smooth)
+    except InputError as error:
+        name = _describe(loading.start)
+        mend = "Start at a higher load, such as a* = 1/2, which is the default"
+        raise InputError(
+            message(f"the loading cannot start at {name}, below the threshold of rigidity", str(error), mend)
+        ) from None
+    if not loading.ordered:
+        _require_above(rest.overlap, rest.force, path)
+    stencils = Stencils(shape, loading.mindlin_ratio, workers, structure)
+    history = LoadingHistory(deviations, stencils, loading.friction_coefficient, loading.step_tolerance, rest)
+    states, place = history.path(path), 0
+    while place < len(path):
+        try:
+            one = next(states)
+        except GranphonError as error:
+            error.load_index = place
+            raise
+        yield PressedEquilibrium.of(one, deviations, stencils).share(deviations, smooth)
+        place += 1
+    smooth.forget()
+
+
+def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
+    """Yield the equilibria of equal balls, whose contacts never slip: there is no start, and no history."""
+    shape = deviations.shape[packing.structure.n_balls > 1 :]
+    stencils = Stencils(shape, loading.mindlin_ratio, workers, packing.structure)
+    smooth = Stencils(shape, workers=workers, lattice=packing.structure)
+    for load in path:
+        rest = equilibrate(deviations, load, smooth)
+        history = LoadingHistory(deviations, stencils, loading.friction_coefficient, start=rest)
+        yield PressedEquilibrium.of(history.begin(), deviations, stencils).share(deviations, smooth)
+
+
+def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start."""
+    for place, load in enumerate(path):
+        low = load.force < force * (1.0 - _ROUNDING) if load.overlap is None else load.overlap < overlap - _ROUNDING
+        if low:
+            what = (
+                f"the load {_describe(load)} is below the start of the loading, f* = {force:.4g} at a* = {overlap + 0.5:.4g}"
+            )
+            mend = "Raise the load, give a lower start, or unload along a path: simulation.path(...)"
+            error = InputError(
+                message(what, "Samples are at rest without friction at the start, and loaded from there", mend)
+            )
+            error.load_index = place
+            raise error
+
+
+def _describe(load: Prescribed) -> str:
+    return f"f* = {load.force:.4g}" if load.overlap is None else f"a* = {load.overlap + 0.5:.4g}"
+
+
+def press_all(
+    balls: SampledBalls, loading: Loading, prescribed: Sequence[Prescribed], progress: Progress
+) -> tuple[list[PressedSample], list[int], GranphonError | None]:
+    """Load all samples along one path.
+
+    Returns the samples, load by load in the order of their indices, which are returned as well; and the error at which the
+    path ended, with the index of its load, if it ended before all loads were reached. Then the loads are those before it.
+    """
+    order = loading.sort(prescribed)
+    path = [prescribed[place] for place in order]
+    seeds = [None if balls.diameters is not None else balls.seed + index for index in range(balls.samples)]
+    jobs = [
+        partial(press, balls.packing, seed, read_only(balls.deviations(index)), loading, path, balls.workers)
+        for index, seed in enumerate(seeds)
+    ]
+    with progress.step("loading with friction", len(path) * len(jobs)) as step:
+        if balls.executor is None:
+            found = [job(report=step.advance) for job in jobs]
+        else:
+            waiting, found = [balls.executor.submit(job) for job in jobs], []
+            for one in waiting:
+                found.append(one.result())
+                step.advance(len(path))
+    reached = min(len(one.samples) for one in found)
+    places = sorted(range(reached), key=lambda place: order[place])
+    samples = [one.samples[place] for place in places for one in found]
+    error = next((one.error for one in found if one.error is not None and len(one.samples) == reached), None)
+    if error is not None and error.load_index is not None:
+        error.load_index = order[error.load_index]
+    return samples, [order[place] for place in places], error

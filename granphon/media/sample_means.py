@@ -1,0 +1,100 @@
+"""Means over the samples of a simulated state, and their standard errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.sample import standard_error
+from granphon.base.errors import InputError, message
+from granphon.media.state import ContactState
+
+__all__ = ["SampleMeans"]
+
+Array = NDArray[np.float64]
+
+
+class SampleMeans(ContactState):
+    """A state whose attributes are means over samples, of which there are equally many at each load."""
+
+    @property
+    def _table(self) -> NDArray[Any]:
+        """Samples as an array of objects, with the axes of the load and then the index of the sample."""
+        table = np.empty(len(self.samples), dtype=object)
+        table[:] = self.samples
+        return table.reshape(*self.shape, -1)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples that are averaged at each load."""
+        return len(self.samples) // int(np.prod(self.shape, dtype=int))
+
+    @property
+    def sample(self) -> Any:
+        """First sample; for several loads an array of the first samples, indexed like the load."""
+        first = self._table[..., 0]
+        return first if self.shape else first[()]
+
+    def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
+        """Return the quantity ``of`` every sample; the axes are those of the load, of the samples, and of the quantity."""
+        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
+
+    def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
+        """Return the standard error of the mean of a quantity over samples, in the unit of the quantity.
+
+        ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result has the shape of the
+        load followed by that of the quantity. Raises :class:`~granphon.base.errors.InputError` if there is only one sample.
+        """
+        if self.n_samples < 2:
+            raise InputError(
+                message("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
+            )
+        values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
+        return standard_error(values, len(self.shape))[()]
+
+    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
+        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
+
+    @property
+    def force_fluctuation(self) -> Any:
+        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts, over the mean."""
+        return self._average(lambda sample: sample.force_fluctuation)
+
+    @property
+    def contact_force_fluctuation(self) -> Any:
+        """Rms over single contacts of the difference of the force from the mean force, over the mean force."""
+        return self._average(lambda sample: sample.contact_force_fluctuation)
+
+    @property
+    def contact_fraction(self) -> Any:
+        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice)."""
+        return self._average(lambda sample: sample.contact_fraction())
+
+    def _average_of_history(self, name: str) -> Any:
+        """Return the mean over samples of an attribute that samples with a history have; None without one."""
+        known = getattr(self.samples[0], name, None) is not None
+        return self._average(lambda sample: getattr(sample, name)) if known else None
+
+    @property
+    def sliding_fraction(self) -> Any:
+        """Part of the contacts that carry load whose tangential force is at Coulomb's limit; None without a history."""
+        return self._average_of_history("sliding_fraction")
+
+    @property
+    def tangential_ratio(self) -> Any:
+        """Mean magnitude of the tangential forces over the mean normal force; None without a history of friction."""
+        return self._average_of_history("tangential_ratio")
+
+    @property
+    def work(self) -> Any:
+        """Work of the load since the start, a mean over contacts, J; None without a history of friction."""
+        return self._average_of_history("work")
+
+    @property
+    def dissipated_energy(self) -> Any:
+        """Energy lost to friction since the start, a mean over contacts, J; None without a history of friction."""
+        return self._average_of_history("dissipated_energy")
