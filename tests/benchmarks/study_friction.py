@@ -22,11 +22,12 @@ from side_by_side import Part, Row, command_line
 from study_simulation import PACKINGS, UNIT, WIDTH, bracketed, mean_and_error
 
 import granphon as gp
-from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, Prescribed, equilibrate, find_linear_response
+from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.response import elasticity
 from granphon.array.sample import LEAST_CONTACT
-from granphon.array.stencils import Stencils, dot
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.array.stencils import Stencils
 from granphon.dynamics.tensors import bulk_and_shear
 
 Array = NDArray[np.float64]
@@ -43,8 +44,8 @@ TURN = 1.0
 #: f* of a path up: from 0.08 to 0.9, the range of Gilles and Coste, and beyond
 FORCES = (0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.5, 3.0)
 RANGE = slice(FORCES.index(0.08), FORCES.index(0.9) + 1)
-#: shear springs that contacts have in sound: all eta k; none where the contact slides; as Mindlin has it under more load
-SPRINGS = ("all", "held", "reduced")
+#: what contacts resist slip with in sound
+SPRINGS = ("stick", "slide", "partial_slip")
 
 
 def named(mu: float) -> str:
@@ -85,43 +86,24 @@ def smooth(seed: int) -> tuple[Equilibrium, ...]:
 
 
 @cache
-def by_force(mu: float, seed: int) -> tuple[PressedArray, ...]:
-    """States under :data:`FORCES`; without friction they are those of today's simulation."""
-    loads = [Prescribed(force=f) for f in FORCES]
+def by_force(mu: float, seed: int) -> tuple[Equilibrium, ...]:
+    """States under :data:`FORCES`; without friction they are those of the simulation without a history."""
+    x, loads, bare = deviations(seed), [Prescribed(force=f) for f in FORCES], Stencils(SHAPE)
     if mu:
-        return tuple(history(mu, seed).path(loads))
-    found, last = [], None
+        paths = history(mu, seed)
+        return tuple(PressedEquilibrium.of(state, x, paths.stencils).share(x, bare) for state in paths.path(loads))
+    found: list[Equilibrium] = []
     for load in loads:
-        last = equilibrate(deviations(seed), load, None, last)
-        found.append(LoadingHistory(deviations(seed), Stencils(SHAPE, ETA), 0.0, start=last).begin())
+        found.append(equilibrate(x, load, bare, found[-1] if found else None))
     return tuple(found)
 
 
 @cache
 def moduli(mu: float, seed: int, springs: str) -> Array:
     """(loads, 2) K and G, in units of c W^(1/2)/d, at :data:`FORCES`."""
-    stencils = Stencils(SHAPE, ETA)
-    return np.array([bulk_and_shear(elasticity(stencils, state, springs)) for state in by_force(mu, seed)])
-
-
-def elasticity(stencils: Stencils, state: PressedArray, springs: str) -> Array:
-    """Linear response of an array to a uniform strain, with ``springs`` against slip; see :data:`SPRINGS`."""
-    contacts, mu = state.contacts, state.law.friction_coefficient
-    carried = contacts.forces > CARRIED_FORCE * state.residual * state.force
-    normal = np.where(carried, 1.5 * np.sqrt(contacts.closed), 0.0)
-    part = np.zeros_like(normal)  # of Coulomb's limit
-    if 0.0 < mu < math.inf:
-        np.divide(contacts.tangential, mu * contacts.forces, out=part, where=carried)
-    left = {"all": 1.0, "held": part < 1.0 - 1e-12, "reduced": np.cbrt(np.maximum(1.0 - part, 0.0))}[springs]
-    stiffness = np.concatenate([normal, ETA * left * normal])
-    gradients = stencils.strains()
-    affine = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(2)])[..., None, None]
-    motions = find_linear_response(stencils, stiffness, (stiffness * one for one in affine))
-    tensor = np.zeros((3, 3))
-    for spring, one, moved in zip(stiffness, affine.swapaxes(0, 1), stencils.each_row(motions), strict=True):
-        strained = one - moved
-        tensor += [[dot(spring * first, second) for second in strained] for first in strained]
-    return tensor / (stencils.lattice.measure * np.prod(SHAPE))
+    states = by_force(mu, seed)
+    ratios = [state.shear_ratios(springs) if isinstance(state, PressedEquilibrium) else ETA for state in states]
+    return np.array([bulk_and_shear(elasticity(*pair)) for pair in zip(states, ratios, strict=True)])
 
 
 def over_samples(found: list[Array]) -> tuple[Array, Array]:
@@ -166,7 +148,7 @@ def medium_rise() -> Array:
 def carried(mu: float) -> tuple[Array, Array]:
     """Part of the contacts that carries load, at :data:`FORCES`."""
     return over_samples([
-        np.array([np.mean(one.contacts.forces > LEAST_CONTACT * one.force) for one in by_force(mu, seed)])
+        np.array([np.mean(one.forces > LEAST_CONTACT * one.force) for one in by_force(mu, seed)])
         for seed in range(SAMPLES)
     ])  # fmt: skip
 
@@ -198,10 +180,10 @@ def medium_moduli() -> Array:
 
 
 @cache
-def sound(mu: float, springs: str = "all") -> dict[str, tuple[Array, Array]]:
+def sound(mu: float, springs: str = "stick") -> dict[str, tuple[Array, Array]]:
     """By name, (loads,) quantities of sound and their standard errors."""
     ideal, every = medium_moduli(), [moduli(mu, seed, springs) for seed in range(SAMPLES)]
-    base = [moduli(0.0, seed, "all") for seed in range(SAMPLES)]
+    base = [moduli(0.0, seed, "stick") for seed in range(SAMPLES)]
     ratio = [m[:, 1] / m[:, 0] for m in every]
     return {
         "k": over_samples([2.0 * m[:, 0] / math.sqrt(3.0) for m in every]),
@@ -335,7 +317,7 @@ def widths_of(mu: float) -> tuple[float, float]:
     ideal = gp.EffectiveMedium(PACKING).at_force(np.array(FORCES)[RANGE] * UNIT)
     stiff, velocity = medium_moduli()[RANGE].sum(axis=1), gp.sound_velocities(ideal).longitudinal
     found = [
-        gp.fit_width(PACKING, ideal.force, velocity * np.sqrt(moduli(mu, seed, "all")[RANGE].sum(axis=1) / stiff)).width
+        gp.fit_width(PACKING, ideal.force, velocity * np.sqrt(moduli(mu, seed, "stick")[RANGE].sum(axis=1) / stiff)).width
         for seed in range(SAMPLES)
     ]
     value, error = over_samples(found)
