@@ -180,7 +180,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
     state = getattr(medium, f"at_{kind}")(scene.load.values[0])
     got, velocities, constants = summary("out"), gp.sound_velocities(state), gp.moduli(state)
-    expected = {name: getattr(state, name) for name in (*state.units, "regime")}
+    expected = {name: value for name in (*state.units, "regime") if (value := getattr(state, name)) is not None}
     for name in ("longitudinal", "transverse"):
         expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
         assert f" +/- {write_quantity(expected[f'{name}_error'], 'm/s')}" in out

@@ -118,35 +118,37 @@ class FrictionLaw:
     mindlin_ratio: float
     friction_coefficient: float = math.inf
 
-    def advance(self, before: Contacts, overlaps: Array, slips: Array, smoothing: float = 0.0) -> tuple[Contacts, Tangent]:
+    def advance(
+        self, before: Contacts, overlaps: Array, slips: Array, guess: Array | None = None
+    ) -> tuple[Contacts, Tangent]:
         """Return the contacts at the end of a step to ``overlaps`` and ``slips``, with the tangent there.
 
-        A ``smoothing`` e, in units of force, rounds the corner of Coulomb's limit: a force z, without the limit c, becomes
-        2 z c/(A + B) with A^2, B^2 = (z +- c)^2 + 4 e^2, which is the lesser of the two where e is zero.
+        With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are those that the guess gives. The
+        forces are then derivatives of a convex energy, and the tangent is symmetric.
         """
         eta, mu = self.mindlin_ratio, self.friction_coefficient
-        old, new = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
-        mean, slope = _mean_stiffness(before.overlaps, overlaps, old, new)
+        old, root = np.sqrt(before.closed), np.sqrt(np.maximum(overlaps, 0.0))
+        held = overlaps if guess is None else guess
+        new = root if guess is None else np.sqrt(np.maximum(guess, 0.0))
+        mean, slope = _mean_stiffness(before.overlaps, held, old, new)
         moved, falls = slips - before.slips, (new < old) & (new > 0.0)
         part = np.divide(new, old, out=np.ones_like(new), where=new < old)
         shears = part * before.shears + eta * mean * moved
-        coupling = eta * slope * moved
-        coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
-        stiffness, shear = 1.5 * new, eta * mean
+        stiffness, shear = 1.5 * root, eta * mean
+        coupling = np.zeros_like(shears)
+        if guess is None:
+            coupling = eta * slope * moved
+            coupling += np.divide(0.5, old * new, out=np.zeros_like(new), where=falls) * before.shears
         sliding = np.zeros_like(shears)
         if mu < math.inf:
             size, limit = _norm(shears), mu * new**3
-            if smoothing:
-                share, by_limit, drop = _round_corner(size, limit, smoothing)
-                along = np.sqrt(np.maximum(drop, 0.0))
-            else:
-                slides = size > limit
-                by_limit = along = slides.astype(float)
-                share = np.divide(limit, size, out=np.ones_like(size), where=slides)
-            unit = np.divide(shears, size, out=np.zeros_like(shears), where=size > 0.0)
-            shears, shear, sliding = share * shears, share * shear, along * unit
-            coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
-            coupling += mu * by_limit * stiffness * unit
+            slides = size > limit
+            share = np.divide(limit, size, out=np.ones_like(size), where=slides)
+            sliding = np.divide(shears, size, out=sliding, where=slides)
+            shears, shear = share * shears, share * shear
+            if guess is None:
+                coupling = share * (coupling - sliding * np.sum(sliding * coupling, axis=0))
+                coupling += mu * stiffness * sliding
         return Contacts(overlaps, slips, shears), Tangent(stiffness, shear, coupling, sliding)
 
     def stored(self, contacts: Contacts) -> float:
@@ -174,18 +176,6 @@ class FrictionLaw:
         """Return the elastic slips |T|/(eta k), zero where balls are apart."""
         stiffness = 1.5 * self.mindlin_ratio * np.sqrt(contacts.closed)
         return np.divide(contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-
-
-def _round_corner(size: Array, limit: Array, smoothing: float) -> tuple[Array, Array, Array]:
-    """Return 2 c/(A + B) of :meth:`FrictionLaw.advance`, the derivative of the force with respect to c, and a third number.
-
-    That is the part by which its derivative with respect to z is less than 2 c/(A + B).
-    """
-    above, below = np.hypot(size + limit, 2.0 * smoothing), np.hypot(size - limit, 2.0 * smoothing)
-    share = np.divide(2.0 * limit, above + below, out=np.zeros_like(size), where=limit > 0.0)
-    over, under = (size + limit) / above, (size - limit) / below
-    drop = 1.0 - np.divide(0.5 * (over - under), share, out=np.zeros_like(size), where=share > 0.0)
-    return share, 0.5 * (over + under), drop
 
 
 def _mean_stiffness(h0: Array, h1: Array, a0: Array, a1: Array) -> tuple[Array, Array]:

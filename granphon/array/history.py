@@ -51,10 +51,9 @@ _LOAD_TOLERANCE = 1e-12
 #: largest number of steps of Newton's method before a step of the load is halved; and the number in which the residual must
 #: fall by half for it to go on
 _NEWTON_STEPS, _PATIENCE = 120, 15
-#: rounding of Coulomb's limit at the beginning of the second attempt, and that below which there is none, over the mean
-#: force; factors by which it falls in steps that leave much of the residual, and in steps that leave little
-_ROUNDING, _LEAST_ROUNDING = 0.1, 1e-10
-_SLOW, _FAST = 0.5, 0.1
+#: the latter where the limits of sliding have just been found anew, the largest number of times that they are, and the part of
+#: the residual that is left before
+_SHORT_PATIENCE, _LAGS, _LAG_REDUCTION = 5, 30, 1e-2
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 _MOST_HALVINGS = 12
 #: largest number of iterations of a step of Newton's method
@@ -68,10 +67,10 @@ _LENGTHS = 6
 _ADDED_STIFFNESS = 1e-2
 #: factor by which that is raised after a step that had to be made short, where a ball has lost what held it, and lowered after
 #: a whole one
-_EASE = 10.0
+_EASE, _MOST_HOLD = 10.0, 1e6
 #: share of their secant stiffness that contacts which slide have in a step of Newton's method, over the root of the distance
 #: from balance: without it nothing would hold a ball all of whose contacts slide
-_SECANT_SHARE = 30.0
+_SECANT_SHARE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,62 +294,80 @@ class LoadingHistory:
         return balls, float(y)
 
     def _solve(self, trail: Sequence[PressedArray], load: Prescribed) -> PressedArray | None:
-        """Return the equilibrium at the end of one step, or None if Newton's method does not find it.
+        """Return the equilibrium at the end of one step, or None if it is not found.
 
-        It is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to and fro
-        between the two sides of Coulomb's limit. So in a second attempt its corner is round, and less so after each step.
+        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go to
+        and fro between the two sides of Coulomb's limit. So in a second attempt the limit is that of given overlaps, at
+        which there is always an equilibrium; the overlaps found give a new limit, and from there Newton's method is tried.
         """
         here, (balls, y) = trail[-1], self._extrapolate(trail, load)
-        free, newton, krylov = load.overlap is None, 0, 0
-        mu = self.friction_coefficient
-        for rounding in (0.0,) if mu in (0.0, math.inf) else (0.0, _ROUNDING):
-            smoothing = rounding * max(here.force, load.force)
-            trial = self._try(here, balls, y, load, smoothing)
-            before_that, hold = math.inf, 1.0
-            for count in range(_NEWTON_STEPS + 1):
-                if not smoothing and trial.left <= BALANCE_TOLERANCE and trial.missed <= _LOAD_TOLERANCE:
-                    return self._arrive(here, trial, newton, krylov)
-                if count % _PATIENCE == 0:
-                    if not smoothing and trial.size > 0.5 * before_that:
-                        break
-                    before_that = trial.size
-                distance = max(trial.left, trial.missed)
-                way, taken = self._direct(trial, distance, hold, free)
-                newton, krylov, size = newton + 1, krylov + taken, trial.size
-                trial, length = self._search(here, trial, way, load, smoothing)
-                if not math.isfinite(trial.size):
+        trial = self._iterate(here, self._try(here, balls, y, load), load, _NEWTON_STEPS, _PATIENCE)
+        if not trial.done and 0.0 < self.friction_coefficient < math.inf:
+            lagged = replace(self._try(here, balls, y, load), newton=trial.newton, krylov=trial.krylov)
+            for _ in range(_LAGS):
+                guess = lagged.contacts.overlaps
+                lagged = self._iterate(here, lagged.follow(self._try(here, lagged.balls, lagged.overlap, load, guess)), load, _PATIENCE, _PATIENCE, guess)
+                trial = lagged.follow(self._try(here, lagged.balls, lagged.overlap, load))
+                trial = self._iterate(here, trial, load, _NEWTON_STEPS, _SHORT_PATIENCE)
+                if trial.done:
                     break
-                hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
-                if smoothing:
-                    if length == 1.0:
-                        smoothing *= _FAST if trial.size < _FAST * size else _SLOW
-                    if smoothing < _LEAST_ROUNDING * here.force:
-                        smoothing = 0.0
-                    trial = self._try(here, trial.balls, trial.overlap, load, smoothing)
-        return None
+                lagged = replace(lagged, newton=trial.newton, krylov=trial.krylov)
+        return self._arrive(here, trial) if trial.done else None
+
+    def _iterate(
+        self, here: PressedArray, trial: _Trial, load: Prescribed, most: int, patience: int, guess: Array | None = None
+    ) -> _Trial:
+        """Return the state after ``most`` steps of Newton's method at most; each ``patience`` of them have to halve the residual."""
+        before, hold, slow = math.inf, 1.0, False
+        aim = 0.0 if guess is None else _LAG_REDUCTION * trial.size
+        for count in range(most):
+            if trial.done or trial.size < aim:
+                break
+            if count % patience == 0:
+                if trial.size > 0.5 * before:
+                    break
+                before = trial.size
+            way, taken = self._direct(trial, hold, load.overlap is None)
+            new, length = self._search(here, trial, way, load, guess, slow)
+            slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
+            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
+            if not math.isfinite(trial.size) or hold > _MOST_HOLD:
+                break
+            hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
+        return trial
 
     def _search(
-        self, here: PressedArray, trial: _Trial, way: Motion, load: Prescribed, smoothing: float
+        self, here: PressedArray, trial: _Trial, way: Motion, load: Prescribed, guess: Array | None, slow: bool
     ) -> tuple[_Trial, float]:
-        """Return the state after a step of Newton's method, and the length of the step: halved until less is left."""
-        length, best = 1.0, None
-        for _ in range(_LENGTHS):
+        """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
+
+        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
+        """
+
+        def go(length: float) -> _Trial:
             motion, overlap = trial.balls + length * way.balls, trial.overlap + length * way.compression
-            new = self._try(here, motion, overlap, load, smoothing)
-            if best is None or new.size < best[0].size:
-                best = new, length
-            if new.size < (1.0 - 0.1 * length) * trial.size:
+            return self._try(here, motion, overlap, load, guess)
+
+        def slope(state: _Trial) -> float:
+            return dot(state.pull, way.balls) + state.push * way.compression
+
+        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
+        new = best[0]
+        for _ in range(_LENGTHS - 1):
+            if new.size < (1.0 - 0.1 * length) * trial.size or (guess is not None and slope(new) > -0.5 * first):
+                best = (new, length) if guess is not None else best
                 break
             length *= 0.5
-        assert best is not None
-        if best[1] == 1.0 and not smoothing and best[0].size > _LEFT_BY_LOOSE * trial.size:
-            motion, overlap = trial.balls + _LONGER * way.balls, trial.overlap + _LONGER * way.compression
-            new = self._try(here, motion, overlap, load, smoothing)
+            new = go(length)
+            if new.size < best[0].size:
+                best = new, length
+        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            new = go(_LONGER)
             best = (new, 1.0) if new.size < best[0].size else best
         return best
 
-    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, smoothing: float) -> _Trial:
-        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), smoothing)
+    def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> _Trial:
+        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), guess)
         forces = contacts.forces
         force = float(np.mean(forces))
         pull = self.stencils.forces(self._stack(forces, -contacts.shears))
@@ -367,12 +384,12 @@ class LoadingHistory:
         left = math.sqrt(square) / scale if force > 0.0 else math.inf
         return _Trial(balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
-    def _direct(self, trial: _Trial, distance: float, hold: float, free: bool) -> tuple[Motion, int]:
+    def _direct(self, trial: _Trial, hold: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
-        stencils = self.stencils
+        stencils, distance = self.stencils, max(trial.left, trial.missed)
         mean, size = float(np.mean(trial.tangent.stiffness)), trial.balls.size
         added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
-        share = min(1.0, _SECANT_SHARE * distance)
+        share = min(1.0, _SECANT_SHARE * distance * hold)
         tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share).scale(1.0 / mean)
         inverse = self._inverses.choose(self._stack(tangent.stiffness, tangent.springs))
         product, held = self._linearise(tangent), np.float32(1.0 / tangent.stiffness.size)
@@ -426,12 +443,12 @@ class LoadingHistory:
 
         return product
 
-    def _arrive(self, here: PressedArray, trial: _Trial, newton: int, krylov: int) -> PressedArray:
+    def _arrive(self, here: PressedArray, trial: _Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self._law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
-            here.loosened + loosened, here.steps + 1, here.newton + newton, here.krylov + krylov,
+            here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
         work = 0.5 * (here.force + state.force) * (state.overlap - here.overlap)
         return replace(state, work=here.work + work)
@@ -450,3 +467,14 @@ class _Trial:
     left: float
     missed: float
     size: float
+    newton: int = 0
+    krylov: int = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether all balls are in balance, and the load is met."""
+        return self.left <= BALANCE_TOLERANCE and self.missed <= _LOAD_TOLERANCE
+
+    def follow(self, other: _Trial) -> _Trial:
+        """Return another trial that has taken the steps of this one."""
+        return replace(other, newton=self.newton, krylov=self.krylov)

@@ -19,6 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 __all__ = ["Rooms"]
 
 Array = NDArray[np.float64]
+Layer = tuple[EllipsisType | slice | int, ...]
 
 
 class Rooms:
@@ -71,13 +72,19 @@ class Rooms:
 
     def _images(self, rooms: Array, first: int = 0) -> Iterator[tuple[Array, Array]]:
         """Yield views of a layer of the margins and of the layer that it repeats, axis after axis from ``first`` on."""
-        widths = list(zip(self.below, self.shape, self.above, strict=True))
-        for axis, (below, size, above) in list(enumerate(widths))[first:]:
-            layers = np.moveaxis(rooms, axis - len(self.shape), 0)
-            for step in range(above):
-                yield layers[below + size + step], layers[below + step % size]
-            for step in range(below):
-                yield layers[below - 1 - step], layers[below + (-1 - step) % size]
+        for image, ball in (pair for axis in self._layers[first:] for pair in axis):
+            yield rooms[image], rooms[ball]
+
+    @cached_property
+    def _layers(self) -> list[list[tuple[Layer, Layer]]]:
+        """Indices of the layers of the margins, and of those that they repeat, for each axis."""
+        found = []
+        for axis, (below, size, above) in enumerate(zip(self.below, self.shape, self.above, strict=True)):
+            pairs = [(below + size + step, below + step % size) for step in range(above)]
+            pairs += [(below - 1 - step, below + (-1 - step) % size) for step in range(below)]
+            behind = (slice(None),) * (len(self.shape) - 1 - axis)
+            found.append([((..., image, *behind), (..., ball, *behind)) for image, ball in pairs])
+        return found
 
     def spans(self, size: int) -> Iterator[tuple[int, int]]:
         """Yield (first, end) of parts of the flattened room that together hold all balls, each of at most ``size``."""

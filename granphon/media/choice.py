@@ -256,13 +256,14 @@ class MediumChoice:
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
 
-        Options of a history of friction are left out where there is none.
+        A history of friction is left out where there is none, with its options, and so is the lattice's own geometry.
         """
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if not found.get("friction_history", True):
-            found = {name: value for name, value in found.items() if name not in LOADING_OPTIONS}
+        if not found.get("friction_history"):
+            plain = {"friction_history", *LOADING_OPTIONS, *["geometry"] * (found.get("geometry") == GEOMETRIES[0])}
+            found = {name: value for name, value in found.items() if name not in plain}
         start = found.get("start", 0.0)
         if isinstance(start, Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
