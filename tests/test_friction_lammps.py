@@ -55,7 +55,7 @@ def test_forces_are_those_of_lammps():
     ("mu", "spacings"), [(0.1, (0.5, 0.8, 0.6)), (0.3, (0.5, 0.8, 0.6)), (math.inf, (0.55, 0.85, 0.65))]
 )
 def test_forces_from_a_low_load_are_those_of_lammps(mu, spacings):
-    """Without Coulomb's limit, chance decides how contacts that bear next to nothing hold balls that are loose at a* = 1/2."""
+    """Without Coulomb's limit, contacts that bear next to nothing hold balls that are loose at a* = 1/2 as chance has it."""
     found = np.array([differences(mu, spacings, steps) for steps in (3, 6, 12)])
     assert np.all(found[:-1] > 1.4 * found[1:])
     assert np.all(found[0] > 3.0 * found[-1])

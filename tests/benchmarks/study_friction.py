@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,10 @@ from granphon.array.response import elasticity
 from granphon.array.sample import LEAST_CONTACT
 from granphon.array.stencils import Stencils
 from granphon.dynamics.tensors import bulk_and_shear
+from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
@@ -46,6 +51,16 @@ FORCES = (0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9, 1.5, 3.0)
 RANGE = slice(FORCES.index(0.08), FORCES.index(0.9) + 1)
 #: what contacts resist slip with in sound
 SPRINGS = ("stick", "slide", "partial_slip")
+
+
+#: friction coefficient, colour and marker in figures
+LOOKS = tuple(zip(FRICTIONS, ("0.45", VERMILION, GREEN, SKY_BLUE, BLUE), "xosD^", strict=True))
+#: names of what sliding does
+SLIDING, TANGENTIAL = "part of the closed contacts that slides", "mean tangential over mean normal force"
+
+
+def label(mu: float) -> str:
+    return "no friction in the statics" if not mu else rf"$\mu$ = {mu:g}" if mu < math.inf else r"$\mu=\infty$"
 
 
 def named(mu: float) -> str:
@@ -137,9 +152,9 @@ def rises(mu: float) -> tuple[Array, Array]:
     ])  # fmt: skip
 
 
-def medium_rise() -> Array:
+def medium_rise(spacings: Sequence[float] | Array = SPACINGS) -> Array:
     """The same of the effective medium."""
-    overlap = WIDTH * (np.array(SPACINGS) - 0.5)
+    overlap = WIDTH * (np.array(spacings) - 0.5)
     with_friction, without = (gp.EffectiveMedium(PACKINGS[f]).at_overlap(overlap).force for f in (True, False))
     return np.asarray(with_friction / without - 1.0)
 
@@ -225,8 +240,8 @@ def sliding_at(mu: float) -> dict[str, tuple[Array, Array]]:
         for way, other in zip(ways, free, strict=True)
     ]
     return {
-        "part of the closed contacts that slides": of(lambda one: one.sliding_fraction),
-        "mean tangential over mean normal force": of(lambda one: np.mean(one.contacts.tangential) / one.force),
+        SLIDING: of(lambda one: one.sliding_fraction),
+        TANGENTIAL: of(lambda one: np.mean(one.contacts.tangential) / one.force),
         "tangential force over that without sliding": over_samples(borne),
         "work lost by sliding": of(lambda one: one.slid / one.work),
         "work lost by the law": of(lambda one: one.loosened / one.work),
@@ -284,7 +299,7 @@ def hysteresis(repeats: int) -> list[Row]:
 # -- where a history begins ---------------------------------------------------------------------------------------------
 
 #: a* of the beginning, and where forces are compared
-STARTS, COMPARED = (0.4, 0.45, 0.5, 0.6, 0.7), (0.8, 1.0, 1.5)
+STARTS, COMPARED = (0.45, 0.5, 0.6, 0.7), (0.8, 1.0, 1.5)
 
 
 def starts(repeats: int) -> list[Row]:
@@ -352,9 +367,87 @@ def energy(repeats: int) -> list[Row]:
     return rows
 
 
+# -- figures ------------------------------------------------------------------------------------------------------------
+
+
+def draw_forces(figure: Figure) -> None:
+    """What friction adds to the force, the hysteresis, tangential forces and sliding."""
+    axes = figure.subplot_mosaic([["rise", "gap"], ["shear", "slide"]])
+    for mu, colour, marker in LOOKS[1:]:
+        look: Any = {
+            "color": colour,
+            "marker": marker,
+            "markersize": 3.5,
+            "linewidth": 0.8,
+            "elinewidth": 0.6,
+            "capsize": 1.5,
+        }
+        look["label"] = label(mu)
+        for name, spacings, found in (
+            ("rise", SPACINGS, rises(mu)), ("gap", BETWEEN, gaps(mu)),
+            ("shear", SPACINGS, sliding_at(mu)[TANGENTIAL]), ("slide", SPACINGS, sliding_at(mu)[SLIDING]),
+        ):  # fmt: skip
+            axes[name].errorbar(spacings, 100.0 * found[0], 100.0 * found[1], **look)
+    fine = np.linspace(0.5, SPACINGS[-1], 81)
+    axes["rise"].plot(fine, 100.0 * medium_rise(fine), color="black", linewidth=1.0, dashes=(3.5, 1.8), label="medium")
+    axes["rise"].set(ylabel="What friction adds to the force (%)", ylim=(0.0, 9.5))
+    axes["gap"].set(ylabel="Force on the way back over that\non the way up, less 1 (%)")
+    axes["shear"].set(ylabel="Mean tangential over mean\nnormal force (%)", ylim=(0.0, None))
+    axes["slide"].set(ylabel="Closed contacts that slide (%)", ylim=(0.0, None))
+    axes["rise"].legend(ncols=2)
+    for name, letter in zip(axes, "abcd", strict=True):
+        axes[name].set_xlabel("$a^*$")
+        axes[name].set_title(letter, loc="left", fontweight="bold")
+
+
+def draw_sound(figure: Figure) -> None:
+    """G/K, and velocities of the medium, over those of arrays with friction."""
+    axes = figure.subplot_mosaic([["ratio", "v_L of the medium"], ["ratio", "v_T of the medium"]], sharex=True)
+    for mu, colour, marker in LOOKS:
+        for springs in ("stick", "slide") if mu in (0.1, 0.2) else ("stick",):
+            look: Any = {"color": colour, "marker": marker, "markersize": 3.5, "elinewidth": 0.6, "capsize": 1.5}
+            look |= {"linewidth": 0.8, "linestyle": "-" if springs == "stick" else ":"}
+            if springs == "slide":
+                look["mfc"] = "white"
+            found = sound(mu, springs)
+            what = label(mu) if springs == "stick" else f"{label(mu)}, no spring\nwhere it slides"
+            axes["ratio"].errorbar(FORCES, *found["2G/(1 + eta)K"], label=what, **look)
+            if springs == "stick":
+                for name in ("v_L of the medium", "v_T of the medium"):
+                    value, error = found[name]
+                    axes[name].errorbar(FORCES, 100.0 * (value - 1.0), 100.0 * error, label=label(mu), **look)
+    axes["ratio"].set(ylabel=r"$2G/(1+\eta)K$", ylim=(0.55, 1.02))
+    axes["ratio"].legend(loc="lower right")
+    for name, ax in axes.items():
+        ax.set(xscale="log", xlim=(0.025, 3.6))
+        ax.axvspan(0.08, 0.9, color="0.93", zorder=0)
+        ax.axhline(1.0 if name == "ratio" else 0.0, color=GUIDE, linewidth=0.6, zorder=0.5)
+        if name != "ratio":
+            ax.set_ylabel(f"${name[:3]}$ of the medium over\nthat of the array, less 1 (%)")
+    axes["ratio"].set_xlabel("$f^*$")
+    axes["v_T of the medium"].set_xlabel("$f^*$")
+    axes["v_L of the medium"].tick_params(labelbottom=False)
+    axes["v_L of the medium"].legend(loc="lower right")
+    for name, letter in zip(axes, "abc", strict=True):
+        axes[name].set_title(letter, loc="left", fontweight="bold")
+
+
+def figures(repeats: int) -> list[Row]:
+    """Draw the figures of the page."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        for name, draw, height in (("friction_forces", draw_forces, 4.8), ("friction_sound", draw_sound, 4.2)):
+            figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+            draw(figure)
+            save_figure(figure, IMAGES / f"{name}.png")
+    return []
+
+
 PARTS: dict[str, Part] = {
     "force": force, "velocities": velocities, "sliding": sliding, "hysteresis": hysteresis, "starts": starts,
-    "widths": widths, "energy": energy,
+    "widths": widths, "energy": energy, "figures": figures,
 }  # fmt: skip
 
 if __name__ == "__main__":
