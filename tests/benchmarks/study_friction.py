@@ -4,7 +4,7 @@
 
 Some ten minutes on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
 page's figures into docs/images. Balls of steel of 8 mm, spread uniformly over 2.04 um, at rest without friction at
-a* = 1/2 and then pressed with friction; four arrays of 32 x 32. Brackets hold the standard error of the last digits. A line
+a* = 1/2 and then pressed with friction; four arrays of 64 x 64. Brackets hold the standard error of the last digits. A line
 of numbers is over the loads that its row names.
 """
 
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 PACKING = PACKINGS[True]
 ETA = PACKING.mindlin_ratio
-SHAPE, SAMPLES = (32, 32), 4
+SHAPE, SAMPLES = (64, 64), 4
 #: friction coefficients of the contacts under load; zero is today's simulation, whose statics have no friction
 FRICTIONS = (0.0, 0.1, 0.2, 0.5, math.inf)
 #: reduced spacings of a path up, from the start at a* = 1/2
