@@ -19,19 +19,24 @@ from granphon.array.history import PressedArray
 from granphon.array.stencils import Stencils
 
 Array = NDArray[np.float64]
-#: W over the diameter: terms of that order are left out by the lattice's directions, and positions have sixteen digits of
-#: the diameter
+#: small W over the diameter: terms of that order are left out by the lattice's directions, and positions have sixteen digits
+#: of the diameter
 WIDTH = 1e-6
 #: drag over mass, steps of time in which the box is strained, those between looks at what is left, and the most looks
 DRAG, RAMP, BETWEEN, MOST = 0.3, 2000, 500, 20
 
 
 class PressedTwin:
-    """Balls with deviations ``x`` (L1, L2), in units of W, at the places that they have in the ``state``."""
+    """Balls with deviations ``x`` (L1, L2), in units of W, at the places that they have in the ``state``.
 
-    def __init__(self, x: Array, stencils: Stencils, friction_coefficient: float, state: PressedArray) -> None:
-        self.stencils, self.shape, self.overlap = stencils, x.shape, state.overlap
-        self.diameters = 1.0 + WIDTH * x.ravel()
+    ``width`` is W over the diameter.
+    """
+
+    def __init__(
+        self, x: Array, stencils: Stencils, friction_coefficient: float, state: PressedArray, width: float = WIDTH
+    ) -> None:
+        self.stencils, self.shape, self.overlap, self.width = stencils, x.shape, state.overlap, width
+        self.diameters = 1.0 + width * x.ravel()
         self.number = np.arange(x.size).reshape(x.shape)
         self.kinds = {
             (first, second): (kind, *divmod(place, x.shape[1]))
@@ -42,9 +47,9 @@ class PressedTwin:
         }
         self.lmp = packings.start()
         self._fill(stencils.displacements(state.balls))
-        strength = 2.0 / WIDTH**1.5  # f = (overlap/W)^(3/2), as the reduced radius is 1/4
+        strength = 2.0 / width**1.5  # f = (overlap/W)^(3/2), as the reduced radius is 1/4
         shear, limit = 1.5 * stencils.mindlin_ratio * strength, min(friction_coefficient, 1e30)
-        drag = DRAG / WIDTH
+        drag = DRAG / width
         self.lmp.commands_string(f"""
             pair_style granular
             pair_coeff * * hertz {strength!r} 0 tangential mindlin_rescale/force {shear!r} 0 {limit!r} damping velocity
@@ -61,15 +66,15 @@ class PressedTwin:
 
     def _box(self, overlap: float) -> tuple[float, float, float]:
         """Lengths and tilt of the box."""
-        spacing, (_, second) = 1.0 - WIDTH * overlap, self.stencils.lattice.vectors[:2, :2].tolist()
+        spacing, (_, second) = 1.0 - self.width * overlap, self.stencils.lattice.vectors[:2, :2].tolist()
         return spacing * self.shape[0], spacing * self.shape[1] * second[1], spacing * self.shape[1] * second[0]
 
     def _fill(self, displacements: Array) -> None:
         long, high, tilt = self._box(self.overlap)
         index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
-        sites = (1.0 - WIDTH * self.overlap) * index @ self.stencils.lattice.vectors[:2, :2]
+        sites = (1.0 - self.width * self.overlap) * index @ self.stencils.lattice.vectors[:2, :2]
         places = np.zeros((self.number.size, 3))
-        places[:, :2] = (sites + WIDTH * np.moveaxis(displacements, 0, -1)).reshape(-1, 2)
+        places[:, :2] = (sites + self.width * np.moveaxis(displacements, 0, -1)).reshape(-1, 2)
         self.lmp.commands_string(f"""
             units lj
             dimension 2
@@ -83,7 +88,7 @@ class PressedTwin:
         self.lmp.create_atoms(len(places), list(range(1, len(places) + 1)), [1] * len(places), places.ravel().tolist())
         for ball, diameter in enumerate(self.diameters.tolist(), 1):
             # masses of disks, one over W: stiffnesses are of that order
-            self.lmp.command(f"set atom {ball} diameter {diameter!r} density {6.0 / math.pi / WIDTH!r}")
+            self.lmp.command(f"set atom {ball} diameter {diameter!r} density {6.0 / math.pi / self.width!r}")
 
     def press(self, overlap: float) -> tuple[Array, Array, float]:
         """Strain the box to an overlap y: normal and tangential forces (n_c, L1, L2), and the largest force left on a ball.
@@ -107,7 +112,7 @@ class PressedTwin:
 
     def _left(self) -> float:
         """Largest force, or torque over the radius, on a ball, without the drag."""
-        drag = DRAG / WIDTH
+        drag = DRAG / self.width
         force = self._gather("f") + drag * self._gather("v")
         torque = self._gather("torque") + 0.1 * drag * self._gather("omega")
         return max(float(np.max(np.abs(force))), 2.0 * float(np.max(np.abs(torque))))
@@ -132,7 +137,7 @@ class PressedTwin:
             if (i, j) not in self.kinds:
                 i, j, sign = j, i, -1.0
             kind, *cell = self.kinds[i, j]
-            overlap = (0.5 * (self.diameters[i] + self.diameters[j]) - distance) / WIDTH
+            overlap = (0.5 * (self.diameters[i] + self.diameters[j]) - distance) / self.width
             normal[(kind, *cell)] = max(overlap, 0.0) ** 1.5
             tangential[(kind, *cell)] = sign * float(along[kind] @ force)
         return normal, tangential

@@ -17,7 +17,7 @@ from granphon.array.stencils import Stencils
 SHAPE, ETA = (8, 8), 0.82
 
 
-def differences(mu, spacings, steps):
+def differences(mu, spacings, steps, *width):
     """Rms differences of contact forces at the ``spacings`` a*, each reached from the one before in so many steps."""
     x = gp.Uniform(1.0).sample(SHAPE, 0)
     x -= np.mean(x)
@@ -25,7 +25,7 @@ def differences(mu, spacings, steps):
     history = LoadingHistory(x, stencils, mu, math.inf, equilibrate(x, Prescribed(overlap=spacings[0] - 0.5)))
     ways = [np.linspace(a, b, steps + 1)[1:] - 0.5 for a, b in itertools.pairwise(spacings)]
     try:
-        twin = PressedTwin(x, stencils, mu, history.begin())
+        twin = PressedTwin(x, stencils, mu, history.begin(), *width)
     except (ImportError, OSError) as error:
         pytest.skip(f"LAMMPS cannot be loaded: {error}")
     found, slid = [], 0.0
@@ -60,3 +60,10 @@ def test_forces_from_a_low_load_are_those_of_lammps(mu, spacings):
     assert np.all(found[:-1] > 1.4 * found[1:])
     assert np.all(found[0] > 3.0 * found[-1])
     assert np.all(found[-1] < 1e-3)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("friction-directions")
+def test_true_directions_hardly_change_the_forces():
+    """Of balls of 8 mm with W = 2.04 um: the difference is no larger than at a small width, that of the steps."""
+    assert np.all(differences(0.2, (0.5, 0.75, 1.0), 10, 2.55e-4) < 8e-4)
