@@ -19,9 +19,12 @@ from granphon.array import history as module
 from granphon.array.equilibrium import Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw
 from granphon.array.history import LoadingHistory
+from granphon.array.pressed_sample import PressedEquilibrium
+from granphon.array.response import elasticity
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC, TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.dynamics.tensors import bulk_and_shear
 
 ETA = 0.82
 
@@ -357,6 +360,28 @@ def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
     assert left[1] / left[2] == pytest.approx(4.0, rel=0.1)
     # energy: T^2 dk
     assert lost[1] / lost[2] == pytest.approx(8.0, rel=0.1)
+
+
+@pytest.mark.claim("friction-stick")
+def test_in_small_cycles_contacts_stick():
+    """Further loading meets less than the stiffness of contacts that stick; loads that go to and fro meet it."""
+    paths, smooth = history((12, 12), 0.1), Stencils((12, 12))
+    state = run(paths, ramp(0.5, 0.7, steps=4))[-1]
+    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils).share(paths.deviations, smooth)
+    stick, slide = (
+        2.0 / math.sqrt(3.0) * bulk_and_shear(elasticity(still, still.shear_ratios(response)))[0]
+        for response in ("stick", "slide")
+    )
+    assert state.sliding_fraction > 0.2
+    assert slide < 0.98 * stick
+    met = []
+    for change in (1e-4, -1e-4, 1e-4, -1e-4, 1e-4):
+        after = paths.step([state], Prescribed(overlap=state.overlap + change))
+        met.append((after.force - state.force) / change)
+        state = after
+    assert 1.001 * slide < met[0] < 0.99 * stick
+    assert met[1:] == pytest.approx(4 * [stick], rel=4e-3)  # T dk/k where a contact is unloaded makes the difference
+    assert state.sliding_fraction < 0.01
 
 
 @pytest.mark.claim("friction-steps")
