@@ -103,7 +103,16 @@ RUNG_OPTIONS = {
     "simulation.shape": "cells along each period of the array, by default one of these, by the dimension of the lattice",
     "simulation.seed": "seed of the diameters of the first sample; each further sample has the next number",
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",
+    "simulation.friction_history": "load the samples [with friction](../how-to/simulation.md#load-it-with-friction)",
+    "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only then, as are those below",
+    "simulation.geometry": "whether contacts keep the directions of the lattice",
+    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing $a^*$, or a load",
+    "simulation.shear_response": "tangential stiffness under sound: none where a contact slides, $\\eta k$ everywhere, or "
+    "that of Mindlin's partial slip",
+    "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
+    "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",
+    "auto.friction_history": "whether truth is an array loaded with friction; `auto` is refused then, as no errors are known",
 }
 PACKINGS = {
     "young_modulus": "Young modulus",

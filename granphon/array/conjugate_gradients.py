@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.errors import ConvergenceError, message
 
-__all__ = ["solve_by_conjugate_gradients"]
+__all__ = ["solve_by_conjugate_gradients", "solve_by_descent"]
 
 Array = NDArray[np.float64]
 #: largest number of steps in one step of Newton's method
@@ -71,3 +71,36 @@ def solve_by_conjugate_gradients(
         squeeze = turn * squeeze + held * press
         count += 1
     return Motion(balls, compression), count
+
+
+def solve_by_descent(
+    apply: Callable[[Array], Array],
+    precondition: Callable[[Array], Array],
+    right: Array,
+    reduction: float,
+    most: int,
+    floor: float = 0.0,
+) -> tuple[Array, int, bool]:
+    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by ``reduction``.
+
+    Returns the solution, the number of steps, and whether all curvatures met were above zero: if not, the solution is that
+    before the first that was not. ``floor`` is the square of the norm below which the rest is rounding.
+    """
+    found, left = np.zeros_like(right), right.copy()
+    better = precondition(left)
+    way, product = better, float(left @ better)
+    first = product
+    for count in range(most):
+        if product <= max(reduction**2 * first, floor):
+            return found, count, True
+        change = apply(way)
+        curvature = float(way @ change)
+        if curvature <= 0.0:
+            return found, count, False
+        length = product / curvature
+        found += length * way
+        left -= length * change
+        better = precondition(left)
+        last, product = product, float(left @ better)
+        way = better + (product / last) * way
+    return found, most, True

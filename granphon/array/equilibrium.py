@@ -20,12 +20,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.geometry import LatticeGeometry
 from granphon.array.interior import approach
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
@@ -95,7 +96,7 @@ class Equilibrium(Result):
     """
 
     shapes = {"deviations": "..."}
-    added = ("lattice",)
+    added: ClassVar[tuple[str, ...]] = ("lattice",)
 
     deviations: Array
     overlap: float
@@ -110,7 +111,7 @@ class Equilibrium(Result):
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
 
-    def share(self, deviations: Array, stencils: Stencils) -> Equilibrium:
+    def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
         other, known = replace(self, deviations=deviations), vars(self)
         vars(other).update({name: known[name] for name in ("_derivatives",) if name in known}, stencils=stencils)
@@ -265,7 +266,7 @@ def equilibrate(
     near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
-        found = approach(means, y, balls, load.force if free else None, stencils, inverses, fresh)
+        found = approach(LatticeGeometry(stencils, deviations), y, balls, load.force if free else None, inverses, fresh)
         y, balls, begun, steps = found or (y, balls, begun, steps)
     pairs, root = stencils.rooms.fill(means), stencils.rooms.zeros(len(means), np.float32)
     # linear equations need few digits, and single precision takes half of the time

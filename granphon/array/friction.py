@@ -69,25 +69,31 @@ class Tangent:
     """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at its end.
 
     df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the unit vector of T where
-    the contact slides, and zero elsewhere.
+    the contact slides, and zero elsewhere. Along every slip there is the stiffness ``drag`` besides.
     """
 
     stiffness: Array
     shear: Array
     coupling: Array
     sliding: Array
+    drag: float = 0.0
 
     def stiffen(self, normal: float, shear: float, share: float) -> Tangent:
         """Return a tangent of contacts that are stiffer by ``normal`` and ``shear``, and against sliding by a ``share``.
 
         If that is one, a contact that slides has the secant stiffness, that of a spring which would carry T.
         """
-        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, math.sqrt(1.0 - share) * self.sliding)
+        sliding = math.sqrt(1.0 - share) * self.sliding
+        return Tangent(self.stiffness + normal, self.shear + shear, self.coupling, sliding, self.drag)
+
+    def damp(self, normal: float, drag: float) -> Tangent:
+        """Return a tangent with other springs beside the contacts, which neither slide nor open."""
+        return Tangent(self.stiffness + normal, self.shear, self.coupling, self.sliding, self.drag + drag)
 
     @cached_property
     def springs(self) -> Array:
         """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
-        return np.asarray(self.shear * (1.0 - self.sliding**2))
+        return np.asarray(self.shear * (1.0 - self.sliding**2) + self.drag)
 
     @property
     def cross(self) -> Array:
@@ -98,7 +104,8 @@ class Tangent:
 
     def scale(self, factor: float) -> Tangent:
         """Return a tangent that is stiffer by a factor."""
-        return Tangent(factor * self.stiffness, factor * self.shear, factor * self.coupling, self.sliding)
+        stiffness, shear, coupling = factor * self.stiffness, factor * self.shear, factor * self.coupling
+        return Tangent(stiffness, shear, coupling, self.sliding, factor * self.drag)
 
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
         """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""

@@ -13,6 +13,8 @@ __all__ = ["ArrayRow", "green_function"]
 Array = NDArray[np.float64]
 #: number of wave vectors at which matrices are inverted at a time
 _PART = 2**15
+#: eigenvalue, over the largest of the same wave, that rounding explains
+_SINGULAR = 1e-14
 
 
 class ArrayRow(NamedTuple):
@@ -34,7 +36,8 @@ def green_function(
     """Return the inverse of C^T K C of contacts of stiffness one, as entries [a][b] over pairs of fields.
 
     ``is_rotation`` says which of the fields are rotations. Entries have the shape (L1, ..., Lp/2 + 1) of the waves of real
-    arrays. They are zero for translations of the whole array. With one ball in the cell they are real: rotations are
+    arrays. They are zero for translations of the whole array, and for other waves that deform no contact: where no ring of
+    contacts is odd, balls can turn like gears, each against its neighbours. With one ball in the cell they are real: rotations are
     multiplied by i. With several they are complex.
     """
     fields, real = len(is_rotation), n_balls == 1
@@ -58,13 +61,26 @@ def green_function(
                     matrix[..., a, b] += row.ratio * np.conj(one) * other
         if first == 0:
             matrix[(0,) * len(shape)] += still
-        inverse = np.linalg.inv(matrix)
+        inverse = _invert(matrix)
         if first == 0:
             inverse[(0,) * len(shape)] -= still
         entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
     if real:  # symmetric, to the last digit
         return tuple(tuple(entries[min(a, b), max(a, b)] for b in range(fields)) for a in range(fields))
     return tuple(tuple(entries[a, b] for b in range(fields)) for a in range(fields))
+
+
+def _invert(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return the inverses of (..., n, n) Hermitian matrices, zero for motions that cost nothing."""
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # not even rounding keeps it from being singular
+        inverse = np.full_like(matrix, np.inf)
+    sizes = [np.max(np.abs(one), axis=(-2, -1)) for one in (matrix, inverse)]
+    singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+    if np.any(singular):
+        inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
+    return np.asarray(inverse)
 
 
 def _real_factors(row: ArrayRow, angle: Any, is_rotation: Sequence[bool]) -> dict[int, Array]:

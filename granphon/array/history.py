@@ -1,8 +1,9 @@
 """Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
 
-Directions of contacts are those of the lattice, as in :mod:`granphon.array.equilibrium`, whose units are used: W and
-c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
-taken in steps. At the end of each step the forces and torques on every ball are in balance,
+Directions of contacts are those of the lattice, or those in which balls are (:mod:`granphon.array.geometry`). Units are
+those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
+the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
+ball are in balance,
 
     C_n^T f = C_s^T T
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,10 +28,12 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.friction import Contacts, FrictionLaw, Tangent
-from granphon.array.preconditioners import Preconditioners
+from granphon.array.gas import GAS, press_gas
+from granphon.array.geometry import Geometry, LatticeGeometry, Place
 from granphon.array.pressing import continue_polynomial, goes_on, weigh_states
 from granphon.array.residuals import Single, solve_by_minimal_residuals
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.base.errors import ConvergenceError, InputError, message
 
 __all__ = ["BALANCE_TOLERANCE", "START_SPACING", "LoadingHistory", "PressedArray"]
@@ -44,6 +47,8 @@ START_SPACING = 0.5
 REFINEMENT_TOLERANCE = 1e-4
 #: relative change of f*, over the tolerance of balance, that short steps may show from what is left of balance alone
 _NOISE = 10.0
+#: least part of the tolerance that a part of a step is allowed
+_LEAST_SHARE = 1.0 / 16.0
 #: factor by which the estimate of what halving a step changes is multiplied
 _CAUTION = 2.0
 #: fraction by which a given mean force may be missed
@@ -137,7 +142,13 @@ class LoadingHistory:
     friction_coefficient : mu of the contacts, from zero to infinity.
     tolerance : steps are halved until this changes f* along the path by less than this fraction; if it is infinite, each
         load is reached in one step.
-    start : state without friction at which the history begins; by default that of a* = 1/2.
+    start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
+        overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
+        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand, see
+        :mod:`granphon.array.gas`; so lattices begin that do not stand without friction.
+    drag : stiffness of dashpots between neighbours within one step, for :mod:`granphon.array.gas`; the state reached is no
+        equilibrium of the contacts unless it is zero.
+    geometry : of the contacts; by default that of the lattice, the limit of small spread.
 
     Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
     """
@@ -146,11 +157,15 @@ class LoadingHistory:
     stencils: Stencils
     friction_coefficient: float = math.inf
     tolerance: float = REFINEMENT_TOLERANCE
-    start: Equilibrium | None = None
+    start: Equilibrium | Prescribed | str | None = None
+    drag: float = field(default=0.0, repr=False)
+    geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
         if not self.friction_coefficient >= 0.0:
             raise InputError(message(f"a friction coefficient of {self.friction_coefficient:g} is not zero or above"))
+        if isinstance(self.start, str) and self.start != GAS:
+            raise InputError(message(f'a history cannot start at "{self.start}"', mend=f'Give a state, a load, or "{GAS}"'))
         if not self.tolerance > 0.0:
             raise InputError(message(f"a tolerance of {self.tolerance:g} for the steps of the load is not above zero"))
         if not self.stencils.mindlin_ratio > 0.0:
@@ -158,32 +173,62 @@ class LoadingHistory:
                 message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
             )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
+        self._geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
         self._means = self.stencils.average_pairs(self.deviations)
-        self._inverses = Preconditioners(self.stencils)
+        self._located: tuple[Array, Place] | None = None
 
     # -- the path ---------------------------------------------------------------------------------------------------
 
     def begin(self) -> PressedArray:
-        """Return the state at the start: at rest without friction, rotations and tangential forces zero."""
+        """Return the state at the start; see ``start``.
+
+        Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where no load is carried.
+        """
+        if self.start == GAS:
+            return press_gas(self)
         smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
-        state = self.start or equilibrate(self.deviations, Prescribed(overlap=START_SPACING - 0.5), smooth)
+        load = Prescribed(overlap=START_SPACING - 0.5) if self.start is None else self.start
+        state = self._rest(load, smooth) if isinstance(load, Prescribed) else load
+        assert isinstance(state, Equilibrium)
+        ratio = self._geometry.ratio
+        if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
+            same = load if isinstance(load, Prescribed) else Prescribed(overlap=state.overlap)
+            state = equilibrate_in_truth(self.deviations, same, ratio, smooth, state)
+        return self.place(state.balls, state.overlap, state.residual)
+
+    def _rest(self, load: Prescribed, smooth: Stencils) -> Equilibrium:
+        """Return the equilibrium without friction under a load."""
+        try:
+            return equilibrate(self.deviations, load, smooth)
+        except InputError as error:
+            what = f"the history starts below the threshold, at {self._name(load)}"
+            mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
+            raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
+
+    def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
+        """Return balls with displacements (n p, L1, ..., Lp), and without rotations, slips' history and tangential forces."""
         cells, shape = self.stencils.n_balls, self.stencils.shape
         balls = np.zeros((cells, self.stencils.motions.count, *shape))
-        balls[:, self.stencils.motions.translating] = state.balls.reshape(cells, -1, *shape)
+        balls[:, self.stencils.motions.translating] = displacements.reshape(cells, -1, *shape)
         motion = balls.reshape(self.stencils.n_fields, *shape)
-        overlaps, slips = self._deform(motion, state.overlap)
+        overlaps, slips = self._geometry.begin(motion, overlap)
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
-        return PressedArray(state.overlap, motion, contacts, self._law, state.residual)
+        return PressedArray(overlap, motion, contacts, self._law, residual)
 
     def path(self, loads: Iterable[Prescribed]) -> Iterator[PressedArray]:
         """Yield the state at each of the ordered ``loads``, which may go up and down.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load.
+        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load, and
+        ``reached`` of the error is the last state before it.
         """
         trail = [self.begin()]
         for load in loads:
-            for state in self._refine(trail, load):
-                trail = [*trail[-2:], state]
+            try:
+                for state in self._refine(trail, load):
+                    trail = [*trail[-2:], state]
+            except ConvergenceError as error:
+                error.reached = trail[-1]
+                raise
             yield trail[-1]
 
     def _refine(self, trail: Sequence[PressedArray], load: Prescribed) -> Iterator[PressedArray]:
@@ -207,8 +252,9 @@ class LoadingHistory:
             elif halvings == _MOST_HALVINGS:
                 raise self._explain(load, f"halving the step still changes f* by {change / found[-1].force:.2g}")
             else:
-                ahead.append((load, 0.5 * allowed, halvings + 1))
-                ahead.append((middle, 0.5 * allowed, halvings + 1))
+                # where a ball loses its hold and falls, one of the halves keeps all of the change
+                allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
+                ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _compare(self, trail: Sequence[PressedArray], steps: int, load: Prescribed) -> float:
         """Return by how much f* would change if each of the last one or two ``steps`` were halved; an estimate.
@@ -261,17 +307,20 @@ class LoadingHistory:
         return trail[-1]
 
     @staticmethod
-    def _explain(load: Prescribed, why: str) -> ConvergenceError:
-        name = f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
-        what = f"the loading with friction has not reached {name}"
+    def _name(load: Prescribed) -> str:
+        return f"an overlap of {load.overlap:.6g} widths" if load.overlap is not None else f"f* = {load.force:.6g}"
+
+    def _explain(self, load: Prescribed, why: str) -> ConvergenceError:
+        what = f"the loading with friction has not reached {self._name(load)}"
         return ConvergenceError(message(what, why[0].upper() + why[1:], "End the path before this load"))
 
     # -- one step ---------------------------------------------------------------------------------------------------
 
-    def _deform(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps and slips of all contacts."""
-        rows, n = self.stencils.deformations(Motion(balls, 0.0)), self.stencils.n_contacts
-        return overlap + (self._means - rows[:n]), rows[n:].reshape(-1, *self._means.shape)
+    def _locate(self, here: PressedArray) -> Place:
+        """Return the configuration of a state; that asked for last is kept."""
+        if self._located is None or self._located[0] is not here.balls:
+            self._located = here.balls, self._geometry.place(here.balls, here.overlap)
+        return self._located[1]
 
     def _stack(self, normal: Array, slips: Array) -> Array:
         return np.concatenate([normal, slips.reshape(-1, *self.stencils.shape)])
@@ -366,11 +415,21 @@ class LoadingHistory:
             best = (new, 1.0) if new.size < best[0].size else best
         return best
 
+    def _resist(self, here: PressedArray, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
+        """Return the normal forces and the tangential ones, with those of dashpots if there are any."""
+        if not self.drag:
+            return contacts.forces, contacts.shears
+        normal = contacts.overlaps - here.contacts.overlaps - (overlap - here.overlap)
+        slips = contacts.slips - here.contacts.slips
+        return contacts.forces + self.drag * normal, contacts.shears + self.stencils.mindlin_ratio * self.drag * slips
+
     def _try(self, here: PressedArray, balls: Array, overlap: float, load: Prescribed, guess: Array | None = None) -> _Trial:
-        contacts, tangent = self._law.advance(here.contacts, *self._deform(balls, overlap), guess)
+        place = self._geometry.place(balls, overlap)
+        slips = place.slips(self._locate(here), here.contacts.slips)
+        contacts, tangent = self._law.advance(here.contacts, place.overlaps, slips, guess)
         forces = contacts.forces
         force = float(np.mean(forces))
-        pull = self.stencils.forces(self._stack(forces, -contacts.shears))
+        pull = place.pull(*self._resist(here, contacts, overlap))
         push = forces.size * (load.force - force) if load.overlap is None else 0.0
         fields = pull.reshape(self.stencils.n_balls, self.stencils.motions.count, *self.stencils.shape)
         turning = fields[:, self.stencils.motions.turning]
@@ -378,21 +437,24 @@ class LoadingHistory:
             float(np.max(np.sum(self.stencils.cartesian(pull) ** 2, axis=0))),
             float(np.max(np.sum(turning**2, axis=1))) if turning.size else 0.0,
         )
-        scale = force if force > 0.0 else math.inf
+        scale = max(force, self.drag) or math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
-        left = math.sqrt(square) / scale if force > 0.0 else math.inf
-        return _Trial(balls, overlap, contacts, tangent, pull, push, left, missed, size)
+        left = math.sqrt(square) / scale if scale < math.inf else math.inf
+        return _Trial(place, balls, overlap, contacts, tangent, pull, push, left, missed, size)
 
     def _direct(self, trial: _Trial, hold: float, free: bool) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
         stencils, distance = self.stencils, max(trial.left, trial.missed)
-        mean, size = float(np.mean(trial.tangent.stiffness)), trial.balls.size
+        mean, size = float(np.mean(trial.tangent.stiffness)) + self.drag, trial.balls.size
         added = _ADDED_STIFFNESS * min(1.0, distance * hold) * mean
         share = min(1.0, _SECANT_SHARE * distance * hold)
-        tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share).scale(1.0 / mean)
-        inverse = self._inverses.choose(self._stack(tangent.stiffness, tangent.springs))
+        tangent = trial.tangent.stiffen(added, stencils.mindlin_ratio * added, share)
+        tangent = tangent.damp(self.drag, stencils.mindlin_ratio * self.drag).scale(1.0 / mean)
+        inverse = stencils.preconditioner(self._stack(tangent.stiffness, tangent.springs).astype(np.float32))
         product, held = self._linearise(tangent), np.float32(1.0 / tangent.stiffness.size)
+        if self._geometry.ratio:
+            product = self._linearise_in_truth(trial, tangent, mean)
 
         def apply(vector: Single) -> Single:
             balls, press = vector[:size].reshape(trial.balls.shape), float(vector[size]) if free else 0.0
@@ -400,14 +462,25 @@ class LoadingHistory:
             return np.append(pull, np.float32(push)) if free else np.ravel(pull)
 
         def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(trial.balls.shape)).astype(np.float32, copy=False)
+            balls = inverse(vector[:size].reshape(trial.balls.shape))
             return np.append(balls, held * vector[size]) if free else np.ravel(balls)
 
         right = np.append(trial.pull, trial.push) if free else np.ravel(trial.pull)
         reduction = min(0.1, max(math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
         found, taken = solve_by_minimal_residuals(apply, precondition, right / mean, reduction, _MOST_ITERATIONS)
-        self._inverses.count(taken)
         return Motion(found[:size].reshape(trial.balls.shape), float(found[size]) if free else 0.0), taken
+
+    def _linearise_in_truth(
+        self, trial: _Trial, tangent: Tangent, scale: float
+    ) -> Callable[[Single, float], tuple[Single, float]]:
+        """Return what :meth:`_linearise` does, with forces that turn with contacts; the tangent is over a ``scale``."""
+        forces, shears = trial.contacts.forces / scale, trial.contacts.shears / scale
+
+        def product(balls: Single, press: float) -> tuple[Single, float]:
+            pull, push = trial.place.respond(Motion(balls, press), tangent.apply, forces, shears)
+            return pull.astype(np.float32), push
+
+        return product
 
     def _linearise(self, tangent: Tangent) -> Callable[[Single, float], tuple[Single, float]]:
         """Return the linear equations of a step: (pull, push) that a motion of balls and a change of y take away."""
@@ -450,7 +523,10 @@ class LoadingHistory:
             trial.overlap, trial.balls, trial.contacts, self._law, trial.left, 0.0, here.slid + slid,
             here.loosened + loosened, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
         )  # fmt: skip
-        work = 0.5 * (here.force + state.force) * (state.overlap - here.overlap)
+        before, after = self._locate(here), trial.place
+        press = before.press(here.contacts.forces, here.contacts.shears)
+        press += after.press(state.contacts.forces, state.contacts.shears)
+        work = 0.5 * press * (state.overlap - here.overlap)
         return replace(state, work=here.work + work)
 
 
@@ -458,6 +534,7 @@ class LoadingHistory:
 class _Trial:
     """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms."""
 
+    place: Place
     balls: Array
     overlap: float
     contacts: Contacts

@@ -22,9 +22,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.conjugate_gradients import solve_by_conjugate_gradients
+from granphon.array.geometry import Geometry
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Motion
 
 __all__ = ["approach", "centre", "split"]
 
@@ -43,7 +43,8 @@ _SPEED = 1.5
 #: least and largest of these factors
 _LEAST_FACTOR, _LARGEST_FACTOR = 1e-2, 0.2
 #: mu is not lowered while the largest force left on a ball, over the mean force, is more than this many times the root of mu
-#: over the mean force to the power 5/3
+#: over the mean force to the power 5/3. In the true geometry it is this itself instead of the root: forces there push balls
+#: aside, whose way to others has to be followed
 _TOO_FAR = 10.0
 #: least fraction of its value that a step leaves of an f or s
 _LEFT = 0.01
@@ -58,13 +59,13 @@ _WIDTH, _WIDTH_NEAR = 1.0, 0.03
 
 
 def approach(
-    means: Array,
+    geometry: Geometry,
     overlap: float,
     balls: Array,
     force: float | None,
-    stencils: Stencils,
     inverses: Preconditioners,
     fresh: bool,
+    close: float = _CLOSE,
 ) -> tuple[float, Array, int, int] | None:
     """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
 
@@ -72,25 +73,27 @@ def approach(
 
     Parameters
     ----------
-    means : (n_c, L1, ..., Lp) means (x_i + x_j)/2 of the contacts.
+    geometry : of the contacts.
     overlap, balls : y and the displacements at which to begin.
     force : mean contact force f* to be reached by a change of y; y is kept if it is None.
-    stencils, inverses : of the array.
+    inverses : of the array.
     fresh : whether the balls begin on their sites, rather than at an equilibrium under another load.
+    close : mean of f s, over the mean force to the power 5/3, at which the method ends.
     """
-    y, taken, before = overlap, 0, math.inf
-    h = y + means - stencils.deformations(Motion(balls, 0.0))
+    y, taken, before, stencils = overlap, 0, math.inf, geometry.stencils
+    place = geometry.place(balls, y)
+    h, none = place.overlaps, np.zeros((0, *place.overlaps.shape))
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
     for step in range(_STEPS):
         product, mean = float(np.mean(f * s)), float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None
         relative = product / mean ** (5.0 / 3.0)
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(stencils.forces(f)) ** 2, axis=0)))) / mean
-        if relative <= _CLOSE:
+        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f, none)) ** 2, axis=0)))) / mean
+        if relative <= close:
             return (y, balls, step, taken) if left <= _BALANCED else None
         factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
-        if step and left > _TOO_FAR * math.sqrt(relative):
+        if step and left > _TOO_FAR * (relative if geometry.ratio else math.sqrt(relative)):
             factor = 1.0
         mu, before = factor * product, product
         closed = np.cbrt(f) ** 2
@@ -98,18 +101,20 @@ def approach(
         change = h - closed + mu / f
         tension = f + stiffness * change
         push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
-        motion, count = solve_by_conjugate_gradients(
-            stencils, stiffness, Motion(stencils.forces(tension), push), inverses.choose(stiffness),
+        motion, count = geometry.solve(
+            place, stiffness, f, Motion(place.pull(tension, none), push), inverses.choose(geometry.weigh(stiffness, f)),
             max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
+            turned=True,
         )  # fmt: skip
         inverses.count(count)
-        change += motion.compression - stencils.deformations(Motion(motion.balls, 0.0))
+        change -= place.losses(motion)
         change *= stiffness
         widening = (mu - s * change) / f - s
         # a whole step, but for those f and s that it would make too small
         f, s = centre(np.maximum(f + change, _LEFT * f), np.maximum(s + widening, _LEFT * s), mu)
         y, balls, taken = y + motion.compression, balls + motion.balls, taken + count
-        h = y + means - stencils.deformations(Motion(balls, 0.0))
+        place = geometry.place(balls, y)
+        h = place.overlaps
     return None
 
 

@@ -152,6 +152,16 @@ class PressedEquilibrium(Equilibrium):
         return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
 
 
+class _Continued(LoadingHistory):
+    """A history that begins with a state to which another one has led."""
+
+    resumed: PressedArray
+
+    def begin(self) -> PressedArray:
+        """Return that state."""
+        return self.resumed
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedSample(Sample):
     """One array of balls at rest under one load, which it has reached by a path of loads with friction.
@@ -261,23 +271,20 @@ class PressedSample(Sample):
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
-        """(2, n, n) elastic tensors at exp(-:data:`STEP`) and exp(STEP) times the mean force, along further loading.
+        """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as loading goes on from here.
 
-        The second is that of two steps of loading from here. The first continues the three tensors at 1, exp(STEP) and
-        exp(2 STEP) times the force back, on a parabola: going back itself would be unloading, which is another state.
+        Going back would be unloading, which is another state. The three steps of loading are equally long: how many contacts
+        slide at the end of a step depends a little on its length, and so does the state itself.
         """
         here = self.equilibrium
-        stencils = here.sheared
-        history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf)
-        states, tensors = [here.resume()], [self.elastic_tensor]
-        for times in (1.0, 2.0):
-            before = states[-2] if len(states) > 1 else None
-            states.append(history.step(states[-1], before, Prescribed(force=here.force * math.exp(times * STEP))))
-            beside = PressedEquilibrium.of(states[-1], here.deviations, stencils)
-            tensors.append(self._compute_elastic_tensor(beside.share(here.deviations, here.stencils)))
+        stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
+        history = _Continued(here.deviations, stencils, here.friction_coefficient, math.inf)
+        history.resumed = here.resume()
+        states = list(history.path(loads))
+        beside = (PressedEquilibrium.of(state, here.deviations, stencils) for state in states[::2])
+        tensors = [self._compute_elastic_tensor(one.share(here.deviations, here.stencils)) for one in beside]
         stencils.forget()
-        now, next_, last = tensors
-        return read_only([3.0 * now - 3.0 * next_ + last, next_])
+        return read_only(tensors)
 
     def _shear_ratios(self, equilibrium: Equilibrium) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from functools import cached_property
 from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
@@ -80,14 +81,14 @@ class Stencils:
             normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
         )
         self._vector = table.vector[:, :p]
-        project = np.eye(self.motions.count)
-        project[:p, :p] = np.linalg.inv(self.basis)
-        self._rows = [row for kind in self._kinds for row in self._make_rows(kind, project)]
+        self._rows = [row for kind in self._kinds for row in self._make_rows(kind)]
         self.rooms = Rooms(self.shape, self.shifts)
 
-    def _make_rows(self, kind: Row, project: Array) -> list[ArrayRow]:
+    def _make_rows(self, kind: Row) -> list[ArrayRow]:
         """Return a kind of deformation for each kind of contact, on the fields of the array."""
-        m = self.motions.count
+        m, p = self.motions.count, len(self.basis)
+        project = np.eye(m)
+        project[:p, :p] = np.linalg.inv(self.basis)
         ends = [
             [tuple((m * ball + at, c) for at, c in enumerate(line) if c) for ball, line in zip(balls, lines, strict=True)]
             for balls, lines in (
@@ -98,6 +99,14 @@ class Stencils:
         return [
             ArrayRow(shift, head, tail, float(kind.stiffness)) for shift, head, tail in zip(self.shifts, *ends, strict=True)
         ]
+
+    def observe(self, kinds: Sequence[Row]) -> Stencils:
+        """Return stencils of the same motions that have these kinds of deformation instead of their own."""
+        other = copy(self)
+        other.forget()
+        other._kinds = list(kinds)
+        other._rows = [row for kind in kinds for row in self._make_rows(kind)]
+        return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again
@@ -429,7 +438,7 @@ def _round_coefficients(coefficients: Array) -> Array:
 
 def dot(first: Array, second: Array) -> float:
     """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
-    axes = "abcd"[: first.ndim]
+    axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 

@@ -79,6 +79,10 @@ _ROTATING_RESPONSE_TIME = {2: 1.4, 3: 3.5}
 _FURTHER_BALL_TIME = 0.4
 #: time of an equilibrium that is found from one at a neighbouring load, over the time of that one
 _BESIDE_TIME = 0.6
+#: steps of the load for each load of a path, and further steps from the start; and time of a step over an equilibrium's
+_HISTORY_STEPS, _FIRST_STEPS, _HISTORY_TIME = 2.0, 10.0, 10.0
+#: bytes for each ball while a path is worked on, and of each state of it that is kept, with two and three periods
+_HISTORY_BYTES, _HISTORY_STATE_BYTES = {2: 2000.0, 3: 5000.0}, {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
@@ -261,6 +265,10 @@ def estimate(
     rest = _estimate_effort(force if periods > 1 else np.full_like(force, _SMALL_FORCE))
     linear = rest * (_ROTATING_RESPONSE_TIME if turning else _RESPONSE_TIME)[periods] if moduli else 0.0
     beside = 2.0 * (_BESIDE_TIME * rest + linear) if exponents else 0.0
+    if simulation.loading is not None:
+        memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
+        beside = beside * _HISTORY_TIME
+        rest = rest * (_HISTORY_STEPS + _FIRST_STEPS / load.size) * _HISTORY_TIME
     lattice = _LATTICE_TIME[periods] * (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1))
     relative = lattice * float(np.sum(rest + linear + beside) / _estimate_effort(_SMALL_FORCE))
     return Cost(memory, work=relative * balls * simulation.samples, balls=balls, equilibria=count)

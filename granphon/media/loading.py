@@ -246,15 +246,17 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
         _require_above(rest.overlap, rest.force, path)
     stencils = Stencils(shape, loading.mindlin_ratio, workers, structure)
     history = LoadingHistory(deviations, stencils, loading.friction_coefficient, loading.step_tolerance, rest)
-    states, place = history.path(path), 0
-    while place < len(path):
-        try:
-            one = next(states)
-        except GranphonError as error:
-            error.load_index = place
-            raise
-        yield PressedEquilibrium.of(one, deviations, stencils).share(deviations, smooth)
-        place += 1
+    moves: list[Prescribed] = []  # the history takes loads from its end; where the array already stands, there is none
+    states, here = history.path(iter(lambda: moves.pop(), None)), history.begin()
+    for place, load in enumerate(path):
+        if not _stands_at(here.overlap, here.force, load):
+            moves.append(load)
+            try:
+                here = next(states)
+            except GranphonError as error:
+                error.load_index = place
+                raise
+        yield PressedEquilibrium.of(here, deviations, stencils).share(deviations, smooth)
     smooth.forget()
 
 
@@ -283,6 +285,11 @@ def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> 
             )
             error.load_index = place
             raise error
+
+
+def _stands_at(overlap: float, force: float, load: Prescribed) -> bool:
+    """Whether a state with this overlap and force is under the load already."""
+    return abs(load.force - force) <= _ROUNDING * force if load.overlap is None else abs(load.overlap - overlap) <= _ROUNDING
 
 
 def _describe(load: Prescribed) -> str:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.balls.hertz import contact_radius_ratio
 from granphon.balls.material import LEAST_YOUNG_MODULUS
@@ -15,7 +16,7 @@ from granphon.base.results import Result
 from granphon.media.acoustics import has_one_lattice, ideal_lattice, lattice_without_overlap, velocity_scale
 from granphon.media.state import ContactState, with_keyword
 
-__all__ = ["Check", "Tally", "Validity", "validity"]
+__all__ = ["Check", "Tally", "Validity", "estimate_shear_deficit", "validity"]
 
 #: conditions on the contacts, by name: the limit, the quantity that it limits, and what fails beyond it. A rising load
 #: reaches the first four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that size too.
@@ -146,25 +147,27 @@ class Validity(Result):
         raise KeyError(name)
 
 
-#: relative amount by which simulated shear moduli with friction are too small, by a*, measured on the triangular lattice
-#: against a discrete-element code and against a response with the true directions of contacts. The simulation is the limit
-#: of zero width. With true directions, loose balls lean on their neighbours with 1e-6 to 1e-3 of the mean force; the
-#: stiffness of their shear springs goes as the cube root of that force, so that they still add to the modulus
-_DEFICITS = {0.4: 0.17, 0.45: 0.055, 0.5: 0.03, 0.7: 3e-4}
-#: W/d at which these deficits were measured
-_DEFICIT_WIDTH = 2.55e-4
-#: exponent p with which the deficits vary as (W/d)^p
-_DEFICIT_POWER = 0.31
+#: simulated shear moduli with friction are too small by the part A o^3.5 (W/d)^0.3, where o is the fraction of contacts that
+#: are open; A by the number of periods. Measured against the true geometry of the same samples (triangular lattice, fcc; o
+#: from 0.15 to 0.5, W/d from 1e-7 to 1e-3), to a factor of 1.5; what it is for more, or fewer, open contacts is not known.
+#: The simulation is the limit of zero width. In truth balls that it holds between two others in line lean on a third with
+#: about W/d of the force; the stiffness of a shear spring there goes as the cube root of that, so that it still adds
+_DEFICITS = {2: 36.0, 3: 3.7}
+#: exponents of o and W/d
+_OPEN_POWER, _WIDTH_POWER = 3.5, 0.3
 
 
-def _estimate_shear_deficit(state: ContactState) -> np.ndarray[Any, Any]:
-    """Return the expected relative deficit of the shear modulus, at most 1.
+def estimate_shear_deficit(contact_fraction: ArrayLike, ratio: float, periods: int) -> np.ndarray[Any, Any]:
+    """Return the part, at most 1, by which a shear modulus with friction is expected to be too small in the limit W/d = 0.
 
-    Outside the range of a* that was measured it is the deficit at the nearest measured a*.
+    Parameters
+    ----------
+    contact_fraction : fraction of contacts that carry load, at rest without friction.
+    ratio : W/d.
+    periods : of the lattice, 2 or 3; contacts on a line do not shear.
     """
-    seen = np.exp(np.interp(state.reduced_spacing, list(_DEFICITS), np.log(list(_DEFICITS.values()))))
-    width = state.packing.width / state.packing.diameter
-    return np.asarray(np.minimum(seen * (width / _DEFICIT_WIDTH) ** _DEFICIT_POWER, 1.0))
+    opened = 1.0 - np.asarray(contact_fraction)
+    return np.asarray(np.minimum(_DEFICITS[periods] * opened**_OPEN_POWER * ratio**_WIDTH_POWER, 1.0))
 
 
 def validity(state: ContactState, finite_overlap: bool | None = None) -> Validity:
@@ -223,7 +226,8 @@ def _compute_validity(state: ContactState) -> Validity:
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if state.n_samples and state.packing.width and state.packing.mindlin_ratio and lattice.periods > 1:
-        values["shear"] = _estimate_shear_deficit(state)
+        ratio = state.packing.width / state.packing.diameter
+        values["shear"] = estimate_shear_deficit(state.contact_fraction, ratio, lattice.periods)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
         # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
         values["torsion"] = 1.5 * state.force / state.normal_stiffness / d / state.torsion

@@ -239,6 +239,14 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
                 )
             )
+        if has_sampled(balls) and getattr(self.state, "work", None) is not None:
+            raise InputError(
+                message(
+                    "the Atoms are of a sample that was loaded with friction",
+                    "A calculator has no forces that depend on the way to the load, and the balls would not be at rest",
+                    "Use the network of the sample, as gp.Waves(state.sample) does, or simulate without friction_history",
+                )
+            )
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):

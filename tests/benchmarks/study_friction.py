@@ -4,7 +4,8 @@
 
 Some ten minutes on one processor. Seeds are given: numbers are the same on any machine. The part ``figures`` draws the
 page's figures into docs/images. Balls of steel of 8 mm, spread uniformly over 2.04 um, at rest without friction at
-a* = 1/2 and then pressed with friction; four arrays of 64 x 64. Brackets hold the standard error of the last digits. A line
+a* = 1/2 and then pressed with friction; four arrays of 64 x 64, or of 32 x 32
+where they are let go again. Brackets hold the standard error of the last digits. A line
 of numbers is over the loads that its row names.
 """
 
@@ -40,6 +41,8 @@ IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 PACKING = PACKINGS[True]
 ETA = PACKING.mindlin_ratio
 SHAPE, SAMPLES = (64, 64), 4
+#: of arrays that are let go again, or begin elsewhere
+SMALLER = (32, 32)
 #: friction coefficients of the contacts under load; zero is today's simulation, whose statics have no friction
 FRICTIONS = (0.0, 0.1, 0.2, 0.5, math.inf)
 #: reduced spacings of a path up, from the start at a* = 1/2
@@ -74,8 +77,8 @@ def deviations(seed: int, shape: tuple[int, int] = SHAPE) -> Array:
 
 
 @cache
-def history(mu: float, seed: int) -> LoadingHistory:
-    return LoadingHistory(deviations(seed), Stencils(SHAPE, ETA), mu)
+def history(mu: float, seed: int, shape: tuple[int, int] = SHAPE) -> LoadingHistory:
+    return LoadingHistory(deviations(seed, shape), Stencils(shape, ETA), mu)
 
 
 @cache
@@ -88,7 +91,7 @@ def upwards(mu: float, seed: int) -> tuple[PressedArray, ...]:
 def cycle(mu: float, seed: int) -> tuple[PressedArray, ...]:
     """States on the way up to :data:`TURN`, and back from there to the start."""
     up = [a for a in SPACINGS if a <= TURN]
-    return tuple(history(mu, seed).path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5)))
+    return tuple(history(mu, seed, SMALLER).path(Prescribed(overlap=a - 0.5) for a in (*up, *up[-2::-1], 0.5)))
 
 
 @cache
@@ -277,7 +280,7 @@ def losses(mu: float) -> tuple[Array, Array]:
     found = []
     for seed in range(SAMPLES):
         states = cycle(mu, seed)
-        top, end, begun = states[len(BETWEEN)], states[-1], history(mu, seed).begin()
+        top, end, begun = states[len(BETWEEN)], states[-1], history(mu, seed, SMALLER).begin()
         found.append(np.array([end.dissipated / top.work, end.slid / end.dissipated, end.force / begun.force]))
     return over_samples(found)
 
@@ -305,9 +308,9 @@ def starts(repeats: int) -> list[Row]:
     for mu in (0.2, math.inf):
         found = []
         for seed in range(SAMPLES):
-            x, forces = deviations(seed), []
+            x, forces = deviations(seed, SMALLER), []
             for a in STARTS:
-                paths = LoadingHistory(x, Stencils(SHAPE, ETA), mu, start=equilibrate(x, Prescribed(overlap=a - 0.5)))
+                paths = LoadingHistory(x, Stencils(SMALLER, ETA), mu, start=equilibrate(x, Prescribed(overlap=a - 0.5)))
                 way = [b for b in SPACINGS if b > a]
                 states = zip(way, paths.path(Prescribed(overlap=b - 0.5) for b in way), strict=True)
                 forces.append([state.force for b, state in states if b in COMPARED])
@@ -350,7 +353,7 @@ def widths(repeats: int) -> list[Row]:
 
 def energy(repeats: int) -> list[Row]:
     """Work of the load, less what contacts store and lose, over the work, by the number of steps in which a* goes to 1."""
-    rows, x = [], deviations(0, (32, 32))
+    rows, x = [], deviations(0, SMALLER)
     for mu in (0.2, math.inf):
         for steps in (5, 10, 20, 40):
             paths = LoadingHistory(x, Stencils(x.shape, ETA), mu, math.inf)

@@ -1,0 +1,238 @@
+"""Mechanical equilibrium without friction of an array in its true geometry.
+
+The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of :mod:`granphon.array.geometry`. Away from
+the limit of small spread it is no longer convex: a contact that carries a force f pushes the balls aside, with the stiffness
+-f W/d. On the lattice a ball between two others in line may stay there. In truth it moves out until it touches a third,
+which then carries a force of the order f W/d. The interior-point method (:mod:`granphon.array.interior`) leads loose balls
+there from the equilibrium on the lattice, and Newton's method goes on. Where the curvature is below zero, the sign of -f W/d
+is turned in a step, which is then about as long as the ball is far from the line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium, Prescribed, equilibrate
+from granphon.array.geometry import ExactGeometry, ExactPlace
+from granphon.array.interior import approach
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.stencils import Motion, Stencils
+from granphon.array.true_response import ActingForces, find_elastic_tensor, find_motions
+from granphon.base.errors import ConvergenceError, InputError, message
+
+__all__ = ["TrueEquilibrium", "equilibrate_in_truth"]
+
+Array = NDArray[np.float64]
+#: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
+_OF_RATIO = 1e-4
+#: least tolerance that rounding allows
+_LEAST_TOLERANCE = 1e-13
+#: fraction by which a given mean force may be missed
+_LOAD_TOLERANCE = 1e-12
+#: largest number of steps of Newton's method, and of trials for the length of one
+_NEWTON_STEPS, _LENGTHS = 400, 12
+#: number of steps in which Newton's method alone comes to rest from a state nearby, or not at all
+_FEW_STEPS = 15
+#: mean of f s at which the interior-point method ends, over the mean force to the power 5/3; less if W/d is below 1e-5
+_CLOSE = 1e-9
+#: stiffness added to each contact, as a fraction of the mean times the distance from balance; see the same in equilibrium
+_ADDED_STIFFNESS = 1e-2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrueEquilibrium(Equilibrium):
+    """Sample at rest without friction in its true geometry, in units of W and c W^(3/2).
+
+    ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell; ``ratio`` is W/d. Other attributes are those of
+    :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean normal force.
+    """
+
+    added: ClassVar[tuple[str, ...]] = ("lattice", "ratio")
+
+    ratio: float = 0.0
+
+    @cached_property
+    def place(self) -> ExactPlace:
+        """Configuration of the balls."""
+        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(self.balls, self.overlap)
+
+    @property
+    def differences(self) -> Array:
+        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
+        return self.place.differences
+
+    def _act(self) -> ActingForces:
+        """Return the contacts that carry load, without friction."""
+        stiffness = self.stiffnesses
+        carried = np.where(stiffness > 0.0, self.forces, 0.0)
+        none = np.zeros((0, *carried.shape))
+        return ActingForces(lambda loss, slip: (stiffness * loss, slip), stiffness, carried, none)
+
+    def _follow(self) -> tuple[Array, Any]:
+        """Return the motion of balls with y, and the relative displacements of contacts by both."""
+        acting, still = self._act(), np.zeros_like(self.balls)
+        pull, _ = self.place.respond(Motion(still, 1.0), acting.law, acting.forces, acting.shears)
+        (motion,) = find_motions(self.place, acting, [-pull], self.stencils)
+        return motion, self.place.geometry.split(Motion(motion, 1.0))[0]
+
+    def response(self) -> Array:
+        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
+        return -self.place.lose(self._follow()[1])
+
+    @cached_property
+    def _derivatives(self) -> tuple[float, float]:
+        place, acting = self.place, self._act()
+        moved = self._follow()[1]
+        loss, stiffness = place.lose(moved), self.stiffnesses
+        # the second derivatives: of the overlaps along the motion itself, and by the motion that balances those of forces
+        bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
+        (motion,) = find_motions(place, acting, [place.geometry.join(push, *_STILL)], self.stencils)
+        more = bend - place.lose(place.geometry.split(Motion(motion, 0.0))[0])
+        return float(np.mean(-stiffness * loss)), float(np.mean(self.stiffness_slopes * loss**2 + stiffness * more))
+
+    def find_elasticity(self, mindlin_ratio: float, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor, in Voigt order, with springs at every contact that carries load.
+
+        Arguments, units and errors are those of :func:`granphon.array.response.elasticity`. Prestress is included; the
+        result is as :func:`~granphon.array.true_response.find_elastic_tensor` says.
+        """
+        if not mindlin_ratio:  # only shear turns balls that are strained: without it twist and roll store nothing
+            return find_elastic_tensor(self.place, self._act(), self.stencils)
+        normal, own = self.stiffnesses, self.stencils
+        twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
+        mean = float(np.sum(twist * normal) / np.sum(normal))
+        stencils = Stencils(own.shape, mindlin_ratio, own.workers, self.lattice, mean, bending)
+        geometry = ExactGeometry(stencils, self.deviations, self.ratio)
+        fields = np.zeros((stencils.n_balls, stencils.motions.count, *stencils.shape))
+        fields[:, stencils.motions.translating] = self.balls.reshape(stencils.n_balls, -1, *stencils.shape)
+        place = geometry.place(fields.reshape(stencils.n_fields, *stencils.shape), self.overlap)
+        shears = np.zeros((len(stencils.shape) - 1, *normal.shape))
+
+        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
+            return normal * loss, mindlin_ratio * normal * slip
+
+        acting = ActingForces(law, stencils.weights(normal), self._act().forces, shears, (twist * normal, bending * normal))
+        return find_elastic_tensor(place, acting, stencils)
+
+
+_STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def equilibrate_in_truth(
+    deviations: Array,
+    load: Prescribed,
+    ratio: float,
+    stencils: Stencils | None = None,
+    start: Equilibrium | None = None,
+    tolerance: float | None = None,
+) -> TrueEquilibrium:
+    """Find the equilibrium without friction of an array of balls under a load, in its true geometry.
+
+    Parameters
+    ----------
+    deviations, load, stencils : as in :func:`~granphon.array.equilibrium.equilibrate`. The overlap is that of the spacing of
+        the cell; the force is the mean normal force over all contacts.
+    ratio : W/d.
+    start : equilibrium from which to begin; by default that on the lattice under the same load.
+    tolerance : largest force left on a ball, over the mean contact force; by default 1e-10, and less if W/d is below 1e-6.
+
+    Raises errors as :func:`~granphon.array.equilibrium.equilibrate` does.
+    """
+    stencils = stencils or Stencils(deviations.shape)
+    start = start or equilibrate(deviations, load, stencils)
+    if tolerance is None:
+        tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio)) if ratio else REST_TOLERANCE
+    geometry = ExactGeometry(stencils, deviations, ratio)
+    inverses = Preconditioners(geometry.held)
+    free = load.overlap is None
+    y, taken, count = start.overlap if load.overlap is None else load.overlap, start.conjugate, start.newton
+    near = isinstance(start, TrueEquilibrium) or not np.any(start.forces == 0.0) or not ratio
+    # from a state on the lattice loose balls have far to go: the interior-point method leads them
+    for steps in (_FEW_STEPS, _NEWTON_STEPS) if near else (_NEWTON_STEPS,):
+        balls, overlap = start.balls, y
+        if not near or steps > _FEW_STEPS:
+            close = min(_CLOSE, _OF_RATIO * ratio)
+            found = approach(geometry, y, balls, load.force if free else None, inverses, False, close)
+            if found:
+                overlap, balls, newton, conjugate = found
+                count, taken = count + newton, taken + conjugate
+        trial = _Trial(geometry.place(balls, overlap), load)
+        for _ in range(steps):
+            distance = max(trial.left, trial.missed)
+            if trial.left <= tolerance and trial.missed <= _LOAD_TOLERANCE:
+                state = TrueEquilibrium(
+                    deviations=deviations, overlap=trial.overlap, balls=_centre(trial.balls, stencils),
+                    residual=trial.left, newton=count, conjugate=taken, lattice=stencils.lattice, ratio=ratio,
+                )  # fmt: skip
+                return state.share(deviations, stencils)
+            stiffness = 1.5 * trial.root
+            stiffness += _ADDED_STIFFNESS * min(1.0, distance) * float(np.mean(stiffness))
+            step, conjugate = geometry.solve(
+                trial.place, stiffness, trial.forces, Motion(trial.pull, trial.push),
+                inverses.choose(geometry.weigh(stiffness, trial.forces)),
+                min(0.1, max(math.sqrt(distance), 0.3 * tolerance / distance)), free,
+            )  # fmt: skip
+            inverses.count(conjugate)
+            count, taken = count + 1, taken + conjugate
+            trial = _search(geometry, trial, step, load)
+    raise ConvergenceError(
+        message(
+            f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
+            f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
+            "Raise the load, or take fewer balls",
+        )
+    )
+
+
+class _Trial:
+    """Motion tried, and what it leaves: the ``pull`` on balls and the ``push`` of the load."""
+
+    def __init__(self, place: ExactPlace, load: Prescribed) -> None:
+        stencils = place.geometry.stencils
+        self.place, self.balls, self.overlap = place, place.balls, place.overlap
+        closed = np.maximum(place.overlaps, 0.0)
+        self.root = np.sqrt(closed)
+        self.forces = closed * self.root
+        self.force = float(np.mean(self.forces))
+        self.pull = place.pull(self.forces, np.zeros((0, *closed.shape)))
+        self.push = closed.size * (load.force - self.force) if load.overlap is None else 0.0
+        largest = math.sqrt(float(np.max(np.sum(stencils.cartesian(self.pull) ** 2, axis=0))))
+        if not self.force > 0.0:
+            raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
+        self.left, self.missed = largest / self.force, abs(self.push) / (closed.size * self.force)
+
+
+def _search(geometry: ExactGeometry, trial: _Trial, step: Motion, load: Prescribed) -> _Trial:
+    """Return the state after a step, as far along it as the energy falls fast."""
+
+    def go(length: float) -> tuple[_Trial, float]:
+        place = geometry.place(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+        there = _Trial(place, load)
+        return there, -float(np.sum(there.pull * step.balls)) - there.push * step.compression
+
+    first = -float(np.sum(trial.pull * step.balls)) - trial.push * step.compression
+    low, high, at_low, length = 0.0, math.inf, first, 1.0
+    for _ in range(_LENGTHS):
+        there, slope = go(length)
+        if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
+            break
+        if slope > 0.0:
+            high = length
+            length = min(max(low + (high - low) * at_low / (at_low - slope), low + 0.1 * (high - low)), high)
+        else:
+            low, at_low = length, slope
+            length = 0.5 * (low + high)
+    return there
+
+
+def _centre(balls: Array, stencils: Stencils) -> Array:
+    """Return the displacements minus their mean."""
+    fields = balls.reshape(stencils.n_balls, -1, *stencils.shape)
+    means = np.mean(fields, axis=(0, *range(2, fields.ndim)), keepdims=True)
+    return np.asarray((fields - means).reshape(balls.shape))

@@ -1,0 +1,151 @@
+"""Linear equations of an array in its true geometry: small motions, and elastic constants under the stress that acts.
+
+What changes forces by a small motion is C^T D C and the forces that act, which turn with their contacts
+(:meth:`granphon.array.geometry.ExactPlace.respond`). Without tangential forces the operator is symmetric, and conjugate
+gradients solve it; with them GMRES does. The lattice's Green's function, or the factors of
+:mod:`granphon.array.preconditioners`, precondition both: geometry changes the operator by a part of order W/d.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.conjugate_gradients import solve_by_descent
+from granphon.array.geometry import ExactPlace, Law
+from granphon.array.preconditioners import Preconditioners
+from granphon.array.stencils import Motion, Stencils
+from granphon.base.errors import ConvergenceError, message
+from granphon.dynamics.long_waves import voigt_pairs
+
+__all__ = ["ActingForces", "find_elastic_tensor", "find_motions"]
+
+Array = NDArray[np.float64]
+Map = Callable[[Array], Array]
+#: largest number of iterations for a linear response
+_RESPONSE_STEPS = 60_000
+#: relative residual of linear responses; the error of a stiffness is its square, without tangential forces
+_RESPONSE = 1e-7
+#: vectors that GMRES keeps
+_KEPT = 60
+#: fraction of a force that rounding may leave unbalanced
+_NOISE = 1e-14
+
+
+class ActingForces(NamedTuple):
+    """What the contacts of an array do in a small motion.
+
+    Attributes
+    ----------
+    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
+    springs : (rows, L1, ..., Lp) stiffnesses of all deformations of the stencils, for preconditioners.
+    forces : (n_c, L1, ..., Lp) normal forces that act.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
+    rolling : stiffnesses of contacts against twist and rolls.
+    """
+
+    law: Law
+    springs: Array
+    forces: Array
+    shears: Array
+    rolling: tuple[Any, Any] = (0.0, 0.0)
+
+
+def find_motions(place: ExactPlace, acting: ActingForces, pulls: Sequence[Array], stencils: Stencils) -> list[Array]:
+    """Return the motions (fields, L1, ..., Lp) by which the balls follow small forces ``pulls`` on them.
+
+    ``stencils`` have the springs against all deformations, as rows. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if a motion is not found.
+    """
+    inverse = Preconditioners(stencils).choose(acting.springs, hard=True)
+    shape, symmetric = pulls[0].shape, not np.any(acting.shears)
+    stiff = float(np.mean(acting.springs[: stencils.n_contacts]))
+
+    def apply(vector: Array) -> Array:
+        motion = Motion(vector.reshape(shape), 0.0)
+        return np.ravel(place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0])
+
+    def precondition(vector: Array) -> Array:
+        return np.ravel(inverse(vector.reshape(shape)))
+
+    found = []
+    for pull in pulls:
+        right = np.ravel(pull)
+        if symmetric:
+            floor = (_NOISE * float(np.max(np.abs(right)))) ** 2 * right.size / stiff
+            motion, taken, stable = solve_by_descent(apply, precondition, right, _RESPONSE, _RESPONSE_STEPS, floor)
+            done = stable and taken < _RESPONSE_STEPS
+        else:
+            motion, done = _solve_by_gmres(apply, precondition, right)
+            stable = True
+        if not done:
+            why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
+            raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
+        found.append(motion.reshape(shape))
+    return found
+
+
+def _solve_by_gmres(apply: Map, precondition: Map, right: Array) -> tuple[Array, bool]:
+    from scipy.sparse.linalg import LinearOperator, gmres  # imported here: media that are not simulated do not need it
+
+    size = right.size, right.size
+    found, failed = gmres(
+        LinearOperator(size, matvec=apply, dtype=np.float64), right, rtol=1e-2 * _RESPONSE, restart=_KEPT,
+        maxiter=_RESPONSE_STEPS // _KEPT, M=LinearOperator(size, matvec=precondition, dtype=np.float64),
+    )  # fmt: skip
+    return found, not failed
+
+
+def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Array:
+    """Return the (n, n) elastic tensor of an array under stress, in Voigt order, in units of stiffness times d^(2 - p).
+
+    It is the change of the Cauchy stress with strain (F. Birch, Phys. Rev. 71, 809, 1947), as
+    :meth:`granphon.dynamics.lattice.ContactLattice.elastic_tensor` has it, of which the symmetric part is kept. The cell is
+    the compressed one. ``stencils`` and errors are those of :func:`find_motions`.
+    """
+    geometry, p = place.geometry, len(stencils.shape)
+    frames, vector = geometry.axes(), place.vector[: len(stencils.shape)]
+    pairs, tail = voigt_pairs(p), (None,) * len(stencils.shape)
+
+    def strain(a: int, b: int) -> Any:
+        """Relative displacements of balls under a unit strain, in the frames of the lattice."""
+        # frames have rows e, t, b: component k of S w is the sum over l of (frame S frame^T)_kl w_l
+        one = 0.5 * (frames[:, :, a, None] * frames[:, None, :, b] + frames[:, :, b, None] * frames[:, None, :, a])
+        moved = [sum(one[(slice(None), k, m, *tail)] * vector[m] for m in range(p)) for k in range(p)]
+        return (*moved, *(0.0,) * (3 - p))
+
+    none = (0.0, 0.0, 0.0)
+    strains = [strain(a, b) for a, b in pairs]
+    every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
+    motions = find_motions(place, acting, [geometry.join(*one) for one in every], stencils)
+    # what is left of each strain once the balls have moved, and the forces against it
+    tensor = np.zeros((len(pairs), len(pairs)))
+    rest: list[Any] = []
+    for one, motion in zip(strains, motions, strict=True):
+        moved = tuple(
+            tuple(a - b for a, b in zip(first, second, strict=True))
+            for first, second in zip((one, none, none), geometry.split(Motion(motion, 0.0)), strict=True)
+        )
+        rest.append(moved)
+    for column, (first, second, third) in enumerate(rest):
+        resisted = place.resist(first, second, third, acting.law, acting.forces, acting.shears, acting.rolling)[:3]
+        for row, other in enumerate(rest):
+            terms = (np.sum(a * b) for x, y in zip(resisted, other, strict=True) for a, b in zip(x, y, strict=True))
+            tensor[row, column] = float(sum(terms))
+    eps = geometry.ratio
+    measure = stencils.lattice.measure * math.prod(stencils.shape) * (1.0 - eps * place.overlap) ** p
+    stress = place.stress(acting.forces, acting.shears) / measure
+    one = np.eye(p)
+    for row, (i, j) in enumerate(pairs):
+        for column, (k, m) in enumerate(pairs):
+            turned = (
+                stress[i, k] * one[j, m] + stress[i, m] * one[j, k] + stress[j, k] * one[i, m] + stress[j, m] * one[i, k]
+            )
+            spread = stress[i, j] * one[k, m] + stress[k, m] * one[i, j]
+            tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
+    tensor /= measure
+    return np.asarray(0.5 * (tensor + tensor.T))

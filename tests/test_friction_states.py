@@ -1,0 +1,492 @@
+"""Samples that are loaded with friction: their states, moduli, networks, energies, scenes, and what is refused."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import yaml
+
+import granphon as gp
+from granphon.array.equilibrium import Prescribed
+from granphon.array.history import LoadingHistory
+from granphon.array.stencils import Stencils
+from granphon.balls.loads import Load
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.media.choice import MediumChoice
+from granphon.media.cost import estimate
+from granphon.sweeps.records import RecordedState, SampleRecord
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+PACKING = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6))
+SPACE = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6), lattice="fcc")
+W, ETA = PACKING.width, PACKING.mindlin_ratio
+UNITS = PACKING.width_units
+
+
+def simulation(mu=0.2, shape=(6, 6), packing=PACKING, **more):
+    given = {"friction_history": True, "friction_coefficient": mu, "step_tolerance": 1e-2} | more
+    return gp.DirectSimulation(packing, shape, given.pop("seed", 0), **given)
+
+
+@functools.cache
+def cycle(mu=0.2):
+    """The states of a cycle of loads: y = 0.15, 0.3, 0.15, 0.02."""
+    return simulation(mu).path(overlap=np.array([0.15, 0.3, 0.15, 0.02]) * W)
+
+
+@functools.cache
+def cube():
+    return simulation(shape=(3, 3, 3), packing=SPACE, step_tolerance=1.0).at_overlap(0.2 * W)
+
+
+# -- the path -----------------------------------------------------------------------------------------------------------
+
+
+def test_states_are_those_of_the_history():
+    paths = simulation()
+    history = LoadingHistory(paths.deviations(0), Stencils((6, 6), ETA), 0.2, 1e-2)
+    for state, known in zip(cycle(), history.path(Prescribed(overlap=y) for y in (0.15, 0.3, 0.15, 0.02)), strict=True):
+        forces = np.moveaxis(known.contacts.forces, 0, -1)
+        np.testing.assert_allclose(state.sample.contact_forces, UNITS.force * forces, rtol=1e-12, atol=1e-20)
+        assert state.force == pytest.approx(UNITS.force * known.force, rel=1e-14)
+        assert state.work == pytest.approx(UNITS.energy * known.work, rel=1e-14)
+        assert state.dissipated_energy == pytest.approx(UNITS.energy * known.dissipated, rel=1e-14)
+        assert state.sample.energy == pytest.approx(UNITS.energy * known.stored, rel=1e-12)
+        assert state.sliding_fraction == pytest.approx(known.sliding_fraction, abs=1e-12)
+
+
+def test_a_path_keeps_its_order_and_monotonic_loading_sorts():
+    overlaps = np.array([0.3, 0.15]) * W
+    sorted_, path = simulation().at_overlap(overlaps), simulation().path(overlap=overlaps[::-1])
+    assert sorted_.overlap.tolist() == overlaps.tolist()
+    assert sorted_.force.tolist() == path.force[::-1].tolist() == cycle().force[1::-1].tolist()
+    down = simulation(ordered=True).at_overlap(overlaps)
+    assert down.force[1] < sorted_.force[1]  # unloaded from 0.3: sliding back has to be overcome
+    assert cycle().force[2] < cycle().force[0]
+    assert np.all(np.diff(cycle().dissipated_energy) > 0.0)
+
+
+def test_forces_and_pressures_are_loads_too():
+    force = cycle().force[:2]
+    given = simulation(step_tolerance=1e-3).path(force=force)
+    np.testing.assert_allclose(given.force, force, rtol=1e-12)
+    np.testing.assert_allclose(given.overlap, cycle().overlap[:2], rtol=1e-2)
+    pressed = simulation(step_tolerance=1e-3).path(pressure=given.pressure)
+    np.testing.assert_allclose(pressed.overlap, given.overlap, rtol=1e-9)
+
+
+def test_the_start_may_be_a_load():
+    rest = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.1 * W)
+    for start in (0.6, {"overlap": 0.1 * W}, Load("force", rest.force)):
+        begun = simulation(start=start).at_force(rest.force)
+        assert begun.overlap == pytest.approx(0.1 * W, rel=1e-9)
+        assert (begun.work, begun.tangential_ratio) == pytest.approx((0.0, 0.0), abs=1e-9)
+    there, usual = (simulation(start=start, step_tolerance=1.0).at_overlap(0.15 * W) for start in (0.6, None))
+    assert there.tangential_ratio < usual.tangential_ratio
+
+
+def test_samples_run_side_by_side_with_the_same_numbers():
+    alone = simulation(samples=2).at_overlap(0.1 * W)
+    with ThreadPoolExecutor(2) as executor:
+        beside = simulation(samples=2, executor=executor).at_overlap(0.1 * W)
+    assert beside.force == alone.force
+    assert [one.seed for one in beside.samples] == [0, 1]
+    assert beside.standard_error("sliding_fraction") > 0.0
+    assert alone.standard_error("tangential_ratio") > 0.0
+    assert simulation(samples=2).at_overlap(0.1 * W) == alone
+    assert simulation(0.3) != simulation(0.2)
+    assert hash(simulation()) == hash(simulation())
+
+
+def test_plain_data_come_back():
+    state = cycle()[1]
+    assert type(state).from_dict(json.loads(json.dumps(state.to_dict()))) == state
+
+
+def test_progress_is_told():
+    told = []
+
+    class Counted:
+        def step(self, label, total=None):
+            told.append((label, total))
+            return self
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *args):
+            return None
+
+        def advance(self, amount=1.0):
+            told.append(amount)
+
+    simulation().path(overlap=[0.05 * W, 0.1 * W], progress=Counted())
+    assert told == [("loading with friction", 2), 1.0, 1.0]
+
+
+# -- forces -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("find", [lambda: cycle()[1], cube], ids=["triangular", "fcc"])
+def test_forces_and_torques_of_the_network_are_in_balance(find):
+    network = find().sample.network
+    force = network.normal_force[:, None] * network.normal + network.tangential_force
+    torque = np.cross(network.normal, network.tangential_force)
+    pulls, turns = np.zeros((2, network.n_balls, 3))
+    for end, sign, arm in ((network.j, 1.0, network.arm_j), (network.i, -1.0, network.arm_i)):
+        np.add.at(pulls, end, sign * force)
+        np.add.at(turns, end, -arm[:, None] * torque)
+    scale = np.mean(network.normal_force)
+    assert np.max(np.abs(network.tangential_force)) > 0.01 * scale
+    assert np.max(np.abs(pulls)) < 3e-9 * scale
+    assert np.max(np.abs(turns)) < 3e-9 * scale * PACKING.diameter
+    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * scale
+
+
+def test_coulombs_limit_holds_and_is_counted():
+    sample = cycle()[1].sample
+    size, limit = np.linalg.norm(sample.tangential_forces, axis=-1), 0.2 * sample.contact_forces
+    assert np.all(size <= limit * (1.0 + 1e-12))
+    np.testing.assert_allclose(sample.mobilisation * limit, size, rtol=1e-9, atol=1e-12 * sample.force)
+    carried = sample.contact_forces > 1e-6 * sample.force
+    assert sample.sliding_fraction == np.mean(size[carried] >= limit[carried] * (1.0 - 1e-9))
+    assert 0.0 < sample.sliding_fraction < 0.5
+    assert sample.tangential_ratio == pytest.approx(np.mean(size) / np.mean(sample.contact_forces), rel=1e-12)
+    edges, density = sample.mobilisation_distribution(5)
+    assert np.sum(density * np.diff(edges)) == pytest.approx(1.0)
+    assert sample.rotations.shape == (6, 6)
+    assert cube().sample.rotations.shape == (3, 3, 3, 3)
+
+
+def test_work_is_the_integral_of_the_force():
+    overlaps = np.linspace(0.0, 0.3, 13)
+    rest = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.0)
+    path = simulation(math.inf, step_tolerance=1.0).path(overlap=overlaps[1:] * W)
+    forces = np.append(rest.force, path.force)
+    assert path.work[-1] == pytest.approx(np.trapezoid(forces, overlaps * W), rel=3e-3)
+    gained = path[-1].sample.energy - rest.sample.energy
+    assert path.work[-1] == pytest.approx(gained + path.dissipated_energy[-1], rel=3e-3)
+    assert path.sliding_fraction.tolist() == [0.0] * 12
+
+
+# -- the linear response --------------------------------------------------------------------------------------------------
+
+
+def dense_tensor(network, packing):
+    """The elastic tensor of a network in the plane, from a dense matrix of all its springs; Pa."""
+    n, c = network.n_balls, network.n_contacts
+    rows, strained = np.zeros((2 * c, 3 * n)), np.zeros((2 * c, 3))
+    for at in range(c):
+        (x, y), i, j = network.normal[at, :2], network.i[at], network.j[at]
+        length = network.arm_i[at] + network.arm_j[at]
+        for row, (e, kappa) in enumerate([((x, y), network.normal_stiffness[at]), ((-y, x), network.shear_stiffness[at])]):
+            line, root = np.zeros(3 * n), math.sqrt(kappa)
+            line[3 * j : 3 * j + 2] += e
+            line[3 * i : 3 * i + 2] -= e
+            if row:  # lengths of rotations: one arm for each
+                line[3 * j + 2] -= network.arm_j[at]
+                line[3 * i + 2] -= network.arm_i[at]
+            rows[2 * at + row] = root * line
+            shear = 0.5 * (e[0] * y + e[1] * x)
+            strained[2 * at + row] = root * length * np.array([e[0] * x, e[1] * y, shear])
+    left = strained - rows @ np.linalg.lstsq(rows, strained, rcond=1e-12)[0]
+    area = np.linalg.det(network.cell[:2, :2])
+    return left.T @ left / (area * packing.diameter)
+
+
+@pytest.mark.parametrize("response", ["slide", "stick", "partial_slip"])
+def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
+    sample = cycle()[1].sample.respond(response)
+    network = sample.network
+    np.testing.assert_allclose(sample.elastic_tensor, dense_tensor(network, PACKING), rtol=1e-6, atol=1e-7 * 1e9)
+    ratio = network.shear_stiffness / network.normal_stiffness / ETA
+    part = sample.mobilisation[sample.equilibrium.stiffnesses.transpose(1, 2, 0) > 0.0]
+    held = (part < 1.0 - 1e-9).astype(float)
+    wanted = {"slide": held, "stick": np.ones_like(part), "partial_slip": held * np.cbrt(1.0 - part)}
+    np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
+
+
+def test_springs_at_more_contacts_make_the_array_stiffer():
+    shear = {one: cycle()[1].sample.respond(one).elastic_tensor[2, 2] for one in ("slide", "stick", "partial_slip")}
+    assert shear["partial_slip"] < shear["slide"] < shear["stick"]
+
+
+def test_without_friction_the_states_are_those_of_today():
+    smooth = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.2 * W)
+    none = simulation(0.0).at_overlap(0.2 * W)
+    np.testing.assert_allclose(none.sample.contact_forces, smooth.sample.contact_forces, atol=1e-7 * smooth.force)
+    bare = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), friction=False), (6, 6)).at_overlap(0.2 * W)
+    scale = smooth.elastic_tensor[0, 0]
+    np.testing.assert_allclose(none.elastic_tensor, bare.elastic_tensor, atol=1e-6 * scale)
+    stuck = none.sample.respond("stick")
+    np.testing.assert_allclose(stuck.elastic_tensor, smooth.elastic_tensor, atol=1e-6 * scale)
+    assert none.normal_stiffness == pytest.approx(bare.normal_stiffness, rel=1e-6)
+    assert (smooth.sliding_fraction, smooth.work, smooth.dissipated_energy, smooth.tangential_ratio) == (None,) * 4
+
+
+def test_where_no_contact_has_slid_the_stiffness_is_the_slope_of_the_path():
+    start = 1.1  # all contacts are closed, and bear no tangential force
+    k = simulation(math.inf, start=start).at_overlap(0.6 * W).normal_stiffness
+    errors = []
+    for rise in (0.02, 0.01):
+        forces = simulation(math.inf, start=start).at_overlap(np.array([0.6, 0.6 + rise]) * W).force
+        errors.append(np.diff(forces)[0] / (rise * W) / k - 1.0)
+    assert abs(errors[1]) < 0.01
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_bulk_modulus_is_the_stiffness():
+    state = cycle()
+    np.testing.assert_allclose(gp.moduli(state).bulk, math.sqrt(3.0) / 2.0 * state.normal_stiffness / PACKING.diameter)
+    assert gp.sound_velocities(state).transverse.shape == (4,)
+    assert gp.sound_velocities(cube(), [1, 0, 0]).velocities.shape == (3,)
+
+
+def test_exponent_is_the_slope_of_the_velocity_along_the_path():
+    paths = simulation(math.inf, (8, 8), start=1.1)
+    force = paths.at_overlap(0.8 * W).force
+    beside = gp.sound_velocities(paths.at_force(force * np.exp([-0.1, 0.0, 0.1]))).longitudinal
+    slope = np.log(beside[2] / beside[0]) / 0.2
+    assert gp.local_exponent(paths.at_force(force)) == pytest.approx(slope, abs=5e-3)
+
+
+def test_equal_balls_have_no_history():
+    equal = gp.Packing(STEEL, diameter=8e-3)
+    state = gp.DirectSimulation(equal, (3, 3), friction_history=True, friction_coefficient=0.2).at_force([1.0, 0.5])
+    ideal = gp.AveragedLattice(equal).at_force([1.0, 0.5])
+    np.testing.assert_allclose(state.overlap, ideal.overlap, rtol=1e-12)
+    np.testing.assert_allclose(gp.moduli(state).shear, gp.moduli(ideal).shear, rtol=1e-9)
+    assert state.tangential_ratio.tolist() == [0.0, 0.0]
+
+
+def test_the_network_keeps_tangential_forces():
+    network = cycle()[1].sample.network
+    assert type(network).from_dict(json.loads(json.dumps(network.to_dict()))) == network
+    twice = network.repeat((2, 1))
+    np.testing.assert_array_equal(twice.tangential_force, np.tile(network.tangential_force, (2, 1)))
+    assert (twice.lattice, twice.shape) == (None, None)
+    some = network.select(np.arange(20))
+    assert some.tangential_force.shape == (some.n_contacts, 3)
+    assert gp.Waves(cycle()[1].sample).network.tangential_force is not None
+
+
+def test_records_average_what_states_do():
+    simulated = simulation(samples=2).at_overlap(0.1 * W)
+    records = [SampleRecord.of(sample) for sample in simulated.samples]
+    recorded = RecordedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
+    for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "normal_stiffness"):
+        assert getattr(recorded, name) == getattr(simulated, name)
+
+
+def test_a_path_costs_more_than_an_equilibrium():
+    load = Load("overlap", np.array([0.1, 0.2]) * W)
+    rest, pressed = (estimate(one, load) for one in (gp.DirectSimulation(PACKING, (64, 64)), simulation(shape=(64, 64))))
+    assert pressed.work > 2.0 * rest.work
+    assert pressed.memory > rest.memory
+
+
+# -- what cannot be done --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"friction_coefficient": -0.1}, "friction_coefficient: found -0.1; allowed: a number, zero or above, or inf"),
+        ({"friction_coefficient": math.nan}, "friction_coefficient: found"),
+        ({"friction_coefficient": "rough"}, "friction_coefficient: found 'rough'"),
+        ({"friction_coefficient": None}, "friction_coefficient: found no friction_coefficient"),
+        ({"friction_history": False}, "without friction_history"),
+        (
+            {"friction_history": False, "friction_coefficient": None, "start": 0.5},
+            "start: found 0.5 without friction_history",
+        ),
+        ({"friction_history": 1}, "friction_history: found 1; allowed: true or false"),
+        ({"start": math.nan}, "start: found"),
+        ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
+        ({"start": {"side_force": 1.0}}, "start: found"),
+        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: a force"),
+        ({"start": Load("force", [1.0, 2.0])}, "start holds 2 loads"),
+        ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: slide, stick, partial_slip"),
+        ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
+        ({"ordered": "yes"}, "ordered: found 'yes'"),
+        ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
+    ],
+)
+def test_bad_options(given, why):
+    with pytest.raises(InputError, match=why):
+        simulation(**{"mu": given.pop("friction_coefficient", 0.2), **given})
+
+
+@pytest.mark.parametrize(
+    ("packing", "shape", "why"),
+    [
+        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False), (4, 4), "needs contacts with friction"),
+        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="chain"), (8,), "a chain has no friction_history"),
+        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="square"), (4, 4), "does not stand without friction"),
+    ],
+)
+def test_packings_without_a_history(packing, shape, why):
+    with pytest.raises(InputError, match=why):
+        simulation(shape=shape, packing=packing)
+
+
+def test_a_start_below_the_threshold_is_named():
+    with pytest.raises(InputError, match=r"cannot start at a\* = 0.3, below the threshold of rigidity"):
+        simulation(start=0.3).at_overlap(0.1 * W)
+    with pytest.raises(InputError, match=r"cannot start at f\* = 1e-09"):
+        simulation(start={"force": 1e-9 * UNITS.force}).at_overlap(0.1 * W)
+
+
+@pytest.mark.parametrize("kind", ["overlap", "force"])
+def test_a_load_below_the_start_is_named(kind):
+    loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
+    with pytest.raises(InputError, match=r"below the start of the loading, f\* = .* give a lower start") as error:
+        getattr(simulation(), f"at_{kind}")(loads)
+    assert error.value.load_index == 1
+
+
+def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
+    step = LoadingHistory.step
+
+    def fail(self, *given):
+        if given[-1].overlap < 0.0:
+            raise ConvergenceError(f"not reached: {given[-1].overlap:g}")
+        return step(self, *given)
+
+    monkeypatch.setattr(LoadingHistory, "step", fail)
+    loads = np.array([0.05, 0.1, -0.3]) * W
+    with pytest.raises(ConvergenceError, match="not reached") as error:
+        simulation(step_tolerance=1.0).path(overlap=loads)
+    assert error.value.load_index == 2
+    assert error.value.reached.overlap.tolist() == loads[:2].tolist()
+    assert gp.moduli(error.value.reached).bulk.shape == (2,)
+    with pytest.raises(ConvergenceError) as error:
+        simulation(step_tolerance=1.0).path(overlap=loads[2:])
+    assert error.value.reached is None
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({}, "there is no load"),
+        ({"force": [1.0], "overlap": [1e-7]}, "loads are given as force and overlap"),
+        ({"force": []}, "force"),
+        ({"force": [1.0, math.nan]}, "force: found nan among 2 numbers"),
+        ({"force": [1.0, -1.0]}, "tensile"),
+    ],
+)
+def test_bad_paths(given, why):
+    with pytest.raises(InputError, match=why):
+        simulation().path(**given)
+
+
+def test_what_a_history_does_not_have():
+    with pytest.raises(InputError, match="a path needs friction_history"):
+        gp.DirectSimulation(PACKING, (4, 4)).path(force=[1.0])
+    with pytest.raises(InputError, match="no terms of finite overlap"):
+        simulation().at_overlap(0.1 * W, finite_overlap=True)
+    state = cycle()[1]
+    with pytest.raises(InputError, match="loaded with friction"):
+        gp.HertzMindlin(state).calculate(state.sample.atoms())
+
+
+def test_an_automatic_medium_has_no_table_for_it():
+    equal = gp.Packing(STEEL, diameter=8e-3)
+    assert MediumChoice.parse({"auto": {"friction_history": True}}).of(equal).at_force(1.0).medium == "ala"
+    with pytest.raises(InputError, match="errors of the media are not known for samples loaded with friction"):
+        MediumChoice.parse({"auto": {"friction_history": True}}).of(PACKING).at_force(1.0)
+    assert MediumChoice.parse("auto") == MediumChoice.parse({"auto": {"friction_history": False}})
+
+
+# -- scenes, sweeps, fits -------------------------------------------------------------------------------------------------
+
+SCENE = """
+schema: 1
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
+load: {force: 2 N}
+medium: {simulation: {shape: 4 4, friction_history: true, friction_coefficient: 0.2, step_tolerance: 0.1}}
+"""
+
+
+def scene(**more):
+    text = SCENE
+    for old, new in more.items():
+        text = text.replace({"load": "{force: 2 N}", "medium": text.split("medium: ")[1].strip()}[old], new)
+    return gp.Scene.from_text(text)
+
+
+def options(*more):
+    return "{simulation: {" + ", ".join(["shape: 4 4", "step_tolerance: 0.1", *more]) + "}}"
+
+
+HISTORY = ("friction_history: true", "friction_coefficient: 0.2")
+
+
+def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
+    given = scene(medium=options(*HISTORY, "start: {force: 0.4 N}", "shear_response: stick"))
+    given.run(tmp_path / "out")
+    again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert again == given
+    medium = gp.DirectSimulation(
+        PACKING, (4, 4), friction_history=True, friction_coefficient=0.2, step_tolerance=0.1, start={"force": 0.4},
+        shear_response="stick",
+    )  # fmt: skip
+    state = medium.at_force(2.0)
+    summary = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())
+    for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "overlap", "normal_stiffness"):
+        assert summary[name] == getattr(state, name)
+    assert {name: summary["units"][name] for name in ("work", "tangential_ratio")} == {"work": "J", "tangential_ratio": "1"}
+    assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
+
+
+def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
+    loads = "{force: [1 N, 3 N, 1.5 N]}"
+    path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).run(tmp_path / "path").dataset
+    loaded = simulation(shape=(4, 4), step_tolerance=0.1).at_force([1.0, 3.0, 1.5])
+    state = simulation(shape=(4, 4), step_tolerance=0.1).path(force=[1.0, 3.0, 1.5])
+    np.testing.assert_array_equal(path["overlap"].values.ravel(), state.overlap)
+    np.testing.assert_array_equal(path["sliding_fraction"].values.ravel(), state.sliding_fraction)
+    np.testing.assert_array_equal(path["bulk"].values.ravel(), gp.moduli(state).bulk)
+    assert path["dissipated_energy"].attrs["units"] == "J"
+    assert path["overlap"].values.ravel()[2] > loaded.overlap[2]  # balls that are unloaded stay nearer
+    assert path["overlap"].values.ravel()[0] == loaded.overlap[0]
+
+
+@pytest.mark.exhaustive
+def test_a_width_is_fitted_with_friction():
+    # springs at all contacts: without those at sliding contacts, of so few balls, the velocity would jump with the width
+    history = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick", "step_tolerance": 1e-2}
+    medium = {"simulation": {"shape": (8, 8), **history}}
+    forces = np.array([2.0, 8.0])  # well above the start, also where a width that is tried is too large
+    state = MediumChoice.parse(medium).of(PACKING).at_force(forces)
+    fit = gp.fit_width(PACKING, forces, gp.sound_velocities(state).longitudinal, 1.0, medium=medium)
+    assert fit.width == pytest.approx(W, rel=0.02)
+    assert "friction_history=true" in fit.medium
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
+        (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
+        (options("friction_history: true", "friction_coefficient: -1"), "friction_coefficient: found -1"),
+        (options("friction_history: true", "friction_coefficient: .nan"), "friction_coefficient: found"),
+        (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
+        (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
+        (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
+        (options(*HISTORY, "geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
+        (options(*HISTORY, "shear_response: slip"), "shear_response: found 'slip'"),
+        (options("friction_histroy: true"), "Did you mean 'friction_history'"),
+        ("{auto: {friction_history: true}}", "errors of the media are not known for samples loaded with friction"),
+        ("{ema: {friction_history: true}}", "found an unknown key"),
+    ],
+)
+def test_mistakes_in_a_scene(given, why):
+    with pytest.raises(InputError, match=why):
+        scene(medium=given).plan.require()
