@@ -290,6 +290,63 @@ def test_a_path_costs_more_than_an_equilibrium():
     assert pressed.memory > rest.memory
 
 
+# -- the exact geometry, and other starts ---------------------------------------------------------------------------------
+
+
+@functools.cache
+def exact(width=2.04e-6, reduced=0.2, **more):
+    packing = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(width))
+    return gp.DirectSimulation(packing, (6, 6), geometry="exact", **more).at_overlap(reduced * width)
+
+
+@pytest.mark.parametrize("given", [{}, {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1e-2}])
+def test_the_exact_geometry_is_in_balance_with_its_own_directions(given):
+    state = exact(8e-5, 0.2, **given)
+    network = state.sample.network
+    force = network.normal_force[:, None] * network.normal
+    if given:
+        force += network.tangential_force
+        torque = np.cross(network.normal, network.tangential_force)
+        turns = np.zeros((network.n_balls, 3))
+        np.add.at(turns, network.j, -network.arm_j[:, None] * torque)
+        np.add.at(turns, network.i, -network.arm_i[:, None] * torque)
+        assert np.max(np.abs(turns)) < 3e-9 * state.force * PACKING.diameter
+    pulls = np.zeros((network.n_balls, 3))
+    np.add.at(pulls, network.j, force)
+    np.add.at(pulls, network.i, -force)
+    assert np.max(np.abs(pulls)) < 3e-9 * state.force
+    np.testing.assert_allclose(network.distance, network.arm_i + network.arm_j, rtol=1e-12)
+    np.testing.assert_allclose(network.normal, network.vector / network.distance[:, None], atol=1e-12)
+    overlap = network.radii[network.i] + network.radii[network.j] - network.distance
+    np.testing.assert_allclose(PACKING.law.force(overlap), network.normal_force, rtol=1e-6)
+    assert network.prestress
+    assert (state.finite_overlap, gp.moduli(state).bulk > 0.0) == (True, True)
+    assert type(state).from_dict(json.loads(json.dumps(state.to_dict()))) == state
+
+
+def test_the_exact_geometry_tends_to_the_lattice():
+    forces = [exact(width).reduced_force for width in (2.04e-5, 2.04e-6, 2.04e-7)]
+    limit = gp.DirectSimulation(PACKING, (6, 6)).at_overlap(0.2 * W)
+    errors = np.abs(np.array(forces) - limit.reduced_force)
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-5 * limit.reduced_force
+    # from a start at which all contacts are closed: places of loose balls differ, however small the width
+    given = {"friction_coefficient": math.inf, "start": 1.1, "friction_history": True, "step_tolerance": 1e-2}
+    near, known = exact(2.04e-7, 0.8, **given), simulation(math.inf, start=1.1).at_overlap(0.8 * W)
+    assert near.reduced_force == pytest.approx(known.reduced_force, rel=1e-5)
+    scale = 0.1**0.5  # moduli go as the root of the width
+    tensor = scale * known.elastic_tensor
+    np.testing.assert_allclose(near.elastic_tensor, tensor, atol=1e-3 * tensor[0, 0])
+
+
+def test_lattices_that_only_friction_holds_start_from_the_gas():
+    square = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="square")
+    state = simulation(0.5, (4, 4), square, start="gas").at_overlap(0.4 * W)
+    assert state.contact_fraction > 0.5
+    assert state.tangential_ratio > 0.0
+    assert gp.moduli(state).tensor[2, 2] > 0.0
+
+
 # -- what cannot be done --------------------------------------------------------------------------------------------------
 
 
@@ -315,6 +372,8 @@ def test_a_path_costs_more_than_an_equilibrium():
         ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
         ({"ordered": "yes"}, "ordered: found 'yes'"),
         ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
+        ({"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)}, "exact geometry of equal balls is not simulated"),
+        ({"start": "liquid"}, "start: found 'liquid'; allowed: a reduced spacing .* or gas"),
     ],
 )
 def test_bad_options(given, why):
@@ -336,9 +395,9 @@ def test_packings_without_a_history(packing, shape, why):
 
 
 def test_a_start_below_the_threshold_is_named():
-    with pytest.raises(InputError, match=r"cannot start at a\* = 0.3, below the threshold of rigidity"):
+    with pytest.raises(InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"):
         simulation(start=0.3).at_overlap(0.1 * W)
-    with pytest.raises(InputError, match=r"cannot start at f\* = 1e-09"):
+    with pytest.raises(InputError, match=r"starts below the threshold, at f\* = 1e-09"):
         simulation(start={"force": 1e-9 * UNITS.force}).at_overlap(0.1 * W)
 
 
@@ -390,6 +449,8 @@ def test_what_a_history_does_not_have():
         gp.DirectSimulation(PACKING, (4, 4)).path(force=[1.0])
     with pytest.raises(InputError, match="no terms of finite overlap"):
         simulation().at_overlap(0.1 * W, finite_overlap=True)
+    with pytest.raises(InputError, match="exact geometry has finite overlap"):
+        simulation(geometry="exact").at_overlap(0.1 * W, finite_overlap=False)
     state = cycle()[1]
     with pytest.raises(InputError, match="loaded with friction"):
         gp.HertzMindlin(state).calculate(state.sample.atoms())
@@ -445,6 +506,14 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
     assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
 
 
+def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
+    text = SCENE.replace("2.04 um}", "2.04 um}, finite_overlap: true")
+    given = gp.Scene.from_text(text.replace("friction_history: true", "geometry: exact, friction_history: true"))
+    assert given.plan.case.state.finite_overlap
+    with pytest.raises(InputError, match="no terms of finite overlap"):
+        gp.Scene.from_text(text)
+
+
 def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
     loads = "{force: [1 N, 3 N, 1.5 N]}"
     path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).run(tmp_path / "path").dataset
@@ -480,7 +549,7 @@ def test_a_width_is_fitted_with_friction():
         (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
-        (options(*HISTORY, "geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
+        (options("geometry: round"), "geometry: found 'round'; allowed: lattice, exact"),
         (options(*HISTORY, "shear_response: slip"), "shear_response: found 'slip'"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),
         ("{auto: {friction_history: true}}", "errors of the media are not known for samples loaded with friction"),

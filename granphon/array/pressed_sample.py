@@ -16,23 +16,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.contact_network import make_network
+from granphon.array.contact_network import turn_frames
 from granphon.array.equilibrium import Equilibrium, Prescribed
 from granphon.array.friction import Contacts, FrictionLaw
+from granphon.array.geometry import ExactGeometry, ExactPlace
 from granphon.array.history import LoadingHistory, PressedArray
+from granphon.array.response import elasticity
 from granphon.array.sample import LEAST_CONTACT, STEP, Sample
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.contact_table import contact_frames
+from granphon.array.true_response import ActingForces, find_elastic_tensor
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
 
-__all__ = ["SHEAR_RESPONSES", "PressedEquilibrium", "PressedSample"]
+__all__ = ["SHEAR_RESPONSES", "ContinuedHistory", "PressedEquilibrium", "PressedSample"]
 
 Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
@@ -53,6 +55,7 @@ class PressedEquilibrium(Equilibrium):
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
     slid, loosened : energies lost since the start by sliding, and by the law of the tangential force; as ``work``.
     steps : number of steps of the load since the start.
+    ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     """
 
     rotations: Array = field(default_factory=lambda: np.zeros(0))
@@ -63,9 +66,10 @@ class PressedEquilibrium(Equilibrium):
     slid: float = 0.0
     loosened: float = 0.0
     steps: int = 0
+    ratio: float = 0.0
 
     @classmethod
-    def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils) -> Self:
+    def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
         """Take the state of a history, whose ``stencils`` have slips."""
         motions = stencils.motions
         fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
@@ -74,7 +78,7 @@ class PressedEquilibrium(Equilibrium):
             deviations=deviations, overlap=pressed.overlap, balls=moved, residual=pressed.residual, newton=pressed.newton,
             conjugate=pressed.krylov, lattice=stencils.lattice, rotations=turned, shears=pressed.contacts.shears,
             mindlin_ratio=stencils.mindlin_ratio, friction_coefficient=pressed.law.friction_coefficient, work=pressed.work,
-            slid=pressed.slid, loosened=pressed.loosened, steps=pressed.steps,
+            slid=pressed.slid, loosened=pressed.loosened, steps=pressed.steps, ratio=ratio,
         )  # fmt: skip
 
     def check(self) -> None:
@@ -92,6 +96,28 @@ class PressedEquilibrium(Equilibrium):
         """Compatibility matrix C of the array, with slips."""
         return Stencils(self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice)
 
+    def _move(self, stencils: Stencils) -> Array:
+        """Return the motion of the balls in the coordinates of ``stencils``."""
+        n = self.lattice.n_balls
+        parts = [part.reshape(n, -1, *stencils.shape) for part in (self.balls, self.rotations)]
+        return np.concatenate(parts, axis=1).reshape(stencils.n_fields, *stencils.shape)
+
+    @cached_property
+    def place(self) -> ExactPlace:
+        """Configuration of the balls in the true geometry."""
+        geometry = ExactGeometry(self.sheared, self.deviations, self.ratio)
+        return geometry.place(self._move(self.sheared), self.overlap)
+
+    @property
+    def differences(self) -> Array:
+        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
+        return self.place.differences if self.ratio else super().differences
+
+    @property
+    def excess(self) -> Array:
+        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2)."""
+        return self.forces - max(self.overlap, 0.0) ** 1.5 if self.ratio else super().excess
+
     @cached_property
     def law(self) -> FrictionLaw:
         """The law of the contacts."""
@@ -99,9 +125,8 @@ class PressedEquilibrium(Equilibrium):
 
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
-        stencils, n = self.sheared, self.lattice.n_balls
-        parts = [part.reshape(n, -1, *stencils.shape) for part in (self.balls, self.rotations)]
-        balls = np.concatenate(parts, axis=1).reshape(stencils.n_fields, *stencils.shape)
+        stencils, balls = self.sheared, self._move(self.sheared)
+        # only changes of slips count
         slips = stencils.deformations(Motion(balls, 0.0))[stencils.n_contacts :].reshape(self.shears.shape)
         contacts = Contacts(self.overlaps, slips, self.shears)
         return PressedArray(
@@ -151,8 +176,40 @@ class PressedEquilibrium(Equilibrium):
         part = np.cbrt(1.0 - mobilised) if response == "partial_slip" else 1.0
         return self.mindlin_ratio * np.where(mobilised >= _SLIDES, 0.0, part)
 
+    def find_elasticity(self, shear: Array, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
+        """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
 
-class _Continued(LoadingHistory):
+        Other arguments, units and errors are those of :func:`granphon.array.response.elasticity`. In the true geometry it is
+        that of :func:`~granphon.array.true_response.find_elastic_tensor`, under the forces that act.
+        """
+        if not self.ratio:
+            return elasticity(self, shear, torsion, bending)
+        normal, own = self.stiffnesses, self.stencils
+        twist = np.broadcast_to(np.asarray(torsion, float), normal.shape)
+        mean = float(np.sum(twist * normal) / np.sum(normal))
+        stencils = Stencils(own.shape, self.mindlin_ratio, own.workers, self.lattice, mean, bending)
+        place = ExactGeometry(stencils, self.deviations, self.ratio).place(self._move(stencils), self.overlap)
+        springs, n = stencils.weights(normal), stencils.n_contacts
+        for first in range(n, n * len(stencils.shape), n):
+            springs[first : first + n] = shear * normal
+        carries = normal > 0.0
+
+        def law(loss: Array, slip: Array) -> tuple[Array, Array]:
+            return normal * loss, shear * normal * slip
+
+        rolling = twist * normal, bending * normal
+        acting = ActingForces(law, springs, carries * self.forces, carries * self.shears, rolling)
+        return find_elastic_tensor(place, acting, stencils)
+
+    @property
+    def tangential_parts(self) -> tuple[Any, Any, Any]:
+        """Components of the tangential forces T along each contact's direction on the lattice and its tangents there."""
+        t, b = self.place.tangents if self.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        one, other = (*self.shears, 0.0)[:2]
+        return one * t[0] + other * b[0], one * t[1] + other * b[1], one * t[2] + other * b[2]
+
+
+class ContinuedHistory(LoadingHistory):
     """A history that begins with a state to which another one has led."""
 
     resumed: PressedArray
@@ -189,24 +246,17 @@ class PressedSample(Sample):
     @property
     def tangential_forces(self) -> Array:
         """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where balls are apart."""
-        axes = np.array(contact_frames(self.packing.structure.contacts.normal)[1:])  # (2, 3, n_c): t and b
-        p, shears = self.packing.structure.periods, self.equilibrium.shears
-        along = np.einsum("sc...,sxc->...cx", shears, axes[: len(shears), :p])
-        return np.asarray(-self._units.force * along)
+        vectors = turn_frames(self.packing, self.equilibrium.tangential_parts, self.shape)
+        return np.asarray(-self._units.force * vectors[..., : self.packing.structure.periods])
 
     @cached_property
     def network(self) -> ContactNetwork:
         """The balls, and the contacts that carry load, as a network with the springs of the linear response.
 
-        Contacts have the directions of the lattice. Masses, inertias and arms are those of the mean ball.
+        See :attr:`Sample.network`; it has the tangential forces too.
         """
-        here = self.equilibrium
-        stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
-        ratios = np.moveaxis(here.shear_ratios(self.shear_response), 0, -1)
-        places = self.packing.diameter * self.sites + self.displacements
-        return make_network(
-            self.packing, places, self.diameters, self.contact_forces, stiffness, ratios, self.tangential_forces
-        )
+        ratios = np.moveaxis(self.equilibrium.shear_ratios(self.shear_response), 0, -1)
+        return self._make_network(ratios, self.tangential_forces)
 
     @property
     def tangential_ratio(self) -> float:
@@ -278,17 +328,18 @@ class PressedSample(Sample):
         """
         here = self.equilibrium
         stencils, loads = here.sheared, [Prescribed(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
-        history = _Continued(here.deviations, stencils, here.friction_coefficient, math.inf)
+        geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
+        history = ContinuedHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
         history.resumed = here.resume()
         states = list(history.path(loads))
-        beside = (PressedEquilibrium.of(state, here.deviations, stencils) for state in states[::2])
+        beside = (PressedEquilibrium.of(state, here.deviations, stencils, here.ratio) for state in states[::2])
         tensors = [self._compute_elastic_tensor(one.share(here.deviations, here.stencils)) for one in beside]
         stencils.forget()
         return read_only(tensors)
 
-    def _shear_ratios(self, equilibrium: Equilibrium) -> Array:
+    def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)
-        return equilibrium.shear_ratios(self.shear_response)
+        return equilibrium.find_elasticity(equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending)
 
     def respond(self, shear_response: str) -> Self:
         """Return the same sample with another choice of the tangential stiffness under sound."""

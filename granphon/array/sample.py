@@ -15,6 +15,7 @@ from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.contact_network import make_network
 from granphon.array.equilibrium import Equilibrium, Prescribed, equilibrate
 from granphon.array.response import elasticity
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.results import Result, read_only
@@ -53,7 +54,7 @@ class Sample(Result):
 
     packing: Packing
     seed: int | None
-    equilibrium: Equilibrium
+    equilibrium: Equilibrium | TrueEquilibrium
 
     @property
     def _units(self) -> WidthUnits:
@@ -166,18 +167,40 @@ class Sample(Result):
         """
         here = self.equilibrium
         loads = [Prescribed(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found = (equilibrate(here.deviations, load, here.stencils, here) for load in loads)
+        found: list[Equilibrium] = []
+        for load in loads:
+            if isinstance(here, TrueEquilibrium):
+                found.append(equilibrate_in_truth(here.deviations, load, here.ratio, here.stencils, here))
+            else:
+                found.append(equilibrate(here.deviations, load, here.stencils, here))
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property
     def network(self) -> ContactNetwork:
         """The balls, and the contacts that carry load, as a network; contacts have the directions of the lattice.
 
-        Masses, inertias and arms are those of the mean ball, as in the paper's limit.
+        Masses, inertias and arms are those of the mean ball, as in the paper's limit. In the true geometry directions and
+        arms are the contacts' own, and static forces act on displacements (prestress).
         """
-        stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
-        places = self.packing.diameter * self.sites + self.displacements
-        return make_network(self.packing, places, self.diameters, self.contact_forces, stiffness)
+        return self._make_network()
+
+    def _make_network(self, shear: Array | None = None, tangential: Array | None = None) -> ContactNetwork:
+        here = self.equilibrium
+        stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
+        places = self.packing.diameter * self._shrinkage * self.sites + self.displacements
+        exact = getattr(here, "place", None) if self.is_exact else None
+        given = self.packing, places, self.diameters, self.contact_forces, stiffness, shear, tangential
+        return make_network(*given, exact)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether contacts have the directions, arms and overlaps of the balls' positions, and not those of the lattice."""
+        return bool(getattr(self.equilibrium, "ratio", 0.0))
+
+    @property
+    def _shrinkage(self) -> float:
+        """Spacing over diameter of the cell: 1 where contacts keep the directions of the lattice."""
+        return 1.0 - float(getattr(self.equilibrium, "ratio", 0.0)) * self.equilibrium.overlap
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         packing, d = self.packing, self.packing.diameter
@@ -186,11 +209,14 @@ class Sample(Result):
         if torsion == MINDLIN:  # it differs from contact to contact
             f, k = self._units.force * equilibrium.forces, self._units.stiffness * equilibrium.stiffnesses
             torsion = packing.find_torsion(f, k)
-        return read_only(scale * elasticity(equilibrium, self._shear_ratios(equilibrium), torsion, packing.bending))
+        return read_only(scale * self._find_elasticity(equilibrium, torsion))
 
-    def _shear_ratios(self, equilibrium: Equilibrium) -> Any:
-        """Return the tangential over the normal stiffness of contacts: a number, or one for each, (n_c, L1, ..., Lp)."""
-        return self.packing.mindlin_ratio
+    def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
+        """Return the elastic tensor in the units of the equilibrium."""
+        given = self.packing.mindlin_ratio, torsion, self.packing.bending
+        if isinstance(equilibrium, TrueEquilibrium):
+            return equilibrium.find_elasticity(*given)
+        return elasticity(equilibrium, *given)
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
@@ -204,10 +230,10 @@ class Sample(Result):
         packing, p = self.packing, self.packing.structure.periods
         d, shape = packing.diameter, self.shape
         cell = np.eye(3)
-        cell[:p, :p] = packing.structure.vectors * np.array(shape)[:, None]
+        cell[:p, :p] = self._shrinkage * packing.structure.vectors * np.array(shape)[:, None]
         moved, sites = (np.zeros((self.equilibrium.deviations.size, 3)) for _ in range(2))
         moved[:, :p] = self.displacements.reshape(-1, p) / d
-        sites[:, :p] = self.sites.reshape(-1, p)
+        sites[:, :p] = self._shrinkage * self.sites.reshape(-1, p)
         balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=[axis < p for axis in range(3)])
         own = {
             "diameter_deviations": self._units.width / d * self._order(self.equilibrium.deviations).ravel(),

@@ -409,7 +409,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
     A simulation has no terms of finite overlap.
     """
     for one in media:
-        if one.simulates or one.is_automatic:
+        if one.is_automatic or (one.simulates and one.settings["geometry"] != "exact"):
             raise no_finite_overlap(one.label)
 
 

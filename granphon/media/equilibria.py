@@ -17,6 +17,7 @@ from granphon.array.equilibrium import (
     explain_too_small,
 )
 from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_in_truth
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -82,17 +83,18 @@ def sort_by_load(prescribed: Sequence[Prescribed]) -> list[int]:
 
 
 def find_equilibria(
-    deviations: Array, lattice: Lattice, prescribed: Sequence[Prescribed], workers: int
+    deviations: Array, lattice: Lattice, prescribed: Sequence[Prescribed], workers: int, ratio: float = 0.0
 ) -> dict[int, Equilibrium]:
     """Find the equilibria of a sample with these ``deviations`` under all loads, by the index of the load.
 
-    Each is found from the equilibrium at the next higher load. An error carries the index of its load as ``load_index``.
+    Each is found from the equilibrium at the next higher load. A ``ratio`` W/d above zero means the true geometry. An error
+    carries the index of its load as ``load_index``.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     out, last = dict[int, Equilibrium](), None
     for place in sort_by_load(prescribed):
         try:
-            last = out[place] = equilibrate(deviations, prescribed[place], stencils, last)
+            last = out[place] = _equilibrate(deviations, prescribed[place], stencils, last, ratio)
             _ = last.stiffness  # every state needs it: found here, it is found in parallel
         except GranphonError as error:
             error.load_index = place
@@ -102,15 +104,27 @@ def find_equilibria(
 
 
 def find_equilibrium(
-    deviations: Array, lattice: Lattice, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int
-) -> Equilibrium:
+    deviations: Array, lattice: Lattice, prescribed: Prescribed, before: tuple[float, Array] | None, workers: int,
+    ratio: float = 0.0,
+) -> Equilibrium:  # fmt: skip
     """Find the equilibrium of a sample with these ``deviations`` under one load.
 
     The search starts from ``before``, the overlap and displacements of an earlier equilibrium, unless it is None.
     """
-    start = None if before is None else Equilibrium(deviations, *before, lattice=lattice)
+    start: Equilibrium | None = None
+    if before is not None:
+        start = Equilibrium(deviations, *before, lattice=lattice)
+        start = TrueEquilibrium(deviations, *before, lattice=lattice, ratio=ratio) if ratio else start
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
-    return equilibrate(deviations, prescribed, stencils, start)
+    return _equilibrate(deviations, prescribed, stencils, start, ratio)
+
+
+def _equilibrate(
+    deviations: Array, load: Prescribed, stencils: Stencils, start: Equilibrium | None, ratio: float
+) -> Equilibrium:
+    if ratio:
+        return equilibrate_in_truth(deviations, load, ratio, stencils, start)
+    return equilibrate(deviations, load, stencils, start)
 
 
 def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:

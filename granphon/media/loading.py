@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Prescribed, equilibrate
+from granphon.array.gas import GAS
+from granphon.array.geometry import ExactGeometry
 from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
-from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.pressed_sample import SHEAR_RESPONSES, ContinuedHistory, PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -23,11 +25,11 @@ from granphon.base.results import read_only
 from granphon.base.text import show
 from granphon.base.validation import choice, number, real_number, require, truth
 from granphon.media.equilibria import prescribe
-from granphon.media.sampled_balls import SampledBalls
+from granphon.media.sampled_balls import SampledBalls, require_standing
 
 __all__ = [
-    "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "friction_coefficient", "press", "press_all",
-    "read_loading", "read_start", "refuse_without_history", "step_tolerance",
+    "GEOMETRIES", "LOADING_OPTIONS", "LoadedBalls", "Loading", "Pressed", "find_ratio", "friction_coefficient", "press",
+    "press_all", "read_loading", "read_start", "refuse_without_history", "step_tolerance",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -51,18 +53,20 @@ class Loading:
     Attributes
     ----------
     mindlin_ratio, friction_coefficient : eta and mu of the contacts.
-    start : at which samples are at rest without friction; reduced.
+    start : at which samples are at rest without friction, reduced; or "gas": balls apart on their sites.
     shear_response : tangential stiffness under sound, one of :data:`~granphon.array.pressed_sample.SHEAR_RESPONSES`.
     step_tolerance : relative change of f* below which steps of the load are not halved again.
     ordered : whether loads come in the order given; otherwise they rise from the start.
+    ratio : W/d in the true geometry of contacts; zero where they keep the directions of the lattice.
     """
 
     mindlin_ratio: float
     friction_coefficient: float
-    start: Prescribed
+    start: Prescribed | str
     shear_response: str
     step_tolerance: float
     ordered: bool
+    ratio: float = 0.0
 
     def sort(self, prescribed: Sequence[Prescribed]) -> list[int]:
         """Return the indices of the loads in the order in which they are applied."""
@@ -94,12 +98,12 @@ def friction_coefficient(value: Any) -> float:
 step_tolerance = partial(number, low=1e-9, high=1.0)
 
 
-def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | None:
-    """Read the start of a loading: a reduced spacing a*, or {force: ...}, {pressure: ...}, {overlap: ...}.
+def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | str | None:
+    """Read the start of a loading: a reduced spacing a*, {force: ...}, {pressure: ...}, {overlap: ...}, or "gas".
 
     It is a rule of :mod:`granphon.base.validation`; ``load(kind, value)`` reads the value of a load.
     """
-    if value is None or isinstance(value, Load):
+    if value is None or isinstance(value, Load) or (isinstance(value, str) and value == GAS):
         return value
     kinds = ("force", "pressure", "overlap")
     if isinstance(value, Mapping):
@@ -114,7 +118,7 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
             raise Refused(show(given), f"a {kind}", str(error), (kind,)) from None
     found = real_number(value)
     if not _STARTS[0] <= found <= _STARTS[1]:
-        raise Refused(show(value), "a reduced spacing a* such as 0.5, or a load such as {force: ...}")
+        raise Refused(show(value), f"a reduced spacing a* such as 0.5, a load such as {{force: ...}}, or {GAS}")
     return found
 
 
@@ -145,10 +149,7 @@ def read_loading(
     meaning for the packing.
     """
     require("DirectSimulation", refuse_without_history, {"friction_history": friction_history, **options})
-    require("geometry", partial(choice, options=GEOMETRIES), geometry)
-    if geometry == "exact":
-        what = "the exact geometry of contacts is not simulated"
-        raise InputError(message(what, "Contacts keep the directions of the lattice", 'Use geometry="lattice"'))
+    ratio = find_ratio(packing, require("geometry", partial(choice, options=GEOMETRIES), geometry))
     if not friction_history:
         return None, dict(options)
     given: dict[str, Any] = {
@@ -164,11 +165,28 @@ def read_loading(
     if not packing.mindlin_ratio > 0.0:
         why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
         raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
-    return Loading(packing.mindlin_ratio, **{**given, "start": _reduce_start(packing, given["start"])}), given
+    given_start = _reduce_start(packing, given["start"])
+    return Loading(packing.mindlin_ratio, **{**given, "start": given_start}, ratio=ratio), given
 
 
-def _reduce_start(packing: Packing, start: float | Load | None) -> Prescribed:
+def find_ratio(packing: Packing, geometry: str) -> float:
+    """Return W/d for the exact geometry, and zero for that of the lattice.
+
+    Raises :class:`~granphon.base.errors.InputError` where the exact one is that of the lattice: of equal balls, on a line.
+    """
+    if geometry == GEOMETRIES[0]:
+        return 0.0
+    if not packing.spread_matters:
+        what = "on a line" if packing.width else "of equal balls"
+        why = f"The contacts {what} have the directions of the lattice anyway"
+        raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
+    return packing.width / packing.diameter
+
+
+def _reduce_start(packing: Packing, start: float | Load | str | None) -> Prescribed | str:
     """Return the start in reduced units; that of equal balls, which need none, is at the default a*."""
+    if isinstance(start, str):
+        return start
     if isinstance(start, Load):
         if start.size != 1:
             raise InputError(message(f"start holds {start.size} loads", mend="Give one"))
@@ -185,7 +203,7 @@ class LoadedBalls(SampledBalls):
     friction_history: bool = False
     friction_coefficient: float | None = None
     geometry: str = GEOMETRIES[0]
-    start: float | Load | None = None
+    start: float | Load | str | None = None
     shear_response: str = SHEAR_RESPONSES[0]
     step_tolerance: float = REFINEMENT_TOLERANCE
     ordered: bool = False
@@ -200,6 +218,14 @@ class LoadedBalls(SampledBalls):
         loading, read = read_loading(self.packing, self.friction_history, self.geometry, options)
         for name, value in {**read, "loading": loading}.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def ratio(self) -> float:
+        """W/d in the true geometry of contacts; zero where they keep the directions of the lattice."""
+        return find_ratio(self.packing, self.geometry)
+
+    def _require_standing(self) -> None:
+        require_standing(self.packing, self.friction_history and isinstance(self.start, str) and self.start == GAS)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -227,6 +253,7 @@ def press(
             found.append(sample)
             report()
     except GranphonError as error:
+        error.reached = None  # what of the samples is reached, who asked for them puts together
         return Pressed(found, error)
     return Pressed(found)
 
@@ -234,20 +261,16 @@ def press(
 def _press_different(packing: Packing, deviations: Array, loading: Loading, path: Sequence[Prescribed], workers: int) -> Any:
     structure, shape = packing.structure, deviations.shape[packing.structure.n_balls > 1 :]
     smooth = Stencils(shape, workers=workers, lattice=structure)
-    try:
-        rest = equilibrate(deviations, loading.start, smooth)
-    except InputError as error:
-        name = _describe(loading.start)
-        mend = "Start at a higher load, such as a* = 1/2, which is the default"
-        raise InputError(
-            message(f"the loading cannot start at {name}, below the threshold of rigidity", str(error), mend)
-        ) from None
-    if not loading.ordered:
-        _require_above(rest.overlap, rest.force, path)
     stencils = Stencils(shape, loading.mindlin_ratio, workers, structure)
-    history = LoadingHistory(deviations, stencils, loading.friction_coefficient, loading.step_tolerance, rest)
+    geometry = ExactGeometry(stencils, deviations, loading.ratio) if loading.ratio else None
+    history = ContinuedHistory(
+        deviations, stencils, loading.friction_coefficient, loading.step_tolerance, loading.start, geometry=geometry
+    )
+    here = history.resumed = LoadingHistory.begin(history)
+    if not loading.ordered:
+        _require_above(here.overlap, here.force, path)
     moves: list[Prescribed] = []  # the history takes loads from its end; where the array already stands, there is none
-    states, here = history.path(iter(lambda: moves.pop(), None)), history.begin()
+    states = history.path(iter(lambda: moves.pop(), None))
     for place, load in enumerate(path):
         if not _stands_at(here.overlap, here.force, load):
             moves.append(load)
@@ -256,7 +279,7 @@ def _press_different(packing: Packing, deviations: Array, loading: Loading, path
             except GranphonError as error:
                 error.load_index = place
                 raise
-        yield PressedEquilibrium.of(here, deviations, stencils).share(deviations, smooth)
+        yield PressedEquilibrium.of(here, deviations, stencils, loading.ratio).share(deviations, smooth)
     smooth.forget()
 
 
@@ -268,7 +291,7 @@ def _press_equal(packing: Packing, deviations: Array, loading: Loading, path: Se
     for load in path:
         rest = equilibrate(deviations, load, smooth)
         history = LoadingHistory(deviations, stencils, loading.friction_coefficient, start=rest)
-        yield PressedEquilibrium.of(history.begin(), deviations, stencils).share(deviations, smooth)
+        yield PressedEquilibrium.of(history.begin(), deviations, stencils, 0.0).share(deviations, smooth)
 
 
 def _require_above(overlap: float, force: float, path: Sequence[Prescribed]) -> None:

@@ -20,7 +20,7 @@ from granphon.base.errors import InputError, MechanismError, brief, message
 from granphon.base.results import read_only
 from granphon.dynamics.modes import ContactLattice
 
-__all__ = ["MOST_SEED", "SampledBalls"]
+__all__ = ["MOST_SEED", "SampledBalls", "require_standing"]
 
 Array = NDArray[np.float64]
 #: the largest seed of a sample
@@ -60,7 +60,7 @@ class SampledBalls:
     def __post_init__(self) -> None:
         if not isinstance(self.packing, Packing):
             raise InputError(message(f"packing is {self.packing!r}", mend="Give a granphon.Packing"))
-        require_standing(self.packing)
+        self._require_standing()
         shape = _read_shape(self.shape, self.packing.structure.periods)
         object.__setattr__(self, "shape", shape)
         if self.diameters is not None:
@@ -75,6 +75,9 @@ class SampledBalls:
             raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
         if self.executor is not None and not hasattr(self.executor, "submit"):
             raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
+
+    def _require_standing(self) -> None:
+        require_standing(self.packing)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SampledBalls):
@@ -138,8 +141,10 @@ class SampledBalls:
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
 
-def require_standing(packing: Packing) -> None:
+def require_standing(packing: Packing, by_friction: bool = False) -> None:
     """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
+
+    They need not stand without it if they are held ``by_friction``.
 
     Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
     :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
@@ -157,6 +162,8 @@ def require_standing(packing: Packing) -> None:
                 mend,
             )
         )
+    if by_friction:
+        return
     still = ContactLattice.of(structure, 0.0, motions=own)
     if still.mechanism or not _stands(structure):
         why = still.mechanism or "Some of its waves cost no energy"
@@ -164,7 +171,8 @@ def require_standing(packing: Packing) -> None:
             message(
                 f"the {structure.name} lattice is not simulated, because it does not stand without friction",
                 why,
-                "Use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp",
+                "Use another medium, a lattice with more contacts, such as the triangular lattice, fcc or hcp, or a"
+                " friction_history from the start 'gas'",
             )
         )
 

@@ -129,8 +129,9 @@ class SimulatedState(SampleMeans):
     samples : the samples at each load, in C order of the loads; the index of the sample runs fastest.
     spaced : True if all samples have the same overlap, False if they have the same force.
 
-    ``finite_overlap`` is always False: the linear response of the samples is that of the paper's limit, and so are the
-    pressure and the density that go with it. :class:`~granphon.base.errors.InputError` otherwise.
+    ``finite_overlap`` is True of samples in their exact geometry. Otherwise it is False: the linear response of the samples
+    is that of the paper's limit, and so are the pressure and the density that go with it;
+    :class:`~granphon.base.errors.InputError` if it is set.
     """
 
     units = {
@@ -158,11 +159,12 @@ class SimulatedState(SampleMeans):
         return cls(
             packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
             overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], overlap_given=overlap_given,
-            samples=tuple(samples), spaced=spaced,
+            samples=tuple(samples), spaced=spaced, finite_overlap=simulation.geometry == "exact",
         )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.finite_overlap:
+        exact = isinstance(self.law, SampleLaw) and self.law.simulation.geometry == "exact"
+        if self.finite_overlap and not exact:
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
@@ -298,9 +300,11 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         Coulomb's limit, are then part of the statics. ``at_*`` is the state of monotonic loading, and :meth:`path` takes
         loads up and down. By default samples come to rest without friction.
     friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
-    geometry : "lattice", contacts keep the directions of the lattice.
+    geometry : "lattice", contacts keep the directions of the lattice, the limit of small spread; or "exact": directions,
+        lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and boundary included).
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
-        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m).
+        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
+        pressed with friction until they stand; so lattices begin that do not stand without friction.
     shear_response : tangential stiffness of a contact under sound, after a history: "slide", eta k, none where it slides;
         "stick", eta k everywhere; "partial_slip", eta k (1 - |T|/mu f)^(1/3).
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
@@ -308,7 +312,8 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
 
     Raises
     ------
-    MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome.
+    MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome, and
+        there is no history of friction that starts from the gas.
     InputError : motions other than those along the periods, a shape or number that is not whole and above zero, diameters
         with a shape or samples, a width below 1e-20 of the diameter; options of a history without ``friction_history``, a
         history without a friction coefficient, on a chain, or of balls that resist no slip.
@@ -333,17 +338,21 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, (wanted, said) = load.applied, overlap_flag(finite_overlap)
-        if wanted:
+        exact = self.geometry == "exact"
+        if wanted and not exact:
             raise no_finite_overlap(self.name)
+        if said and exact and not wanted:
+            why = "Balls that have their true geometry overlap as much as they do"
+            raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
         prescribed = self.prescribed(load)
         if self.loading is not None:
             return self._press(self.loading, load, prescribed, said)
-        lattice = self.packing.structure
+        given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, lattice, prescribed, self.workers) for one in every]
+            found = [find_equilibria(one, *given) for one in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, one, lattice, prescribed, self.workers) for one in every]
+            jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         seeds = [None if self.diameters is not None else self.seed + index for index in range(self.samples)]
         samples = [
@@ -397,7 +406,7 @@ class DirectSimulation(LoadedBalls, Loaded[SimulatedState]):
         :func:`~granphon.media.equilibria.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
-        found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers)
+        found = find_equilibrium(deviations, self.packing.structure, load, before, self.workers, self.ratio)
         return Sample(self.packing, None if self.diameters is not None else self.seed, found)
 
     def require(self, load: Load) -> None:
@@ -411,4 +420,4 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a simulation."""
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
-    return InputError(message(what, why, "Leave finite_overlap out, or take another medium"))
+    return InputError(message(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"))

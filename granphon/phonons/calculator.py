@@ -239,14 +239,13 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                     "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
                 )
             )
-        if has_sampled(balls) and getattr(self.state, "work", None) is not None:
-            raise InputError(
-                message(
-                    "the Atoms are of a sample that was loaded with friction",
-                    "A calculator has no forces that depend on the way to the load, and the balls would not be at rest",
-                    "Use the network of the sample, as gp.Waves(state.sample) does, or simulate without friction_history",
-                )
-            )
+        if has_sampled(balls) and self.state.samples:
+            exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
+            if exact or loaded:
+                how = "was loaded with friction" if loaded else "has its exact geometry"
+                why = "A calculator has the directions of the lattice, and no forces that depend on the way to the load"
+                mend = "Use the network of the sample, as gp.Waves(state.sample) does, or simulate without these options"
+                raise InputError(message(f"the Atoms are of a sample that {how}", why, mend))
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):

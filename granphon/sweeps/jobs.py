@@ -145,7 +145,7 @@ class Job:
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the job."""
-        return self.rung.at(load, finite_overlap=self.finite_overlap)
+        return self.rung.at(load, finite_overlap=self.finite_overlap or None)
 
     @property
     def pieces(self) -> list[Job]:
