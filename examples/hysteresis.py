@@ -41,9 +41,7 @@ rise = {mu: state.over_samples(lambda one: one.force) / smooth - 1.0 for mu, sta
 top = len(up) - 1
 for mu, each in rise.items():
     there, back, again = (np.mean(part, axis=1) for part in (each[:top], each[2 * top : top : -1], each[2 * top : -1]))
-    print(
-        f"mu = {mu}: {100.0 * np.max(there):.1f} % more force at most; back {100.0 * np.max(there - back):.1f} % less"
-    )
+    print(f"mu = {mu}: {100.0 * np.max(there):.1f} % more force at most; back {100.0 * np.max(there - back):.1f} % less")
     assert np.all(there > 0.0)
     assert np.all(back < there)
     assert np.all(again < there)

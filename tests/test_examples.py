@@ -28,7 +28,7 @@ SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 LONG = {
     "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "hysteresis", "ladder",
     "paper_figures6_7_8", "paper_figures9_10_11",
-    "soft_modes", "spectral_function", "wave_crossing", "work_precision",
+    "soft_modes", "spectral_function", "true_directions", "wave_crossing", "work_precision",
 }  # fmt: skip
 
 
