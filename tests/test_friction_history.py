@@ -367,7 +367,7 @@ def test_in_small_cycles_contacts_stick():
     """Further loading meets less than the stiffness of contacts that stick; loads that go to and fro meet it."""
     paths, smooth = history((12, 12), 0.1), Stencils((12, 12))
     state = run(paths, ramp(0.5, 0.7, steps=4))[-1]
-    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils).share(paths.deviations, smooth)
+    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils, 0.0).share(paths.deviations, smooth)
     stick, slide = (
         2.0 / math.sqrt(3.0) * bulk_and_shear(elasticity(still, still.shear_ratios(response)))[0]
         for response in ("stick", "slide")

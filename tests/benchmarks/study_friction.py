@@ -109,7 +109,7 @@ def by_force(mu: float, seed: int) -> tuple[Equilibrium, ...]:
     x, loads, bare = deviations(seed), [Prescribed(force=f) for f in FORCES], Stencils(SHAPE)
     if mu:
         paths = history(mu, seed)
-        return tuple(PressedEquilibrium.of(state, x, paths.stencils).share(x, bare) for state in paths.path(loads))
+        return tuple(PressedEquilibrium.of(state, x, paths.stencils, 0.0).share(x, bare) for state in paths.path(loads))
     found: list[Equilibrium] = []
     for load in loads:
         found.append(equilibrate(x, load, bare, found[-1] if found else None))
